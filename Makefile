@@ -113,8 +113,7 @@ blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known tru
 	mkdir -p $(OUT)/blind
 	test -e $(OUT)/blind/key.json || $(BENCHMARK)/blind_frozen.py write $(OUT)/blind/campaigns --key $(OUT)/blind/key.json
 	$(BENCHMARK)/blind_frozen.py answer $(OUT)/blind/campaigns --answers $(OUT)/blind/answers.json --jobs $(JOBS)
-	$(BENCHMARK)/blind_frozen.py score $(OUT)/blind/answers.json --key $(OUT)/blind/key.json \
-	  --figure $(OUT)/blind/confusion.png
+	$(BENCHMARK)/blind_frozen.py score $(OUT)/blind/answers.json --key $(OUT)/blind/key.json
 
 closed-loop: $(READY) ## The same where a controller steers and the water disturbs
 	$(BENCHMARK)/closed_loop.py --jobs $(JOBS) --out $(OUT)/closed_loop.json

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/blind_frozen.py write  FOLDER --key KEY.json [--seeds N] [--form FORM]
     python tests/benchmarks/blind_frozen.py answer FOLDER --answers ANSWERS.json [--jobs N]
-    python tests/benchmarks/blind_frozen.py score  ANSWERS.json --key KEY.json [--figure FILE.png]
+    python tests/benchmarks/blind_frozen.py score  ANSWERS.json --key KEY.json
 
 `write` makes FOLDER/campaign_000 and so on: one CSV a run (time_s on a clock that all runs share, heading_deg from 0 to
 360, the commanded moment tau or tau_Nm, surge_m_s where it was logged) and base.json, the inertia and drag that a user
@@ -34,7 +34,6 @@ from typing import Any
 
 import arguments
 import closed_loop_cases
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from blind_cases import LAWS, PAIRS, STRANGE, Campaign, Case, make
@@ -180,7 +179,7 @@ def answer_of(place: Path) -> dict[str, Any]:
     return {"verdict": result.verdict, "effects": effects}
 
 
-def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | None) -> None:
+def score(answers: Mapping[str, Any], key: Mapping[str, Any]) -> None:
     """Print marks, confusion and calibration of a tool's answers."""
     unanswered = sorted(set(key) - set(answers))
     outcomes, confusion = list[tuple[str, str]](), list[tuple[str, str]]()
@@ -198,20 +197,14 @@ def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | Non
                 (effect.get("confidence", 1.0), effect["name"] in effects or (outside and is_curve(effect["name"])))
                 for effect in said["effects"]
             ]
-    print(counted(outcomes, "hidden", "mark").to_string())
+    marks = pd.DataFrame(outcomes, columns=["hidden", "mark"])
+    print(pd.crosstab(marks["hidden"], marks["mark"]).to_string())
     by_confidence = pd.DataFrame(sure, columns=["said with", "right"], dtype=float)
     bands = pd.cut(by_confidence["said with"], CONFIDENT, right=False)
     print(by_confidence.groupby(bands, observed=False)["right"].agg(["size", "mean"]).to_string())
     some = f", {unanswered[0]} the first" if unanswered else ""
     print(f"Without an answer: {len(unanswered)} of {len(key)} campaigns{some}")
-    if figure is not None:
-        draw(counted(confusion, "hidden", "said"), figure)
-
-
-def counted(pairs: Sequence[tuple[str, str]], first: str, second: str) -> pd.DataFrame:
-    """How often each first comes with each second."""
-    table = pd.DataFrame(pairs, columns=[first, second])
-    return pd.crosstab(table[first], table[second])
+    print(pd.DataFrame(confusion, columns=["hidden", "said"]).value_counts(sort=False).to_string())
 
 
 def kind_of(hidden: Sequence[str], layout: str) -> str:
@@ -254,27 +247,11 @@ def taken_for(hidden: str, verdict: str, named: Mapping[str, Sequence[str]]) -> 
     return [hidden] if hidden in named else ["learned" if is_curve(name) else name for name in named]
 
 
-def draw(counts: pd.DataFrame, path: Path) -> None:
-    """The confusion matrix: what was hidden by what was said, as shares of each row."""
-    shares = counts.div(counts.sum(axis=1), axis=0).to_numpy()
-    figure, axes = plt.subplots(figsize=(7.0, 0.19 * len(counts) + 1.8), layout="constrained")
-    image = axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-    for (row, column), count in np.ndenumerate(counts.to_numpy()):
-        if count:
-            dark = shares[row, column] > 0.6
-            axes.text(column, row, f"{count:.0f}", ha="center", va="center", fontsize=6, color="w" if dark else "k")
-    axes.set_xticks(range(counts.shape[1]), counts.columns, rotation=90, fontsize=6.5)
-    axes.set_yticks(range(len(counts)), counts.index, fontsize=6.5)
-    axes.set(xlabel="said", ylabel="hidden")
-    figure.colorbar(image, ax=axes, label="share of campaigns", shrink=0.5)
-    figure.savefig(path, dpi=200, metadata={"Software": None})
-
-
 def main() -> None:
     what: dict[str, Any] = {"choices": ("write", "answer", "score")}
     path: dict[str, Any] = {"type": Path}
     chosen = arguments.options(
-        __doc__, {"what": what, "place": path}, key=path, answers=path, figure=path, seeds=1,
+        __doc__, {"what": what, "place": path}, key=path, answers=path, seeds=1,
         form={"choices": FORMS, "default": "all"}, jobs=2,
     )  # fmt: skip
     needed = "answers" if chosen.what == "answer" else "key"
@@ -285,7 +262,7 @@ def main() -> None:
     elif chosen.what == "answer":
         answer(chosen.place, chosen.answers, chosen.jobs)
     else:
-        score(json.loads(chosen.place.read_text()), json.loads(chosen.key.read_text()), chosen.figure)
+        score(json.loads(chosen.place.read_text()), json.loads(chosen.key.read_text()))
 
 
 if __name__ == "__main__":

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 from broken_logs.make import csv_of, good_table, parquet_of
-from made_runs import INERTIA, K_RR
+from made_link import MODEL_FILE
 from reader_contract import RECORDERS
+from small_campaign import SPECIFICATION
 from specified import read_specification
 from vehicle_logs import dive
 
@@ -42,51 +43,17 @@ TOKENS = (
 
 
 def torn(content: bytes, rng: random.Random) -> bytes:
-    """The bytes with one to four of these done to them: flip, delete, insert, cut, double or move a block; or, as
-    often, gently: other digits, and lines deleted, doubled or exchanged.
-    """
-    data = bytearray(content)
-    if rng.random() < 0.5:
-        return _gently(data, rng)
+    """Pieces of the bytes flipped, deleted, doubled, cut off or made another word; or, as often, other digits alone."""
+    data, gently = bytearray(content), rng.random() < 0.5
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         place, length = rng.randrange(len(data) + 1), rng.choice((1, 1, 2, 8, 40, 400))
-        block = bytes(data[place : place + length])
-        match rng.randrange(7):
-            case 0 if block:
-                data[place] ^= 1 << rng.randrange(8)
-            case 1:
-                data[place : place + length] = b""
-            case 2:
-                data[place:place] = rng.choice(TOKENS)
-            case 3:
-                data[place : place + 1] = rng.choice(TOKENS)
-            case 4 if rng.random() < 0.3:
-                del data[place:]
-            case 5:
-                data[place:place] = block * rng.choice((1, 1, 50))
-            case 6:
-                there = rng.randrange(len(data) + 1)
-                data[there:there] = block
-    return bytes(data)
-
-
-def _gently(data: bytearray, rng: random.Random) -> bytes:
-    """Changes after which much is still sound: the file has to be read right, not only refused."""
-    for _ in range(rng.choice((1, 2, 5))):
-        digits = [i for i, byte in enumerate(data) if 0x30 <= byte <= 0x39]
-        if digits and rng.random() < 0.8:
+        block, word = data[place : place + length], rng.choice(TOKENS)
+        flipped = bytes(byte ^ 1 << rng.randrange(8) for byte in block[:1]) + block[1:]
+        if not gently:
+            data[place : place + length] = rng.choice((flipped, b"", block * 2, block * 50, word, word + block))
+            del data[place if rng.random() < 0.15 else len(data) :]
+        elif digits := [i for i, byte in enumerate(data) if 0x30 <= byte <= 0x39]:
             data[rng.choice(digits)] = rng.choice(b"0123456789012345678901234567890123456789.-e,")
-            continue
-        lines = bytes(data).split(b"\n")
-        one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
-        match rng.randrange(3):
-            case 0:
-                lines[one], lines[other] = lines[other], lines[one]
-            case 1:
-                lines.insert(other, lines[one])
-            case 2:
-                del lines[one]
-        data = bytearray(b"\n".join(lines))
     return bytes(data)
 
 
@@ -101,14 +68,8 @@ def _thruster_test() -> bytes:
 
 
 def _yaw_model() -> bytes:
-    estimates = {"I_r": INERTIA, "k_rr": K_RR}
-    entry = {k: {"value": v, "stderr": 0.01, "ci95": [0.9 * v, 1.1 * v], "unit": "nu s²"} for k, v in estimates.items()}
     effect = {"name": "bias-moment", "parameters": {"b": {"value": 0.02}}}
-    model = {
-        "schema": "automarine/yaw-model/1", "moment_unit": "nu", "models": {"1": None, "3": entry}, "preferred": "3",
-        "effects": [effect], "switch_offset": {"value": 0.1}, "warnings": [], "runs": {"used": 3, "set_aside": []},
-    }  # fmt: skip
-    return json.dumps(model, indent=1, ensure_ascii=False).encode()
+    return json.dumps(MODEL_FILE | {"effects": [effect], "switch_offset": {"value": 0.1}}, indent=1).encode()
 
 
 THRUSTER_MAP = b"""{
@@ -128,35 +89,6 @@ run = "run"
 [defaults]
 thrusters_per_test = 2
 arm_m = 0.44
-"""
-SPECIFICATION = b"""schema = "automarine/simulation/1"
-seed = 4
-[vehicle]
-I_r = 1.018
-k_rr = 1.257
-[logger]
-rate_hz = 10
-noise_deg = 1.0
-wrap = "0..360"
-[scatter]
-gain = 0.02
-start_heading_deg = [0, 90.5]
-[[effects]]
-name = "bias-moment"
-b = 0.02
-[[runs]]
-kind = "step"
-folder = "steps"
-moments = { from = -1.2, to = 1.2, step = 0.4 }
-turn_deg = 200
-repeats = 2
-[[runs]]
-kind = "sequence"
-commands = [[0.8, 10.0], [0.0, 2.5], [-0.4, 8.0]]
-[bollard]
-a_f = 1.2e-3
-a_b = 1e-3
-levels = [-50, 50, 100]
 """
 
 
@@ -232,7 +164,7 @@ KINDS = {
     "yaw model": Kind(_yaw_model, ".json", judge_model),
     "thruster map": Kind(lambda: THRUSTER_MAP, ".json", judge_map),
     "column map": Kind(lambda: COLUMN_MAP, ".toml", judge_columns),
-    "specification": Kind(lambda: SPECIFICATION, ".toml", judge_specification),
+    "specification": Kind(SPECIFICATION.encode, ".toml", judge_specification),
     **{  # of vehicles whose libraries are installed, read with the names that their columns have
         f"recording {suffix}": Kind(
             cache(partial(recorder.write, dive())), suffix, partial(judge_log, columns=recorder.columns), 20

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from broken_logs.make import csv_of, good_table
 from click.testing import Result
-from fuzzing import COLUMN_MAP, KINDS, SPECIFICATION, THRUSTER_MAP
+from fuzzing import COLUMN_MAP, KINDS, THRUSTER_MAP
+from small_campaign import SPECIFICATION
 
 from automarine_cli.pipeline.records import MOST_BYTES
 
@@ -18,7 +19,7 @@ Ask = Callable[[str, bytes], list[Result]]
 
 YAW_MODEL = KINDS["yaw model"].good()
 JSON = {"yaw.json": YAW_MODEL, "map.json": THRUSTER_MAP}
-GOOD = JSON | {"spec.toml": SPECIFICATION, "columns.toml": COLUMN_MAP}
+GOOD = JSON | {"spec.toml": SPECIFICATION.encode(), "columns.toml": COLUMN_MAP}
 
 
 @pytest.fixture
@@ -106,6 +107,6 @@ def test_nothing_is_executed(ask: Ask, tmp_path: Path) -> None:
             for found in ask(name, changed(GOOD[name], "schema", code)):
                 assert found.exit_code == 1 and f"{name}: schema: found " in found.stderr
         quoted = json.dumps(code).encode()
-        ask("spec.toml", SPECIFICATION.replace(b"seed = 4", b"seed = " + quoted))
+        ask("spec.toml", SPECIFICATION.replace("seed = 3", f"seed = {json.dumps(code)}").encode())
         ask("columns.toml", COLUMN_MAP.replace(b'"tau"', quoted))
     assert not trap.exists()
