@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from export_readers import constants_of, number_in, yaml_of
+import yaml
+from export_readers import constants_of, number_in
 
 from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
@@ -65,9 +66,9 @@ def test_vectors_have_them_in_their_place(motion: str) -> None:
         ("added_mass", (MASS - OWN) * np.diag(place).ravel()),
     ):  # fmt: skip
         assert np.array_equal(np.array(str(model.findtext(tag)).split(), float), expected)
-    controller = yaml_of(written(motion, "uuv", "controller").text)
+    controller = yaml.safe_load(written(motion, "uuv", "controller").text)
     assert controller["mass"] == OWN and np.array_equal(controller["Ma"], (MASS - OWN) * np.diag(place))
-    labust = yaml_of(written(motion, "labust", "model").text)
+    labust = yaml.safe_load(written(motion, "labust", "model").text)
     assert labust["mass"] == OWN and "inertia_matrix" not in labust
     for key, value in (("added_mass", MASS - OWN), ("linear_damping", LINEAR), ("quadratic_damping", QUADRATIC)):
         assert np.array_equal(labust[key], value * place)

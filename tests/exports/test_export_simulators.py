@@ -1,15 +1,13 @@
-"""Exports in what the package registries have of the simulators: MuJoCo, a reader of YAML.
+"""Exports in MuJoCo, of all simulators the one in the registries of Python packages.
 
 Gazebo Sim, uuv_simulator, Stonefish and MSS themselves are in no registry of Python packages; with
 `pip install --group simulators` these tests run, without it they are skipped.
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from export_readers import yaml_of
 from numpy.typing import NDArray
 from test_export import model_file
 from test_export_motions import LINEAR, MASS, OWN, QUADRATIC, written
@@ -24,15 +22,6 @@ from automarine_cli.simulation.rollout import Start, simulate
 
 Floats = NDArray[np.float64]
 
-
-@pytest.mark.parametrize(("target", "form"), [("uuv", "controller"), ("labust", "model")])
-def test_yaml_is_read_as_we_read_it(tmp_path: Path, target: str, form: str) -> None:
-    yaml: Any = pytest.importorskip("yaml")
-    text = export(model_file(tmp_path), to=target, form=form, rigid_inertia=0.9).text
-    assert yaml.safe_load(text) == yaml_of(text)
-
-
-# MuJoCo
 
 SEQUENCE = ((0.0, 2.0), (1.2, 8.0), (-1.2, 10.0), (0.5, 10.0), (0.0, 5.0), (-0.7, 10.0), (0.9, 15.0))  # N m, s
 LAG = {"T": 0.3, "law": 1.0, "tau_ref": 1.0, "fall": 1.0}

@@ -4,12 +4,12 @@ One reader a target and form: text -> `slope(rate, moment)`, the yaw acceleratio
 from the target's documentation and not from our exporter.
 """
 
-import json
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -66,25 +66,9 @@ def fossen(izz: float, mass: Floats, linear: Floats, quadratic: Floats) -> Slope
     return lambda r, tau: (tau - damping(r) * r) / (izz + mass[5, 5])
 
 
-def yaml_of(text: str) -> dict[str, object]:
-    """The YAML that these files use: keys, numbers, lists in one line, lists of lists, one level of keys."""
-    found: dict[str, object] = {}
-    last = ""
-    for line in (line.partition("#")[0].rstrip() for line in text.splitlines()):
-        key, _, value = line.strip().partition(":")
-        content = json.loads(value or "null") if not line.startswith("-") else None
-        if line.startswith("- "):
-            found[last] = [*(found[last] or []), json.loads(line[2:])]  # type: ignore[misc]
-        elif line.startswith("  "):
-            found[last] = {**(found[last] or {}), key: content}  # type: ignore[dict-item]
-        elif line:
-            last, found[key] = key, content
-    return found
-
-
 def uuv_controller(text: str) -> Slope:
     """Vehicle of uuv_control_interfaces: D = -linear_damping - quad_damping |r|, (M + Ma) r' = tau - D r."""
-    data = yaml_of(text)
+    data = yaml.safe_load(text)
     inertial, mass = data["inertial"], np.array(data["Ma"])
     assert isinstance(inertial, dict) and set(inertial) == {"ixx", "iyy", "izz", "ixy", "ixz", "iyz"}
     linear, quadratic = (np.array(data[key], float) for key in ("linear_damping", "quad_damping"))
@@ -94,7 +78,7 @@ def uuv_controller(text: str) -> Slope:
 
 def labust(text: str) -> Slope:
     """RBModel, uncoupled: (Io + Ma) r' = tau - (Dlin + Dquad |r|) r."""
-    data = yaml_of(text)
+    data = yaml.safe_load(text)
     io, ma, linear, quadratic = (
         np.array(data[key], float) for key in ("inertia_matrix", "added_mass", "linear_damping", "quadratic_damping")
     )

@@ -69,7 +69,6 @@ class Recorder:
     heading: tuple[str, ...]
     commands: tuple[str, ...]
     starts: float = 0.0
-    turned: float = 0.0  # degrees by which its heading counts from elsewhere
     step_deg: float = 1e-4  # of the heading
     clock: float = 1e-6  # s
     modes: tuple[str, ...] = ("MANUAL", "ALT_HOLD")
@@ -128,10 +127,10 @@ GOOD: Columns = {
 }
 
 
-def log(folder: Path, content: bytes, name: str = "log.csv", *, named: bool = True) -> LogFile:
+def log(folder: Path, content: bytes, name: str = "log.csv") -> LogFile:
     path = folder / name
     path.write_bytes(content)
-    return LogFile(path, name, named)
+    return LogFile(path, name, True)
 
 
 def table_of(name: str, folder: Path, content: bytes, dof: Dof | None = YAW, **columns: str | ColumnRule) -> LogTable:
@@ -180,10 +179,10 @@ def judge_bad_files(folder: Path, suffix: str) -> None:
         assert sentence.startswith(f"{name}{suffix}") and sentence.isprintable(), sentence
 
 
-def recorded(folder: Path, suffix: str, content: bytes, *, named: bool = True) -> LogFile:
+def recorded(folder: Path, suffix: str, content: bytes) -> LogFile:
     """A recording of these bytes; the test is skipped where its library is not installed."""
     pytest.importorskip(RECORDERS[suffix].package)
-    return log(folder, content, f"dive{suffix}", named=named)
+    return log(folder, content, f"dive{suffix}")
 
 
 def judge_recording(folder: Path, suffix: str, mirrored: bool) -> None:
@@ -192,7 +191,7 @@ def judge_recording(folder: Path, suffix: str, mirrored: bool) -> None:
     pytest.importorskip(told.package)
     table = read_log(recorded(folder, suffix, told.write(made)), told.columns, dof=YAW)
     np.testing.assert_allclose(table.columns["time"] - told.starts, made.time, atol=told.clock)
-    error = np.rad2deg(table.columns["heading"]) - made.heading - told.turned
+    error = np.rad2deg(table.columns["heading"]) - made.heading
     assert np.abs((error + 180) % 360 - 180).max() <= 1.01 * told.step_deg
     rate = np.rad2deg(table.columns["yaw_rate"])
     steady = np.abs(np.convolve(made.rate, [1, -2, 1], "same")) == 0  # not where it jumps between two samples

@@ -5,7 +5,7 @@ import json
 from typing import Any
 
 import numpy as np
-from vehicle_logs import Dive
+from vehicle_logs import Dive, mavlink_of
 
 WORDS = "MAV_MODE_FLAG_SAFETY_ARMED | MAV_MODE_FLAG_CUSTOM_MODE_ENABLED"
 
@@ -43,34 +43,20 @@ def recorded(
 
 
 def _messages(dive: Dive, spelled: bool) -> list[tuple[float, tuple[int, int], str, dict[str, Any]]]:
-    vehicle, station, other = (1, 1), (255, 0), (2, 1)
+    """Time, sender, name and fields: those of the telemetry, what has a name as the recorder writes it."""
     rows: list[tuple[float, tuple[int, int], str, dict[str, Any]]] = []
-    for t, psi, rate in zip(dive.time, dive.heading, dive.rate):
-        yaw = float(np.deg2rad((psi + 180) % 360 - 180))
-        told = {"time_boot_ms": round(t * 1e3), "roll": 0.0, "yaw": yaw, "yawspeed": float(np.deg2rad(rate))}
-        rows.append((t, vehicle, "ATTITUDE", told))
-        if round(t * 10) % 5 == 0:
-            rows.append((t, other, "ATTITUDE", told | {"yaw": 1.0}))
-    for t, pulses in zip(dive.command_time, dive.pulses.tolist()):
-        told = {
-            "time_usec": round(t * 1e6) % 2**32,
-            "port": 0,
-            **{f"servo{n + 1}_raw": p for n, p in enumerate(pulses)},
-        }
-        rows.append((t, vehicle, "SERVO_OUTPUT_RAW", told))
-    for t, volt in zip(dive.voltage_time, dive.voltage):
-        rows.append((t, vehicle, "SYS_STATUS", {"voltage_battery": round(volt * 1e3), "load": 0}))
-    for t, name, value in dive.parameters:
-        told = {"param_id": name if spelled else [*name.ljust(16, "\0")], "param_value": value}
-        rows.append((t, vehicle, "PARAM_VALUE", told | {"param_type": {"type": "MAV_PARAM_TYPE_REAL32"}}))
-    for t, mode, armed in dive.states():
-        bits = (WORDS if armed else WORDS.partition(" | ")[2]) if spelled else {"bits": 1 + 128 * armed}
-        beat = {"custom_mode": mode, "mavtype": {"type": "MAV_TYPE_SUBMARINE"}, "base_mode": bits}
-        rows.append((t, vehicle, "HEARTBEAT", beat))
-        rows.append((t, vehicle, "HEARTBEAT/mavtype", beat["mavtype"]))
-        rows.append(
-            (t, station, "HEARTBEAT", {"custom_mode": 0, "mavtype": {"type": "MAV_TYPE_GCS"}, "base_mode": bits})
-        )
+    for t, link, message in mavlink_of(dive):
+        fields, who = message.to_dict(), (link.srcSystem, link.srcComponent)
+        name = fields.pop("mavpackettype")
+        if name == "HEARTBEAT":
+            kind = {"type": "MAV_TYPE_SUBMARINE" if fields.pop("type") == 12 else "MAV_TYPE_GCS"}
+            bits = WORDS if fields["base_mode"] >= 128 else WORDS.partition(" | ")[2]
+            fields |= {"mavtype": kind, "base_mode": bits if spelled else {"bits": fields["base_mode"]}}
+            rows.append((t, who, "HEARTBEAT/mavtype", kind))
+        elif name == "PARAM_VALUE":
+            fields["param_type"] = {"type": "MAV_PARAM_TYPE_REAL32"}
+            fields["param_id"] = fields["param_id"] if spelled else [*fields["param_id"].ljust(16, "\0")]
+        rows.append((t, who, name, fields))
     for t in dive.time[::3]:
-        rows.append((t, vehicle, "extra/range", {"distance": float(t), "beams": [1.0, 2.0, {"snr": float(t) / 2}]}))
+        rows.append((t, (1, 1), "extra/range", {"distance": float(t), "beams": [1.0, 2.0, {"snr": float(t) / 2}]}))
     return rows

@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,18 +112,18 @@ def _message(name: str, *values: object) -> bytes:
     return b"\xa3\x95" + bytes([kind]) + struct.pack("<" + "".join(CODES[c] for c in form), *values)
 
 
-def telemetry(dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, delay: float = 0.05) -> bytes:
-    """The telemetry log (.tlog) that a ground station keeps of it, by pymavlink; packets come up to `delay` s late.
+def mavlink_of(dive: Dive) -> list[tuple[float, Any, Any]]:
+    """Time, sender and message of all that is said on the link, in the order of time, by pymavlink.
 
     The ground station itself and a second vehicle talk in between.
     """
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
     vehicle, station, other = (mavlink.MAVLink(None, srcSystem=system, srcComponent=1) for system in (1, 255, 2))
-    rows: list[tuple[float, object, object]] = []
+    rows: list[tuple[float, Any, Any]] = []
     for t, psi, rate in zip(dive.time, dive.heading, dive.rate):
-        yaw = np.deg2rad((psi + 180) % 360 - 180)
-        attitude = mavlink.MAVLink_attitude_message(round(t * 1e3), 0, 0, yaw, 0, 0, np.deg2rad(rate))
+        yaw = float(np.deg2rad((psi + 180) % 360 - 180))
+        attitude = mavlink.MAVLink_attitude_message(round(t * 1e3), 0, 0, yaw, 0, 0, float(np.deg2rad(rate)))
         rows.append((t, vehicle, attitude))
         if round(t * 10) % 5 == 0:
             rows.append((t, other, mavlink.MAVLink_attitude_message(round(t * 1e3), 0, 0, 1.0, 0, 0, 0)))
@@ -134,13 +135,17 @@ def telemetry(dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, d
         status = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, round(volt * 1e3), -1, -1, 0, 0, 0, 0, 0, 0)
         rows.append((t, vehicle, status))
     for t, mode, armed in dive.states():
-        rows.append((t, vehicle, mavlink.MAVLink_heartbeat_message(12, 3, 128 * armed, mode, 4, 3)))
+        rows.append((t, vehicle, mavlink.MAVLink_heartbeat_message(12, 3, 1 + 128 * armed, mode, 4, 3)))
         rows.append((t, station, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
+    return sorted(rows, key=lambda row: row[0])
+
+
+def telemetry(dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, delay: float = 0.05) -> bytes:
+    """The telemetry log (.tlog) that a ground station keeps of it; packets come up to `delay` s late."""
+    rows, out = mavlink_of(dive), bytearray()
     late = np.random.default_rng(1).uniform(0, delay, len(rows))
     late[:3] = 0
-    out = bytearray()
-    for (t, sender, message), wait in zip(sorted(rows, key=lambda row: row[0]), late):
-        if message.get_type() not in without:  # type: ignore[attr-defined]
-            received = round((start + t + wait) * 1e6)
-            out += struct.pack(">Q", received) + message.pack(sender)  # type: ignore[attr-defined]
+    for (t, sender, message), wait in zip(rows, late):
+        if message.get_type() not in without:
+            out += struct.pack(">Q", round((start + t + wait) * 1e6)) + message.pack(sender)
     return bytes(out)

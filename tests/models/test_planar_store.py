@@ -68,7 +68,6 @@ def put(name: str, value: object) -> Callable[[dict[str, Any]], None]:
     ("change", "says"),
     [
         (lambda d: d.update(schema="automarine/yaw-model/1"), 'schema: found "automarine/yaw-model/1", expected'),
-        (lambda d: d.update(warning=[]), 'unknown key "warning"; did you mean "warnings"?'),
         (lambda d: d.update(force_unit="nu"), 'force_unit: found "nu", expected "N": coupled motions are in newtons'),
         (put("surge.X_uuX", 1.0), 'parameters: unknown key "surge.X_uuX"; did you mean "surge.X_uu"?'),
         (put("yaw.N_r", 1.0), 'parameters: unknown key "yaw.N_r"'),  # its own drag is k_r
@@ -76,7 +75,6 @@ def put(name: str, value: object) -> Callable[[dict[str, Any]], None]:
         (put("surge.m_u", -3.0), "parameters.surge.m_u: found -3, expected an inertia above zero"),
         (put("sway.m_v", put), 'parameters: key "sway.m_v" is missing'),
         (put("planar.m_vr", 90.0), "parameters: found an inertia of m_u = 20, m_v = 32, I_r = 2.6, m_vr = 90"),
-        (put("yaw.I_r", "heavy"), 'parameters.yaw.I_r: found "heavy", expected a number'),
         (put("current.east", put), 'key "current.east" is missing; a current has current.north and current.east'),
         (put("yaw.input-delay.t_x", 0.1), 'unknown key "yaw.input-delay.t_x"; did you mean "yaw.input-delay.t_d"?'),
     ],

@@ -60,8 +60,6 @@ def put(place: str, value: object) -> Callable[[dict[str, Any]], None]:
 
 
 REFUSED = {
-    "models.3.k_rr.value: found \"abc\", expected a number": put("models.3.k_rr.value", "abc"),
-    "models.1.I_r.value: found -Infinity, expected a finite number": put("models.1.I_r.value", -np.inf),
     "models.3.k_rr: key \"value\" is missing": put("models.3.k_rr.value", put),
     "models.3.I_r: found 0, expected an inertia above zero": put("models.3.I_r.value", 0),
     "models.3.k_rr: found -1, expected a drag of zero or more": put("models.3.k_rr.value", -1),
@@ -73,7 +71,6 @@ REFUSED = {
     "switch_offset: found 0.7, expected a share of a sample interval between -0.5 and 0.5": put(
         "switch_offset", 0.7
     ),
-    "unknown key \"efects\"; did you mean \"effects\"?": lambda d: d.update(efects=d.pop("effects")),
     "effects[0].parameters: key \"b\" is missing": put("effects", [{"name": "bias-moment", "parameters": {}}]),
     "effects[0].parameters: unknown key \"c\"; bias-moment takes b": put(
         "effects", [{"name": "bias-moment", "parameters": {"b": 0, "c": 0}}]
