@@ -7,8 +7,6 @@ from functools import cache
 from itertools import product
 from pathlib import Path
 
-import pytest
-
 import automarine_cli
 from automarine_cli.logs.csv import SIGNATURES
 
@@ -69,18 +67,3 @@ def test_every_refusal_says_what_to_do() -> None:
     assert [refusal for refusal in refusals() if not says_what_to_do(refusal[2], refusal[1], refusal[0])] == []
     assert [end for end in SIGNATURES.values() if not CLAUSE.search(end)] == []
     assert len(refusals()) > 300 and {kind for _, kind, _ in refusals()} == DATA | WRITTEN
-
-
-@pytest.mark.parametrize(
-    ("sentence", "kind", "fine"),
-    [
-        ("a.csv, row 3: found 'x', expected a number", "LogError", False),
-        ("a.csv, row 3: found 'x', expected a number. Correct the cell", "LogError", True),
-        ("jobs is 0; expected 1 or more", "SettingError", True),
-        ("jobs is 0", "SettingError", False),
-        ("the runs checked out badly", "FitError", False),
-        ("{path} is full; make room, or choose another folder", "OutputError", True),
-    ],
-)
-def test_silence_is_heard(sentence: str, kind: str, fine: bool) -> None:
-    assert says_what_to_do(sentence, kind, "room/file.py:1") is fine

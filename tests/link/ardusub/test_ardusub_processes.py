@@ -1,18 +1,13 @@
 """`serve --vehicle ardusub` as processes of its own, by the clock: killed, and met by an independent MAVLink stack."""
 
 import contextlib
-import json
 import os
 import signal
 import socket
 import subprocess
 import time
-from collections import Counter
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from fake_ardusub import FakeSub, alive, campaign_of
 from link_processes import children_of, collecting, ended, free_port, served, token_in
@@ -56,67 +51,6 @@ def test_killed_in_a_run_there_is_silence_and_the_dead_man_disarms(tmp_path: Pat
                 until(lambda: list((tmp_path / "vehicle/runs").glob("*.csv")))
                 (log,) = (tmp_path / "vehicle/runs").glob("*.csv")
                 assert log.name.endswith("_interrupted.csv") and len(log.read_text().splitlines()) > 50
-
-
-@dataclass
-class Peer:
-    """What MAVSDK sees on the vehicle's link: when [s], and what each message says."""
-
-    messages: dict[str, list[tuple[float, dict[str, Any]]]] = field(default_factory=dict)
-    _alive: list[Any] = field(default_factory=list)
-
-    def join(self, vehicle: FakeSub) -> Any:
-        """Connect; the library's own object, for its questions."""
-        mavsdk = pytest.importorskip("mavsdk")
-        peer = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(246, 195, True))
-        result = peer.add_any_connection(f"udpout://{vehicle.address.removeprefix('udpout:')}")
-        assert result == mavsdk.ConnectionResult.SUCCESS
-        return peer
-
-    def listen(self, peer: Any, system: int) -> Any:
-        """Hear all of a system's messages; the system."""
-        from mavsdk.plugins.mavlink_direct import MavlinkDirect
-
-        until(lambda: any(one.get_system_id() == system for one in peer.get_systems()))
-        found = next(one for one in peer.get_systems() if one.get_system_id() == system)
-        direct = MavlinkDirect(found)
-        direct.subscribe_message("", self._hear)
-        self._alive += [found, direct]
-        return found
-
-    def _hear(self, message: Any, _: Any = None) -> None:
-        if message.component_id == 190:
-            content = (time.monotonic(), json.loads(message.fields_json))
-            self.messages.setdefault(message.message_name, []).append(content)
-
-
-def test_an_independent_stack_sees_a_well_behaved_sender(tmp_path: Path) -> None:
-    """MAVSDK is a ground station on the same link; what it says of us is its own parsing, not pymavlink's."""
-    with alive(FakeSub()) as vehicle:
-        watch = Peer()
-        peer = watch.join(vehicle)
-        processes = begun(tmp_path, vehicle, campaign_of(0.5, seconds=6.0))
-        try:
-            with ended(processes):
-                us = watch.listen(peer, 255)
-                assert us.component_ids() == [190] and not us.has_autopilot() and us.is_connected()
-                (sub,) = [one for one in peer.get_systems() if one.has_autopilot()]
-                assert sub.get_system_id() == 1
-                assert processes[1].wait(timeout=120) == 0
-        finally:
-            peer.destroy()
-    beats, sticks = (watch.messages[name] for name in ("HEARTBEAT", "MANUAL_CONTROL"))
-    assert {(one["type"], one["autopilot"]) for _, one in beats} == {(6, 8)}  # a ground station
-    assert np.diff([when for when, _ in beats]).max() < 2.0
-    assert {(one["x"], one["y"], one["z"], one["buttons"], one["target"]) for _, one in sticks} == {(0, 0, 500, 0, 1)}
-    assert max(abs(one["r"]) for _, one in sticks) <= 1000 and {500} <= {one["r"] for _, one in sticks}
-    assert [one["r"] for _, one in sticks[-10:]] == [0] * 10
-    gaps = np.diff([when for when, one in sticks if one["r"] == 500])
-    assert 1 / 50 < np.median(gaps) < 1 / 20
-    ours = [one.message for one in vehicle.packets if one.component == 190 and one.name == "COMMAND_LONG"]
-    asked = Counter(one.command for one in ours)
-    assert set(asked) == {511, 176, 400} and asked[400] == 2  # MAVSDK does not tell what is meant for another system
-    assert len(list((tmp_path / "pool").glob("*.csv"))) == 1
 
 
 def test_an_independent_autopilot_understands_us() -> None:

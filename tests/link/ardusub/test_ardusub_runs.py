@@ -60,8 +60,12 @@ def test_sticks_come_steadily_and_push_nowhere_else(side: float) -> None:
     assert {(one.message.target, one.system, one.component) for one in sticks} == {(1, 255, 190)}
     gaps = np.diff([one.time for one in sticks if one.time >= vehicle.driven_since])
     assert np.median(gaps) == pytest.approx(1 / 40, abs=0.006) and gaps.max() < 0.1
-    beats = np.diff([one.time for one in vehicle.packets if one.name == "HEARTBEAT"])
-    assert beats.max() < 1.2 and beats.min() > 0.8
+    beats = [one for one in vehicle.packets if one.name == "HEARTBEAT"]
+    assert {(one.message.type, one.message.autopilot) for one in beats} == {(6, 8)}  # a ground station
+    gaps = np.diff([one.time for one in beats])
+    assert gaps.max() < 1.2 and gaps.min() > 0.8
+    asked = [one.message.command for one in vehicle.packets if one.name == "COMMAND_LONG"]
+    assert set(asked) == {511, 176, 400} and asked.count(400) == 2
 
 
 def test_the_quickest_dead_man_is_kept_awake() -> None:
