@@ -7,14 +7,11 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
+from repository import tree
 
 from automarine_cli.commands.run import names_of, run_campaign
 from automarine_cli.commands.verify import verify
 from automarine_cli.errors import SettingError
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 @pytest.fixture(scope="module")

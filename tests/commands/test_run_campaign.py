@@ -10,6 +10,7 @@ import pytest
 from click.testing import Result
 from few_candidates import few_candidates
 from figures import drawn
+from repository import tree
 from small_campaign import CAMPAIGN, make_small_campaign
 
 from automarine_cli.commands.run import run_campaign
@@ -39,10 +40,6 @@ def fates(result: CampaignRun) -> dict[str, str]:
 
 def reasons(result: CampaignRun) -> dict[str, str]:
     return {step.step: step.why for step in result.steps}
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def edit(place: Path, old: str, new: str) -> None:

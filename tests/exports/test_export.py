@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 from effect_contract import unmeasured
-from export_readers import MESH_TORQUE, READERS, fall_time, gz_sim, rise_time, rk4
+from export_readers import MESH_TORQUE, READERS, fall_time, gz_sim, moved, rise_time
 
 import automarine_cli as am
 from automarine_cli import exports as targets
@@ -73,10 +73,10 @@ def test_time_constants_are_ours_and_spin_downs_lose_energy(
     slope = READERS[target, form](exported(model_file(tmp_path), target, form, number=number).text)
     k_r, k_rr = (DRAGS[number].get(name, 0.0) for name in ("k_r", "k_rr"))
     for sign in (1.0, -1.0):
-        time, rate = rk4(slope, sign * 1.5, 0.0, 40.0)
+        time, rate = moved(slope, sign * 1.5, 0.0, 40.0)
         assert rise_time(time, rate) == pytest.approx(rise_time(*ours(sign * 1.5, 0.0, 40.0, number)), rel=0.01)
         assert rate[-1] == pytest.approx(float(steady_rate(sign * 1.5, k_r, k_rr)), rel=1e-3)
-        time, rate = rk4(slope, 0.0, sign * 1.2, 20.0)
+        time, rate = moved(slope, 0.0, sign * 1.2, 20.0)
         assert fall_time(time, rate) == pytest.approx(fall_time(*ours(0.0, sign * 1.2, 20.0, number)), rel=0.01)
         assert np.all(np.diff(rate**2) < 0)  # the energy of rotation, at every step
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 Floats = NDArray[np.float64]
 Slope = Callable[[float, float], float]
@@ -146,16 +147,10 @@ READERS: dict[tuple[str, str], Callable[[str], Slope]] = {
 }
 
 
-def rk4(slope: Slope, moment: float, rate0: float, seconds: float, step: float = 0.02) -> tuple[Floats, Floats]:
-    """Times and yaw rates under a constant moment, by classical Runge-Kutta."""
-    rates = [rate0]
-    for _ in range(round(seconds / step)):
-        r = rates[-1]
-        a = slope(r, moment)
-        b = slope(r + step / 2 * a, moment)
-        c = slope(r + step / 2 * b, moment)
-        rates.append(r + step / 6 * (a + 2 * b + 2 * c + slope(r + step * c, moment)))
-    return step * np.arange(len(rates)), np.array(rates)
+def moved(slope: Slope, moment: float, rate0: float, seconds: float) -> tuple[Floats, Floats]:
+    """Times and yaw rates under a constant moment, by scipy's solver."""
+    time = np.arange(0.0, seconds, 0.02)
+    return time, solve_ivp(lambda _, r: [slope(r[0], moment)], (0, seconds), [rate0], t_eval=time, rtol=1e-8).y[0]
 
 
 def rise_time(time: Floats, rate: Floats) -> float:
