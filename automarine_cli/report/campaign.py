@@ -40,7 +40,7 @@ CAPTIONS = {
     "{step}s": "{position} against time of every {step}: the part that was fitted in colour, what was cut in grey",
     "collapse": "{position} against time times the root of the {force}: all runs on one curve if model 3 holds",
     "whole_runs": "what the model leaves of the {position} of whole runs, beside the noise",
-    "planar_runs": "{position} of each run, its predictions, and its free run by the commands alone",
+    "planar_runs": "errors of the {position} as predicted 2 and 5 s ahead",
     "where": "where the gap between simulated and measured {position} is: against each variable that stands out",
     "why": "evidence for each effect of the library",
     "learned": "learned curve, which no effect of the library explains, with its 95 % confidence band",

@@ -21,6 +21,7 @@ from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.report.figures import diagnosis as figures
+from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, number
 from automarine_cli.report.thruster_tables import cells, parameter_cell
@@ -36,13 +37,13 @@ MOST_NAMED_RUNS, MOST_CANDIDATES = 5, 5
 
 
 def _sections(
-    result: MotionDiagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], subject: Any,
-    title: str, words: str, verdict: str, effects: Sequence[NamedEffect], where: ResidualRegions | None, *,
+    result: MotionDiagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], before_after: Draw,
+    title: str, verdict: str, effects: Sequence[NamedEffect], where: ResidualRegions, *,
     notes: tuple[str, str], unit: str = "deg", key: str = "deg", dof: Dof | None = None,
     above: Sequence[str] = (), below: Sequence[str] = (), appendix: Sequence[Table | str] = (),
 ) -> Sections:  # fmt: skip
     """Lay out a diagnosis of any kind, whose JSON has one shape: `above` and `below` the verdict stand lines, `notes`
-    explain gap and threshold; `appendix` is on the page alone; the figure of before and after is of the `subject`."""
+    explain gap and threshold; `appendix` is on the page alone."""
     data: dict[str, Any] = result.to_json()
     lines, rows, page = [*above, verdict], list[dict[str, Any]](), list[Table | str]()
     for effect in effects:
@@ -53,25 +54,21 @@ def _sections(
             columns = {head: value for head, value in row.items() if head != "meaning"}
             rows.append({"effect": effect.name, **columns, "confidence": f"{effect.confidence:.0%}"})
     tried, gaps = candidates(data, effects), gap_tables(data, unit, key, notes[0])
-    table = Table.of("Candidates", [row for row in tried if row["is"] != "not fitted"][:MOST_CANDIDATES], [
-        f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}",
-    ], header=("effect", "evidence gained", "is"))  # fmt: skip
-    line = f"threshold{notes[1].partition('.')[0]}"
-    drawings = {"why": partial(figures.why_figure, tried, data["threshold"], line, words)}
-    if where is not None:
-        drawings = {
-            "where": partial(figures.where_figure, where, words), **drawings,
-            "before_after": partial(figures.before_after_figure, subject),
-        }  # fmt: skip
+    threshold = f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}"
+    table = Table.of("Candidates", tried[:MOST_CANDIDATES], [threshold], header=("effect", "evidence gained", "is"))
+    drawings: dict[str, Draw] = {
+        "where": partial(figures.where_figure, where),
+        "why": partial(figures.why_figure, tried, data["threshold"], f"threshold{notes[1].partition('.')[0]}"),
+        "before_after": before_after,
+    }
     for effect in effects:
         if effect.learned is not None:
             drawings["learned"] = partial(figures.learned_figure, effect.learned, dof or YAW)
     text = document(
         f"# {title}", escape(verdict), *map(escape, below), *page,
-        "## Where the gap is", regions_table(where.regions, unit) if where and where.regions else NOWHERE,
-        "![Where the gap is](where.png)" * ("where" in drawings),
-        "## Why", table, "![Why](why.png)",
-        "## The gap before and after", *gaps, "![Before and after](before_after.png)" * ("where" in drawings),
+        "## Where the gap is", regions_table(where.regions, unit) if where.regions else NOWHERE,
+        "![Where the gap is](where.png)", "## Why", table, "![Why](why.png)",
+        "## The gap before and after", *gaps, "![Before and after](before_after.png)",
         *(_moves(data) if "base" in data else ()), *appendix,
     )  # fmt: skip
     return Sections(
@@ -129,17 +126,16 @@ def parameter_rows(effect: NamedEffect, dof: Dof | None) -> Iterator[dict[str, A
 
 
 def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[dict[str, Any]]:
-    """Rows of the candidates of the first look of a `diagnosis.json`, with what became of each, best first."""
+    """Rows of the candidates fitted in the first look of a `diagnosis.json`, with what became of each, best first."""
     status = dict.fromkeys((rival.name for effect in effects for rival in effect.rivals), "rival")
     status |= dict.fromkeys((effect.name for effect in effects), data["verdict"])
     rows = []
-    for entry in data["candidates"]:
+    for entry in (entry for entry in data["candidates"] if entry.get("fitted", True)):
         added = ", ".join(name.rpartition(".")[2] for name in entry.get("parameters", ()))
         name = f"{entry['name']} {added or entry.get('where', '')}".rstrip()
-        otherwise = "not needed" if entry.get("fitted", True) else "not fitted"
         row = {"effect": name, "evidence gained": entry["gain"]}
         row |= {head: number(entry[key], 3) for key, head in MORE.items() if key in entry}
-        rows.append({**row, "is": status.get(name) or status.get(entry["name"], otherwise)})
+        rows.append({**row, "is": status.get(name) or status.get(entry["name"], "not needed")})
     return rows
 
 
@@ -249,9 +245,9 @@ def _(result: MotionDiagnosis) -> Sections:
     if diagnosis.verdict != diagnose.NAMED:
         appendix += ["## What these runs would have shown", detectable_table(diagnosis)]
     return _sections(
-        result, result.extended_model(), diagnosis, f"Diagnosis of the {dof.name} model", diagnosis.words,
-        verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where, notes=(gap, chance), unit=dof.units.shown,
-        key=dof.units.key, dof=dof,
+        result, result.extended_model(), partial(figures.motion_before_after, diagnosis),
+        f"Diagnosis of the {dof.name} model", verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where,
+        notes=(gap, chance), unit=dof.units.shown, key=dof.units.key, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
         below=[*below, *sentences_of(sensors_of(diagnosis.channels, channel_noises(search.final.fit, dof)), dof)],
         appendix=appendix,
@@ -294,8 +290,8 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 def _(result: PlanarDiagnosis) -> Sections:
     search = result.search
     return _sections(
-        result, result.extended_model(), search, "Diagnosis of the planar model", search.words, planar_verdict(search),
-        _planar_effects(result), search.where,
+        result, result.extended_model(), partial(figures.planar_before_after, search), "Diagnosis of the planar model",
+        planar_verdict(search), _planar_effects(result), search.where or ResidualRegions(),
         notes=("", (
             " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than "
             "others, or less than the threshold."
@@ -329,7 +325,6 @@ def planar_verdict(search: PlanarSearch) -> str:
 
 @sections.register
 def _(result: ThrusterDiagnosis) -> Sections:
-    words = diagnose.in_few_words(result.verdict, [effect.name for effect in result.effects])
     gap = (
         f"Root mean square errors over levels. Before: the map's form refitted; as given it is "
         f"{number(result.given_rmse, 3)} N off on the fitted levels. The noise is read from {result.floor_from}."
@@ -339,8 +334,8 @@ def _(result: ThrusterDiagnosis) -> Sections:
         "of candidates."
     )
     return _sections(
-        result, result.extended_map, result, "Diagnosis of a thruster map", words, map_verdict(result), result.effects,
-        result.where, notes=(gap, chance), unit="N", key="N",
+        result, result.extended_map, partial(figures.thruster_before_after, result), "Diagnosis of a thruster map",
+        map_verdict(result), result.effects, result.where, notes=(gap, chance), unit="N", key="N",
         below=[fault.says for fault in result.faults],
     )  # fmt: skip
 

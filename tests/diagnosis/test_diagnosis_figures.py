@@ -12,9 +12,11 @@ from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
+from automarine_cli.diagnosis.residual_regions import ResidualRegions
 from automarine_cli.dofs import YAW
 from automarine_cli.report import diagnosis_report  # noqa: F401  registers what a diagnosis shows
-from automarine_cli.report.figures.diagnosis import AFTER, before_after_figure, where_figure
+from automarine_cli.report.figures.diagnosis import STATUS, motion_before_after, where_figure
+from automarine_cli.report.figures.style import COLOURS
 from automarine_cli.report.sections import Sections, sections
 
 BASE = base_for("")
@@ -68,29 +70,33 @@ def test_nothing_missing_says_what_would_have_been_seen(nothing: Diagnosis) -> N
     assert "## What these runs would have shown" in text and "| dead-band | width |" in text
 
 
-def test_where_marks_what_stands_out_and_draws_every_variable(lag: Diagnosis) -> None:
-    figure, variables = where_figure(lag.where, lag.words), lag.where.variables
-    titles = [axes.get_title() for axes in figure.axes]
-    out = sum(bool(variable.stands_out.any()) for variable in variables)
-    assert sum(title.startswith("p = ") for title in titles) == out > 0
-    assert titles.count("within chance") == len(variables) - out
-    image = next(axes for axes in figure.axes if axes.images)
-    assert len(np.asarray(image.images[0].get_array())) == len(lag.study.runs)
+def test_where_draws_what_stands_out_and_lists_the_rest(lag: Diagnosis, nothing: Diagnosis) -> None:
+    figure, variables = where_figure(lag.where), lag.where.variables
+    out = {variable.name for variable in variables if variable.stands_out.any()}
+    drawn = {axes.get_xlabel().partition(" [")[0] for axes in figure.axes if axes.axison}
+    assert drawn == out and all(axes.patches for axes in figure.axes if axes.axison)
+    assert all(variable.name in figure.get_suptitle() for variable in variables if variable.name not in out)
+    assert len(where_figure(nothing.where).axes) == len(where_figure(ResidualRegions()).axes) == 1
 
 
 def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
     bars = max(shown(lag).figures["why"]().axes, key=lambda axes: len(axes.patches))
-    lengths = [bar.get_width() for bar in bars.patches if isinstance(bar, Rectangle)]
+    drawn = {round(bar.get_y() + 0.4): bar for bar in bars.patches if isinstance(bar, Rectangle)}
+    lengths = [drawn[place].get_width() for place in sorted(drawn, reverse=True)]  # the best is on top, at 0
     trials = lag.result.rounds[0].trials
     assert lengths == sorted(lengths) and len(lengths) == len(trials)
-    labels = [label.get_text() for label in bars.get_yticklabels()]
-    blue = {name for name, bar in zip(labels, bars.patches) if bar.get_facecolor() == to_rgba(AFTER)}
+    labels, colour = [label.get_text() for label in bars.get_yticklabels()], to_rgba(COLOURS[STATUS["named"]])
+    blue = {name for place, name in enumerate(labels) if drawn[place].get_facecolor() == colour}
     assert blue == set(lag.result.final.added) & {trial.added[-1] for trial in trials}
 
 
 def test_before_and_after_share_their_axes_and_do_without_held_out_runs(lag: Diagnosis) -> None:
-    figure = before_after_figure(lag)
-    errors = [axes for axes in figure.axes if axes.get_xlabel() == "time [s]"]
-    assert len(errors) == 4 and len({axes.get_ylim() for axes in errors}) == 1
     alone = replace(lag, held_out=None, held_out_gap=None)
-    assert before_after_figure(alone).axes and "held out" not in page(alone)
+    for diagnosis, study in ((lag, lag.held_out), (alone, lag.study)):
+        assert study is not None
+        sizes, *errors = sorted(motion_before_after(diagnosis).axes, key=lambda axes: bool(axes.get_title()))
+        assert len(errors) == min(len(study.runs), 3) and len({axes.get_ylim() for axes in errors}) == 1
+        before, after = (np.asarray(line.get_xdata(), float) for line in sizes.lines[:2])
+        assert len(before) == len(study.runs) and list(before) == sorted(before, reverse=True)
+        assert after.mean() < before.mean()
+    assert "held out" not in page(alone)

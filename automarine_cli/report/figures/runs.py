@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
 from automarine_cli.dofs import SURGE, SWAY, YAW
-from automarine_cli.filters.kalman import shown_channel
-from automarine_cli.fits.driven import JUDGED, Use
+from automarine_cli.fits.driven import COMPARED, Use
 from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
@@ -29,7 +28,6 @@ from automarine_cli.runs.run import Run
 
 DEGREES = 180.0 / np.pi
 LONGEST_TITLE = 90
-MOST_WHOLE, MOST_DRIVEN = 24, 10  # runs that are drawn
 QUANTITIES = {
     "heading": (r"Heading $\psi$ [deg]", DEGREES), "surge": ("Surge $u$ [m/s]", 1.0), "sway": ("Sway $v$ [m/s]", 1.0),
     "yaw_rate": ("Yaw rate $r$ [deg/s]", DEGREES),
@@ -123,58 +121,30 @@ def planar_figure(free: FreeRun) -> Figure:
     return figure
 
 
-@style.house_style
 def whole_runs_figure(fit: YawFit) -> Figure:
-    """Draw what is left of each whole run, the worst first: by the commands alone, as anybody else would simulate it,
-    and with the run's own thrust and start, as it was fitted; against the noise."""
-    dof, mixed, model = fit.dof, fit.preferred.mixed, fit.preference.number
+    """Draw what is left of each whole run by the commands alone, as anybody else would simulate it, and with the run's
+    own thrust and start, as it was fitted."""
+    dof, mixed, residuals = fit.dof, fit.preferred.mixed, list[style.Residuals]()
     fitted = mixed.reading(dof.position)
-    free = [dof.shown(run.error) for run in free_runs(fit.preferred.model, fit.runs, fit.preferred.offset.value)]
-    size = np.array([np.sqrt(np.mean(error**2)) for error in free])  # not finite where the model diverges
-    order = np.argsort(-np.nan_to_num(size, nan=np.inf), kind="stable")[:MOST_WHOLE]
-    figure, axes = style.panels(len(order), 3, 1.5, 1.0, sharey=True)
+    for i, free in enumerate(free_runs(fit.preferred.model, fit.runs, fit.preferred.offset.value)):
+        run, errors = free.run, (free.error, free.run.position - fitted[i][: len(free.run)])
+        residuals.append((run.name, [(run.time - run.time[0], dof.shown(error)) for error in errors]))
+    labels = f"model {fit.preference.number} by the commands alone", "with the run's own thrust and start"
     noise = float(dof.shown(fit.preferred.noise or mixed.noise))
-    for ax, i in zip(axes.flat, order):
-        run = fit.runs[i]
-        time, residual = run.time - run.time[0], dof.shown(run.position - fitted[i][: len(run)])
-        ax.axhspan(-2 * noise, 2 * noise, color=style.MEASURED, alpha=0.3, lw=0, label=f"± 2 × noise of {noise:.2g}")
-        ax.plot(time, residual, color=style.COLOURS["sky"], lw=0.8, label="with the run's own thrust and start")
-        ax.plot(time, free[i], lw=1.1, label=f"model {model} by the commands alone", **_style(model))
-        rms = f"{size[i]:.3g} {dof.units.shown} rms" if np.isfinite(size[i]) else "diverges"
-        ax.set_title(f"{run.name}: {rms}", parse_math=False)  # a name may hold dollar signs
-        ax.set(xlabel="Time in the run [s]", ylabel=f"Measured less\nsimulated [{dof.units.shown}]")
-    style.legend_below(figure, axes[0, 0])
-    figure.suptitle(f"What is left of {len(order)} of {len(free)} runs, the worst first")
-    return figure
+    return style.residuals_figure(residuals, labels, dof.units.shown, noise, f"What is left of {len(residuals)} runs")
 
 
-@style.house_style
 def driven_runs_figure(fit: YawFit | PlanarFit, use: Use | PlanarUse) -> Figure:
-    """Draw of each run its position, predictions from filtered states by the model fitted to the other runs, and the
-    free run of the model, which may leave the picture."""
-    dof, runs = fit.runs[0].dof, fit.runs[:MOST_DRIVEN]
-    names = [channel.quantity for channel in use.course.channels]
-    values = shown_channel(use.course, names.index(dof.position) if isinstance(use, PlanarUse) else 0).values
-    free = use.free[dof.position] if isinstance(use, PlanarUse) else use.free
-    figure, axes = style.panels(len(runs), 2, 1.6, 1.3)
-    for i, (run, ax) in enumerate(zip(runs, axes.flat)):
-        measured, time = dof.shown(run.position), use.course.time[i]
-        ax.plot(run.time - run.time[0], measured, color=style.MEASURED, lw=2.2, label="measured")
-        for ahead in use.predictions:
-            if ahead.horizon == JUDGED:
-                target, error = ahead.target[ahead.run == i], ahead.error[ahead.run == i]
-                label = f"predicted {JUDGED:g} s ahead{', run left out of the fit' * (use.runs > 1)}"
-                look = {"color": style.COLOURS["vermilion"], "ms": 2.2, "label": label}
-                ax.plot(time[target], dof.shown(values[i][target] - error), ".", **look)
-        ax.plot(time, dof.shown(free[i]), color=style.COLOURS["blue"], lw=0.9, ls="--", label="free run of the model")
-        low, high = float(measured.min()), float(measured.max())
-        style.limit(ax, low, high, 0.5 * (high - low) + 1e-6)
-        ax.set_title(run.name, parse_math=False)
-        position = f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]"
-        ax.set(xlabel="Time in the run [s]", ylabel=position)
-    style.legend_below(figure, axes.flat[0])
-    figure.suptitle(f"{len(runs)} of {len(fit.runs)} runs; predictions and free runs start from filtered states")
-    return figure
+    """Draw errors of positions that the model fitted to the other runs predicts from filtered states."""
+    dof, time, residuals = fit.runs[0].dof, use.course.time, list[style.Residuals]()
+    ahead = sorted((p for p in use.predictions if p.horizon in COMPARED), key=lambda p: -p.horizon)
+    for i, run in enumerate(fit.runs):
+        lines = [(time[i][p.target[p.run == i]], np.asarray(dof.shown(p.error[p.run == i]))) for p in ahead]
+        residuals.append((run.name, lines))
+    noise = fit.found.noises.get(dof.position, 0.0) if isinstance(fit, PlanarFit) else fit.preferred.noise or 0.0
+    labels = [f"predicted {p.horizon:g} s ahead" for p in ahead]
+    title = f"{dof.words.position.capitalize()} from filtered states" + ", runs left out of the fit" * (use.runs > 1)
+    return style.residuals_figure(residuals, labels, dof.units.shown, float(dof.shown(noise)), title)
 
 
 @style.house_style

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import Attempt, SettingError, attempted
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.pipeline.results_folder import ResultFolder
+from automarine_cli.quantities import Floats
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
@@ -30,7 +31,14 @@ MODEL_COLOURS = {"1": COLOURS["orange"], "2": COLOURS["black"], "3": COLOURS["bl
 MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": "-"}
 MEASURED = COLOURS["grey"]
 
+TWO_LOOKS: tuple[dict[str, Any], ...] = (
+    {"color": COLOURS["vermilion"], "ms": 5.0},
+    {"color": COLOURS["blue"], "ms": 3.0},
+)
+
 PAGE_IN = 7.2  # width of a page [inch]
+MOST_RUNS, MOST_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
+LONGEST_NAME = 26  # letters that have room beside and above a panel
 
 house_style = matplotlib.style.context(["default", {
     "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0, "xtick.labelsize": 7.0, "ytick.labelsize": 7.0,
@@ -103,12 +111,43 @@ def panels(count: int, columns: int, row_in: float, beyond_in: float, **subplots
     return figure, axes
 
 
-def widened(figure: Figure, axes: NDArray[Any]) -> Axes:
-    """Put wide axes in place of a row of axes."""
-    for ax in axes:
-        ax.remove()
-    place = axes[0].get_subplotspec()
-    return figure.add_subplot(place.get_gridspec()[place.rowspan.start, :])
+Residuals = tuple[str, Sequence[tuple[Floats, Floats]]]
+"""The name of a run, and what each of two models leaves of it: x and error."""
+
+
+@house_style
+def residuals_figure(
+    residuals: Sequence[Residuals], labels: Sequence[str], unit: str, floor: float, title: str,
+    x_label: str = "time in the run [s]", look: str = "-",
+) -> Figure:  # fmt: skip
+    """Draw what two labelled models leave of the worst runs, and the root mean square of each run, worst first by the
+    first model, beside the noise `floor`; errors in the `unit`."""
+    runs = [(name, lines) for name, lines in residuals if all(len(error) for _, error in lines)]
+    sizes = np.array([[np.sqrt(np.mean(error**2)) for _, error in lines] for _, lines in runs]).reshape(-1, 2)
+    order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MOST_RUNS]
+    figure = Figure(figsize=(PAGE_IN, max(4.5, 0.16 * len(order) + 1.2)), layout="constrained")
+    places = range(min(len(order), MOST_DRAWN) or 1)
+    axes: dict[Any, Axes] = figure.subplot_mosaic([[place, "all"] for place in places], width_ratios=(1.6, 1.0))
+    for place, i in zip(places, order):
+        ax = axes[place]
+        ax.sharey(axes[0])
+        ax.axhspan(-2.0 * floor, 2.0 * floor, color="0.9", lw=0)
+        for line, label, two in zip(runs[i][1], labels, TWO_LOOKS):
+            ax.plot(*line, look, lw=0.9, label=label, **two)
+        ax.set_title(shortened(runs[i][0], LONGEST_NAME), parse_math=False)
+        ax.set_ylabel(f"off by [{unit}]")
+    axes[places[-1]].set_xlabel(x_label)
+    rows = np.arange(len(order))
+    axes["all"].hlines(rows, *np.sort(sizes[order]).T, color="0.7")
+    for size, two in zip(sizes[order].T, TWO_LOOKS):
+        axes["all"].plot(size, rows, "o", **two)
+    axes["all"].axvline(floor, color="0.4", ls=":", label=f"noise of {floor:.2g} {unit}; the band is twice that")
+    axes["all"].set_yticks(rows, [shortened(runs[i][0], LONGEST_NAME) for i in order], parse_math=False)
+    axes["all"].invert_yaxis()
+    axes["all"].set(xlabel=f"root mean square [{unit}]", xlim=(0.0, None))
+    legend_below(figure, axes[0], axes["all"])
+    figure.suptitle(title)
+    return figure
 
 
 def shortened(name: str, most: int) -> str:
