@@ -55,7 +55,8 @@ def _sections(
             rows.append({"effect": effect.name, **columns, "confidence": f"{effect.confidence:.0%}"})
     tried, gaps = candidates(data, effects), gap_tables(data, unit, key, notes[0])
     threshold = f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}"
-    table = Table.of("Candidates", tried[:MOST_CANDIDATES], [threshold], header=("effect", "evidence gained", "is"))
+    fitted = [row for row in tried if row["is"] != "not fitted"][:MOST_CANDIDATES]
+    table = Table.of("Candidates", fitted, [threshold], header=("effect", "evidence gained", "is"))
     drawings: dict[str, Draw] = {
         "where": partial(figures.where_figure, where),
         "why": partial(figures.why_figure, tried, data["threshold"], f"threshold{notes[1].partition('.')[0]}"),
@@ -126,16 +127,17 @@ def parameter_rows(effect: NamedEffect, dof: Dof | None) -> Iterator[dict[str, A
 
 
 def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[dict[str, Any]]:
-    """Rows of the candidates fitted in the first look of a `diagnosis.json`, with what became of each, best first."""
+    """Rows of the candidates of the first look of a `diagnosis.json`, with what became of each, best first."""
     status = dict.fromkeys((rival.name for effect in effects for rival in effect.rivals), "rival")
     status |= dict.fromkeys((effect.name for effect in effects), data["verdict"])
     rows = []
-    for entry in (entry for entry in data["candidates"] if entry.get("fitted", True)):
+    for entry in data["candidates"]:
         added = ", ".join(name.rpartition(".")[2] for name in entry.get("parameters", ()))
         name = f"{entry['name']} {added or entry.get('where', '')}".rstrip()
         row = {"effect": name, "evidence gained": entry["gain"]}
         row |= {head: number(entry[key], 3) for key, head in MORE.items() if key in entry}
-        rows.append({**row, "is": status.get(name) or status.get(entry["name"], "not needed")})
+        otherwise = "not needed" if entry.get("fitted", True) else "not fitted"
+        rows.append({**row, "is": status.get(name) or status.get(entry["name"], otherwise)})
     return rows
 
 

@@ -97,7 +97,7 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
     parts = [f"# A controller for {designed.target.name}, from {tuning.source}", *_sentences(designed)]
     if designed.new is not None:
         parts.append(f"The file to load: `{designed.target.file}`. {FIRST_FLIGHT}")
-    picture = "![Step, load and margins of present and new gains](tuning.png)" if tables else ""
+    picture = "![Step and load with present and new gains](tuning.png)" if tables else ""
     rests_on = [
         *designed.notes,
         f"Explanations flown: {', '.join(crowd.name for crowd in designed.crowds)}.",

@@ -81,11 +81,10 @@ def is_complete(figure: Figure) -> None:
 def test_half_turns_are_drawn_to_both_sides(fit: YawFit) -> None:
     figure = figures.half_turns_figure(fit)
     is_complete(figure)
-    for ax, sign in zip(figure.axes[:2], (-1, 1)):
-        curves = [segment for each in ax.collections for segment in each.get_segments()]  # type: ignore[attr-defined]
-        ends = [float(curve[-1, 1]) for curve in curves if len(curve) > 20]
-        assert len(ends) >= len(SIZES) and all(sign * end > -5 for end in ends)
-        assert any(np.all(np.asarray(line.get_ydata()) == sign * 180.0) for line in ax.lines)
+    curves = [segment for each in figure.axes[0].collections for segment in each.get_segments()]  # type: ignore[attr-defined]
+    ends = [float(curve[-1, 1]) for curve in curves if len(curve) > 20]
+    assert min(sum(end < -5 for end in ends), sum(end > 5 for end in ends)) >= len(SIZES)
+    assert {float(curve[0, 1]) for curve in curves if len(curve) == 2} >= {-180.0, 180.0}
 
 
 def test_drag_and_inertia_have_a_point_for_each_run_and_every_model(fit: YawFit) -> None:

@@ -17,8 +17,8 @@ from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.report.figures import style
 
-STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey"}
-"""Colours of what became of candidates."""
+STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey", "not fitted": "yellow"}
+"""Colours of what became of candidates; the bars of those that were not fitted are promises."""
 BEFORE_AFTER = ("before", "after")
 MOST_VARIABLES, LONGEST_LINE = 6, 104
 
@@ -55,7 +55,7 @@ def _bins(axes: Axes, variable: Variable) -> None:
 def why_figure(rows: Sequence[Mapping[str, Any]], threshold: float, line: str) -> Figure:
     """Draw the evidence of each candidate, a row of the table with its status, against the threshold, best on top;
     `line` says what the threshold is."""
-    figure, ((axes,),) = style.new_figure(1, 1, style.PAGE_IN, max(3.0, 0.17 * len(rows) + 1.3))
+    figure, ((axes,),) = style.new_figure(1, 1, style.PAGE_IN, max(2.2, 0.17 * len(rows) + 1.3))
     for status, colour in STATUS.items():
         gains = {place: row["evidence gained"] for place, row in enumerate(rows) if row["is"] == status}
         if gains:

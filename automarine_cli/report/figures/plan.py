@@ -1,8 +1,8 @@
 """Figures of `plan`, precision against minutes in the pool, and of `tune`: step and load with the bands of present and
-new gains, the margins of the whole crowd, and steps as they were flown."""
+new gains, and steps as they were flown."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -41,27 +41,19 @@ def plan_figure(plan: Plan) -> Figure:
 
 @house_style
 def tuning_figure(designed: "Designed") -> Figure:
-    """Draw step, load, and disk margin against settling, all over the crowd."""
-    figure, axes = new_figure(1, 3, PAGE_IN, 2.7)
-    dof, task, last = designed.nominal.dof, designed.task, axes[0, 2]
+    """Draw what follows a step, and a load from the start, all over the crowd."""
+    figure, axes = new_figure(1, 2, PAGE_IN, 2.7)
+    dof, task = designed.nominal.dof, designed.task
     way = dof.shown(task.step)
-    for name, outcome in (("present", designed.old), ("new", designed.new)):
-        if outcome is not None:
-            time, colour = outcome.flight.time, COLOURS[LOOKS[name][0]]
-            for i in range(2):
-                _banded(axes[0, i], time, dof.shown(outcome.flight.position[:, i]), name, FURTHEST * way)
-            settling = np.where(np.isfinite(outcome.scores.settling), outcome.scores.settling, 1.06 * time[-1])
-            look: dict[str, Any] = {"ls": "", "ms": 2.5, "mew": 0.6, "color": colour, "alpha": 0.6, "label": name}
-            last.plot(outcome.margins.disk, settling, marker="x" if name == "present" else "o", **look)
-    titles = "Step", f"Load of {100 * task.load:g} % from the start", f"Every vehicle; asked for {task.margin:g}"
-    for ax, title in zip(axes[0], titles):
-        ax.set_title(title, loc="left")
-        ax.set(xlabel="Time [s]", ylabel=f"{dof.words.position.capitalize()} [{dof.units.shown}]")
+    for i, title in enumerate(("Step", f"Load of {100 * task.load:g} % from the start")):
+        for name, outcome in (("present", designed.old), ("new", designed.new)):
+            if outcome is not None:
+                flown = dof.shown(outcome.flight.position[:, i])
+                _banded(axes[0, i], outcome.flight.time, flown, name, FURTHEST * way)
+        axes[0, i].set_title(title, loc="left")
+        axes[0, i].set(xlabel="Time [s]", ylabel=f"{dof.words.position.capitalize()} [{dof.units.shown}]")
     axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
-    last.axvline(task.margin, color="0.4", lw=0.6, ls=":")
-    last.set(xlabel="Disk margin", ylabel="Settles after [s]", ylim=(0.0, 1.12 * task.seconds))
-    last.text(0.98, 0.97, "top: never", transform=last.transAxes, ha="right", va="top", fontsize=6)
-    axes[0, 0].legend(loc="lower right")
+    legend_below(figure, axes[0, 0], ncols=4)
     return figure
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
@@ -32,6 +31,7 @@ QUANTITIES = {
     "heading": (r"Heading $\psi$ [deg]", DEGREES), "surge": ("Surge $u$ [m/s]", 1.0), "sway": ("Sway $v$ [m/s]", 1.0),
     "yaw_rate": ("Yaw rate $r$ [deg/s]", DEGREES),
 }  # fmt: skip
+MEASURED: dict[str, Any] = {"color": style.MEASURED, "ms": 1.5, "mew": 0.0, "label": "measured"}
 TIME = "Time from the start of the run [s]"
 
 
@@ -39,20 +39,18 @@ TIME = "Time from the start of the run [s]"
 def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
     """Draw one run: `free` holds its free run under each model, `floor` is the noise of its position [deg or cm]."""
     run = next(iter(free.values())).run
-    dof, letters, unit = run.dof, run.dof.symbols, run.dof.units.shown
+    dof, letters, unit, measured = run.dof, run.dof.symbols, run.dof.units.shown, run.dof.shown(run.position)
     figure, axes = style.new_figure(3, 1, style.PAGE_IN, 6.0, sharex=True, height_ratios=(2.0, 1.3, 0.9))
     positions, errors, command = axes[:, 0]
-    time, off = (run.time - run.time[0], {m: dof.shown(sim.error) for m, sim in free.items() if not sim.diverged})
-    labels = {m: f"model {m}: rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {unit}" for m, error in off.items()}
-    lines = {m: (labels[m], dof.shown(free[m].position)) for m in off}
-    _measured_and_simulated(positions, run, dof.shown(run.position), lines, least=1.0)
-    for model in free:
-        if model in off:
-            errors.plot(*_with_gaps(run, off[model]), lw=1.0, **_style(model))
-        else:
-            positions.plot([], [], label=f"model {model} diverges", **_style(model))
-    style.limit(errors, 0.0, 0.0, 3 * floor + 2.0 * max(float(np.ptp(dof.shown(run.position))), 1.0))
-    errors.axhline(0.0, color="0.4", lw=0.7, zorder=1)
+    positions.plot(run.time - run.time[0], measured, "o", **MEASURED)
+    for model, simulated in free.items():
+        error = np.where(simulated.diverged, np.nan, dof.shown(simulated.error))
+        rmse = "diverges" if simulated.diverged else f"rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {unit}"
+        positions.plot(*_with_gaps(run, measured - error), label=f"model {model}: {rmse}", **_style(model))
+        errors.plot(*_with_gaps(run, error), lw=1.0, **_style(model))
+    low, high = float(measured.min()), float(measured.max())
+    style.limit(positions, low, high, 2.0 * max(high - low, 1.0))
+    style.limit(errors, 0.0, 0.0, 3 * floor + 2.0 * max(high - low, 1.0))
     band = f"± 2 × noise level of {number(floor, 2)} {unit}"
     errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
     command.axhline(0.0, color="0.4", lw=0.7, zorder=1)
@@ -60,25 +58,10 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
     positions.set_ylabel(f"{dof.position.capitalize()} ${letters.position_math}$ [{unit}]")
     positions.set_title(style.shortened(run.name, LONGEST_TITLE), parse_math=False)
     errors.set_ylabel(f"Measured − simulated [{unit}]")
-    force = f"{dof.words.force.capitalize()} ${letters.force_math}$ [{run.moment_unit}]"
-    command.set(ylabel=force, xlabel=TIME, xlim=(0.0, float(time[-1])))
-    command.margins(y=0.15)
+    command.set(ylabel=f"{dof.words.force.capitalize()} ${letters.force_math}$ [{run.moment_unit}]", xlabel=TIME)
     style.legend_below(figure, positions, errors)
     figure.align_ylabels()
     return figure
-
-
-def _measured_and_simulated(
-    axes: Axes, run: Run, measured: Floats | None, lines: Mapping[str, tuple[str, Floats]], least: float
-) -> None:
-    """Draw what was measured and the labelled lines of models, within twice its span, `least` at least."""
-    if measured is not None:
-        axes.plot(run.time - run.time[0], measured, "o", color=style.MEASURED, ms=1.5, label="measured", zorder=2)
-    for model, (label, line) in lines.items():
-        axes.plot(*_with_gaps(run, line), label=label, **_style(model))
-    if measured is not None and np.isfinite(measured).any():
-        low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
-        style.limit(axes, low, high, 2.0 * max(high - low, least))
 
 
 def _style(model: str) -> dict[str, Any]:
@@ -94,29 +77,30 @@ def _with_gaps(run: Run, values: Floats) -> tuple[Floats, Floats]:
 @style.house_style
 def planar_figure(free: FreeRun) -> Figure:
     """Draw one run in the plane: measured and simulated by the commands alone, from its start state."""
-    run, simulated = free.run, {} if free.diverged else free.simulated
+    run, simulated, time = free.run, {} if free.diverged else free.simulated, free.run.time - free.run.time[0]
     figure, axes = style.new_figure(3, 2, style.PAGE_IN, 7.0)
     places, commands = axes[0, 1], axes[2, 1]
     for panel, (channel, (label, factor)) in zip((axes[0, 0], axes[1, 0], axes[1, 1], axes[2, 0]), QUANTITIES.items()):
         reading = run.channel(channel)
-        measured = None if free.error_of(channel) is None or reading is None else factor * reading
-        lines = {"3": ("simulated, free run", factor * simulated[channel])} if channel in simulated else {}
-        _measured_and_simulated(panel, run, measured, lines, least=1e-3)
+        if reading is not None and free.error_of(channel) is not None:
+            panel.plot(time, factor * reading, "o", **MEASURED)
+        if channel in simulated:
+            look = {"label": "simulated, free run", **_style("3")}
+            panel.plot(*_with_gaps(run, factor * simulated[channel]), **look)
         panel.set(ylabel=label, xlabel=TIME)
     north, east = (run.channel(name) for name in PLACES)
     if free.distance is not None and north is not None and east is not None:
-        places.plot(east, north, "o", mew=0.0, color=style.MEASURED, ms=1.5, zorder=2)
+        places.plot(east, north, "o", **MEASURED)
     if set(PLACES) <= simulated.keys():
         places.plot(simulated["east"], simulated["north"], **_style("3"))
     places.set_aspect("equal", adjustable="datalim")
     places.set(xlabel="East [m]", ylabel="North [m]")
     for dof, colour in ((SURGE, "black"), (SWAY, "green"), (YAW, "orange")):
         label = f"{dof.words.full_force} [{dof.units.forces[1]}]"
-        look = {"color": style.COLOURS[colour], "drawstyle": "steps-mid", "label": label}
-        commands.plot(run.time - run.time[0], run.command_of(dof), **look)
+        commands.step(time, run.command_of(dof), where="mid", color=style.COLOURS[colour], label=label)
     commands.set(ylabel="Command [N, N m]", xlabel=TIME)
-    diverges = ": the simulation diverges" * free.diverged
-    figure.suptitle(f"{style.shortened(run.name, LONGEST_TITLE)}{diverges}", parse_math=False)
+    title = style.shortened(run.name, LONGEST_TITLE) + ": the simulation diverges" * free.diverged
+    figure.suptitle(title, parse_math=False)
     style.legend_below(figure, axes[0, 0], commands)
     return figure
 
@@ -151,22 +135,19 @@ def driven_runs_figure(fit: YawFit | PlanarFit, use: Use | PlanarUse) -> Figure:
 def half_turns_figure(fit: YawFit) -> Figure:
     """Draw the position of every step over time: the part that was fitted coloured by its force, the rest in grey."""
     dof, words = fit.dof, fit.dof.words
-    figure, axes = style.new_figure(1, 2, style.PAGE_IN, 3.2, sharey=True)
-    sizes = np.abs([turn.moment for turn in fit.turns])
-    norm = Normalize(sizes.min(), sizes.max())
-    for ax, sign, way, side in zip(axes[0], (-1, 1), words.to_ways[::-1], ("negative", "positive")):
-        turns = [turn for turn in fit.turns if np.sign(turn.moment) == sign]
-        looked_at = [_position(turn, slice(*turn.looked_at)) for turn in turns]
-        _lines(ax, looked_at, colors="0.82", linewidths=0.7, zorder=1, label="rest, and what was cut")
-        fitted, array = [_position(turn, turn.kept) for turn in turns], [abs(turn.moment) for turn in turns]
-        drawn = _lines(ax, fitted, array=array, norm=norm, cmap="cividis", linewidths=0.9, zorder=2)
-        if dof.wraps:
-            ax.axhline(sign * 180.0, color=style.COLOURS["vermilion"], lw=0.9, ls="--", zorder=3, label=words.reach)
-        ax.set(title=f"{way} ({side} {words.force}s)", xlabel="Time since the step [s]")
+    figure, ((ax,),) = style.new_figure(1, 1, style.PAGE_IN, 4.0)
+    looked_at = [_position(turn, slice(*turn.looked_at)) for turn in fit.turns]
+    _lines(ax, looked_at, colors="0.82", linewidths=0.7, zorder=1, label="rest, and what was cut")
+    fitted, sizes = [_position(turn, turn.kept) for turn in fit.turns], [abs(turn.moment) for turn in fit.turns]
+    drawn = _lines(ax, fitted, array=sizes, cmap="cividis", linewidths=0.9, zorder=2)
+    if dof.wraps:
+        look: dict[str, Any] = {"color": style.COLOURS["vermilion"], "ls": "--", "label": words.reach}
+        ax.hlines((-180.0, 180.0), 0.0, 1.0, transform=ax.get_yaxis_transform(), **look)
     x = dof.symbols.position_print
-    axes[0, 0].set_ylabel(f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]")
-    axes[0, 1].legend(loc="lower right")
-    figure.colorbar(drawn, ax=axes, label=_size_of_force(fit), pad=0.01)
+    ylabel = f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]"
+    ax.set(xlabel="Time since the step [s]", ylabel=ylabel)
+    style.legend_below(figure, ax)
+    figure.colorbar(drawn, label=_size_of_force(fit), pad=0.01)
     return figure
 
 
