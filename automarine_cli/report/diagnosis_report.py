@@ -183,9 +183,13 @@ def regions_table(regions: Sequence[Region], unit: str) -> Table:
     ])  # fmt: skip
 
 
-def _shown(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> list[str]:
-    before, after = pair
-    return [f"{dof.shown(x):.2f}" for x in (before.error, after.error, before.constant_rate, before.constant)]
+def _forecast(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> tuple[list[str], str]:
+    """The errors of predictions before and after, and in words those of somebody who expects no change."""
+    (before, after), words = pair, dof.words
+    errors = before.error, after.error, before.constant_rate, before.constant
+    *sizes, rate, constant = (f"{dof.shown(error):.2f}" for error in errors)
+    misses = f"a constant {words.speed} misses by {rate} and a constant {words.position} by {constant}"
+    return sizes, f"{misses} {dof.units.shown}"
 
 
 def _verdict(
@@ -205,11 +209,6 @@ def _verdict(
     }[word].rstrip()
 
 
-def _misses(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> str:
-    *_, rate, constant = _shown(pair, dof)
-    return f"a constant {dof.words.speed} misses by {rate} and a constant {dof.words.position} by {constant}"
-
-
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     study, verdict, counted = diagnosis.study, diagnosis.conclusion, diagnosis.result.final.counted
     dof, gap, outlook, of = study.base.dof, diagnosis.gap, diagnosis.outlook, ""
@@ -219,7 +218,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     sizes = [f"{dof.shown(x):.2f}" for x in (gap.before, gap.after)]
     level = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
     if judged := outlook and outlook.judged:
-        sizes, level = _shown(judged, dof)[:2], f"{_misses(judged, dof)} {dof.units.shown}, {level}"
+        sizes, misses = _forecast(judged, dof)
+        level = f"{misses}, {level}"
     names = " and ".join(effect.name for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
@@ -318,7 +318,7 @@ def planar_verdict(search: PlanarSearch) -> str:
     for held_out in (False, True):
         if (outlook := search.outlook(held_out)) is not None:
             pair, of = outlook.longest, " of the runs held out" * held_out
-            sizes, reference = _shown(pair, YAW)[:2], f"{_misses(pair, YAW)} deg"
+            sizes, reference = _forecast(pair, YAW)
             quantity = f"error of headings predicted {pair[0].horizon:g} s ahead{of}"
     return _verdict(
         search.verdict, search.words.removeprefix("suspected "), search.why, quantity, sizes, YAW.units.shown, reference

@@ -23,13 +23,11 @@ def boom(*of: object, **more: object) -> Any:
 
 
 CASES = [
-    ("fit-thrusters pool/thrusters --thrusters-per-test 2", "thruster_tables.thruster_figure", "thrusters"),
     ("fit-yaw pool/steps", "figures.runs.drag_figure", "drag"),
     (
         "validate pool/validation --model yaw/yaw_model.json", "validation_report.validation_figure",
         "validation_there_and_back",
     ),
-    ("diagnose pool/thrusters --model thrusters/thrusters.json", "figures.diagnosis.why_figure", "why"),
 ]  # fmt: skip
 """A command on the campaign below, what draws one of its figures, and that figure's name."""
 
