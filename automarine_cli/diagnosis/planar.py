@@ -503,8 +503,6 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     )  # fmt: skip
     inside = [replace(column, values=np.where(part, column.values[r], np.nan)) for column in columns]
     looked = find_regions(inside, pieces, of_pieces, seed)
-    by_name = {column.name: column for column in columns}
-    looked = replace(looked, columns=tuple(by_name[variable.name] for variable in looked.variables))
     return Where(
         **vars(looked), **vars(gap), ahead=prediction.horizon, time=course.time,
         mean_moment=np.array([float(run.command.mean()) for run in runs]), moment_unit=course.moment_unit, dof=YAW,

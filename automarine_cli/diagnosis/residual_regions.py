@@ -34,13 +34,11 @@ VELOCITIES = {dof.velocity: dof.units for dof in DOFS.values()}
 
 @dataclass(frozen=True)
 class Column:
-    """One variable: values (R, N) with NaN where it means nothing, or (R,) for a property of the whole run; `logged`
-    ones are columns of the logs, called as these call them."""
+    """One variable: values (R, N) with NaN where it means nothing, or (R,) for a property of the whole run."""
 
     name: str
     unit: str
     values: Floats
-    logged: bool = False
 
     @property
     def of_the_run(self) -> bool:
@@ -52,25 +50,28 @@ def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None)
     default the slope of headings smooth enough to differentiate."""
     batch, dof = study.batch, study.base.dof
     observed, time, words, force = batch.seen, study.time, dof.words, study.base.moment_unit
-    position, turn = dof.units.shown, 360.0 if dof.wraps else np.inf  # headings within a turn
+    position = dof.units.shown
     rate = rates(fitted, time, observed) if rate is None else rate
     moment, first = at_samples(study, [run.command for run in study.runs]), np.full(len(study.runs), np.nan)
     for i, run in enumerate(study.runs):
         pushed = run.command[run.command != 0]
         if len(pushed) and np.ptp(np.abs(pushed)) < 1e-6 * np.abs(pushed).max():  # of one size
             first[i] = pushed[0]
-    start = np.array([float(np.median(run.position[:5])) for run in study.runs])
+    measured = dof.shown(batch.position)
+    start = dof.shown(np.array([np.median(run.position[:5]) for run in study.runs]))
+    if dof.wraps:
+        measured, start = measured % 360.0, start % 360.0
     order = np.argsort(np.argsort(batch.start, kind="stable"), kind="stable").astype(np.float64) + 1.0
     variables = [
         Column("time-since-command-change", "s", since_change(moment, time)),
         Column("time-in-run", "s", time),
         Column(hyphened(words.travelled), position, dof.shown(fitted - fitted[:, :1])),
-        Column(words.position, position, _within(dof.shown(batch.position), turn)),
+        Column(words.position, position, measured),
         Column(hyphened(words.rate), f"{position}/s", dof.shown(rate)),
         Column(words.force, force, moment),
         Column(words.force, force, first),
         Column(f"{words.force}-size", force, np.abs(first)),
-        Column(f"start-{words.position}", position, _within(dof.shown(start), turn)),
+        Column(f"start-{words.position}", position, start),
         Column("run-order", "", order),
         Column("campaign-clock", "s", batch.start),
     ]
@@ -85,10 +86,6 @@ def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None)
         if np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values):
             varying.setdefault((column.name, column.of_the_run), replace(column, values=values))
     return list(varying.values())
-
-
-def _within(angle: Floats, turn: float) -> Floats:
-    return angle % turn if np.isfinite(turn) else angle
 
 
 def at_samples(study: DiagnosisProblem, logged: Sequence[Floats]) -> Floats:
@@ -152,7 +149,7 @@ def of_run_or_sample(name: str, unit: str, values: Floats) -> Column:
         within = float(np.sqrt(np.nanmean((values - mean[:, None]) ** 2)))
         if within < OF_THE_RUN * float(np.nanstd(values)) or within < 1e-12:
             values = mean
-    return Column(name, unit, values, logged=True)
+    return Column(name, unit, values)
 
 
 STANDS_OUT = 0.05
@@ -181,27 +178,23 @@ class Row:
 
 @dataclass(frozen=True)
 class Variable:
-    """The gap in the bins of one variable; `p_value` is corrected for the number of variables, and `logged`
-    is whether it is called as the logs call it."""
+    """The gap in the bins of one variable, and the largest |t| that each draw of `chance` gives; `p_value` is corrected
+    for the number of variables."""
 
-    name: str
-    unit: str
-    of_the_run: bool
+    column: Column
     edges: Floats
     middle: Floats
     rows: tuple[Row, ...]
+    chance: Floats
     p_value: float
     stands_out: NDArray[np.bool_]
-    logged: bool = False
 
     @property
     def telling(self) -> Row:
         return max(self.rows, key=lambda row: float(np.nanmax(np.abs(row.t), initial=0.0)))
 
 
-def of_samples(
-    column: Column, kinds: Mapping[str, tuple[str, Floats]], sign: Floats, flips: Floats
-) -> tuple[Variable, Floats] | None:
+def of_samples(column: Column, kinds: Mapping[str, tuple[str, Floats]], sign: Floats, flips: Floats) -> Variable | None:
     """Bin samples; compare sums over runs with those of runs whose signs are turned at random."""
     cut = edges(column.values, MOST_BINS)
     count = len(cut) - 1
@@ -229,7 +222,7 @@ def of_samples(
 
 def of_runs(
     column: Column, gain: Floats, mirrored: Floats, size: Floats, drawn: Floats, unit: str = "%"
-) -> tuple[Variable, Floats] | None:
+) -> Variable | None:
     """Bin runs; compare the bins' mean gain [unit], and size of the gap, with those of runs drawn in another order."""
     have = np.isfinite(column.values)
     values, count = column.values[have], int(have.sum())
@@ -257,14 +250,13 @@ def of_runs(
 
 def _tested(
     column: Column, cut: Floats, values: Floats, which: NDArray[np.int64], rows: list[Row], chance: Floats
-) -> tuple[Variable, Floats]:
+) -> Variable:
     """The variable with p-values from the largest |t| that chance gives over all its bins and rows."""
     bins = [values[which == b] for b in range(len(cut) - 1)]
     middle = np.array([np.mean(inside) if len(inside) else np.nan for inside in bins])
     tested = tuple(replace(r, p=(1.0 + _as_large(chance, np.abs(r.t))) / (1.0 + len(chance))) for r in rows)
     p_value, nothing = min(float(row.p.min()) for row in tested), np.zeros(len(middle), dtype=bool)
-    of = (column.name, column.unit, column.of_the_run)
-    return Variable(*of, cut, middle, tested, p_value, nothing, column.logged), chance
+    return Variable(column, cut, middle, tested, chance, p_value, nothing)
 
 
 def _as_large(chance: Floats, values: Floats) -> Floats:
@@ -273,25 +265,21 @@ def _as_large(chance: Floats, values: Floats) -> Floats:
     return np.asarray(len(chance) - np.searchsorted(np.sort(chance), values * (1 - 1e-9), side="left"), dtype=float)
 
 
-def over_variables(tested: list[tuple[Column, Variable, Floats]]) -> list[tuple[Column, Variable]]:
+def over_variables(tested: Sequence[Variable]) -> tuple[Variable, ...]:
     """Step-down least p over the variables (Westfall and Young 1993): like Holm's, but variables that say the same,
     such as run order and clock, count once because all are judged in the same draws."""
-    if not tested:
-        return []
-    draws = len(tested[0][2])
-    null = np.array([_as_large(chance, chance) / draws for _, _, chance in tested])
-    order = sorted(range(len(tested)), key=lambda i: tested[i][1].p_value)
-    corrected, least = {}, 0.0
+    draws = len(tested[0].chance) if tested else 0
+    null = np.array([_as_large(variable.chance, variable.chance) / draws for variable in tested])
+    order = sorted(range(len(tested)), key=lambda i: tested[i].p_value)
+    corrected, least = dict[int, Variable](), 0.0
     for rank, i in enumerate(order):
         smallest = np.sort(null[order[rank:]].min(axis=0))
-        bins = np.min([row.p for row in tested[i][1].rows], axis=0)
+        bins = np.min([row.p for row in tested[i].rows], axis=0)
         adjusted = (1.0 + np.searchsorted(smallest, bins, side="right")) / (1.0 + draws)
         least = max(least, float(adjusted.min()))
-        corrected[i] = (np.maximum(adjusted, least), least)
-    return [
-        (column, replace(variable, p_value=p, stands_out=(bins < STANDS_OUT) & (p < SURE)))
-        for (column, variable, _), (bins, p) in zip(tested, (corrected[i] for i in range(len(tested))))
-    ]
+        stands_out = (np.maximum(adjusted, least) < STANDS_OUT) & (least < SURE)
+        corrected[i] = replace(tested[i], p_value=least, stands_out=stands_out)
+    return tuple(corrected[i] for i in range(len(tested)))
 
 
 PERMUTATIONS = 2000
@@ -340,10 +328,9 @@ class ResidualGrid:
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualRegions:
-    """Variables with their columns, and the regions in which a gap stands out, the surest first."""
+    """Variables, and the regions in which a gap stands out, the surest first."""
 
     variables: tuple[Variable, ...] = ()
-    columns: tuple[Column, ...] = ()
     regions: tuple[Region, ...] = ()
 
 
@@ -365,23 +352,18 @@ def find_regions(
     """Look at a gap against the columns `of` its runs; `kinds` are what is averaged over samples (R, N), with its unit,
     by name. `seed` draws the signs of the runs."""
     drawn = np.random.default_rng(seed).random((PERMUTATIONS, len(gap.names)))
-    tested: list[tuple[Column, Variable, Floats]] = []
+    tested: list[Variable | None] = []
     for column in of:
         if column.of_the_run:
             mirrored = np.sign(gap.sign.sum(axis=1))
             size = 0.5 * np.log(np.maximum((gap.residual**2).sum(axis=1) / gap.observed.sum(axis=1), 1e-18))
-            looked = of_runs(column, gap.gain, mirrored, size, drawn, gap.gain_unit)
+            tested.append(of_runs(column, gap.gain, mirrored, size, drawn, gap.gain_unit))
         else:
-            looked = of_samples(column, kinds, gap.sign, np.where(drawn < 0.5, -1.0, 1.0))
-        if looked is not None:
-            tested.append((column, *looked))
-    judged = over_variables(tested)
-    regions = [region for column, variable in judged for region in _regions(column, variable, gap)]
+            tested.append(of_samples(column, kinds, gap.sign, np.where(drawn < 0.5, -1.0, 1.0)))
+    variables = over_variables([variable for variable in tested if variable is not None])
+    regions = [region for variable in variables for region in _regions(variable, gap)]
     regions.sort(key=lambda region: (region.p_value, -region.share))
-    return ResidualRegions(
-        variables=tuple(variable for _, variable in judged), columns=tuple(column for column, _ in judged),
-        regions=tuple(replace(region, runs=tuple(dict.fromkeys(region.runs))) for region in regions),
-    )  # fmt: skip
+    return ResidualRegions(variables=variables, regions=tuple(regions))
 
 
 def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
@@ -443,18 +425,18 @@ def without_gains(study: DiagnosisProblem, trial: CandidateFit) -> Floats:
     return study.residual(problem.readings(fit.phi, b))
 
 
-def _regions(column: Column, variable: Variable, gap: ResidualGrid) -> list[Region]:
+def _regions(variable: Variable, gap: ResidualGrid) -> list[Region]:
     """Neighbouring bins that stand out together, to the same side, are one region."""
     side = np.where(variable.stands_out, np.sign(variable.telling.t), 0.0)
     changes = np.flatnonzero(np.diff(np.concatenate([[0.0], side, [0.0]])))
     stretches = [(begin, end) for begin, end in pairwise(changes.tolist()) if side[begin] != 0]
-    return [_region(column, variable, gap, begin, end) for begin, end in stretches]
+    return [_region(variable, gap, begin, end) for begin, end in stretches]
 
 
-def _region(column: Column, variable: Variable, gap: ResidualGrid, begin: int, end: int) -> Region:
+def _region(variable: Variable, gap: ResidualGrid, begin: int, end: int) -> Region:
     """The region of bins from `begin` to `end`: its gap, the runs that show it, and its share of the whole gap above
     the noise."""
-    low, high = float(variable.edges[begin]), float(variable.edges[end])
+    column, low, high = variable.column, float(variable.edges[begin]), float(variable.edges[end])
     values = column.values[:, None] if column.of_the_run else column.values
     inside = gap.observed & (values >= low) & (values < high)
     kind = max(variable.rows, key=lambda row: float(np.abs(row.t[begin:end]).max())).kind
@@ -473,7 +455,7 @@ def _region(column: Column, variable: Variable, gap: ResidualGrid, begin: int, e
     taking = inside.any(axis=1) & ((mean > ODD_RUN * gap.floor / np.sqrt(samples)) | rough)
     share = excess / max(float((square * gap.observed).sum()), 1e-300)
     return Region(
-        variable.name, low, high, variable.unit, float(gap.convert(size)), variable.p_value,
-        tuple(name for name, part in zip(gap.names, taking) if part),
+        column.name, low, high, column.unit, float(gap.convert(size)), variable.p_value,
+        tuple(dict.fromkeys(name for name, part in zip(gap.names, taking) if part)),
         float(np.clip(share, 0.0, 1.0)), kind,
     )  # fmt: skip

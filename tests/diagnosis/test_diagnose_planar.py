@@ -93,7 +93,7 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     where = find_planar_where(search, 0)
     assert where is not None
     best = min(where.variables, key=lambda one: one.p_value)
-    assert best.name == "sway" and best.telling.kind == "yaw moment"
+    assert best.column.name == "sway" and best.telling.kind == "yaw moment"
     slope = np.polyfit(best.middle, best.telling.mean, 1)[0]
     assert slope == pytest.approx(-4.0, rel=0.25)
     assert where.regions

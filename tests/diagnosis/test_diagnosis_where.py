@@ -109,7 +109,7 @@ def test_a_delay_stands_out_after_changes_of_the_command_in_a_loop() -> None:
 
 def test_mirrored_runs_show_the_same_gap(dead: tuple[DiagnosisProblem, CandidateFit]) -> None:
     other = studied([turned(r) for r in dead[0].runs])
-    ours, mirrored = ({v.name: v.rows for v in find_where(*which, 0).variables} for which in (dead, other))
+    ours, mirrored = ({v.column.name: v.rows for v in find_where(*which, 0).variables} for which in (dead, other))
     for name in ("moment-size", "time-in-run", "time-since-command-change"):
         for a, b in zip(ours[name], mirrored[name]):  # each row is the same, or as a whole mirrored
             np.testing.assert_allclose(np.abs(a.mean), np.abs(b.mean), atol=1e-4 * np.nanmax(np.abs(a.mean)))
@@ -129,7 +129,7 @@ def test_chance_claims_at_most_as_often_as_it_says() -> None:
         sampled = of_samples(first, {"heading": ("deg", gap)}, np.ones_like(gap), signs)
         dealt = of_runs(second, random.normal(size=runs), np.ones(runs), random.normal(size=runs), drawn)
         assert sampled is not None and dealt is not None
-        claims += any(v.p_value < STANDS_OUT for _, v in over_variables([(first, *sampled), (second, *dealt)]))
+        claims += any(v.p_value < STANDS_OUT for v in over_variables([sampled, dealt]))
     assert claims <= 14  # 120 campaigns at 5 %: more than 14 comes by chance once in 1000
 
 

@@ -33,7 +33,7 @@ def where_figure(where: ResidualRegions) -> Figure:
     for ax, variable in zip(axes.flat, drawn):
         _bins(ax, variable)
     style.legend_below(figure, axes.flat[0])
-    rest = dict.fromkeys(variable.name for variable in variables if variable not in out)
+    rest = dict.fromkeys(variable.column.name for variable in variables if variable not in out)
     figure.suptitle(fill(f"Within chance: {', '.join(rest) or 'none'}", LONGEST_LINE), parse_math=False)
     return figure
 
@@ -47,7 +47,7 @@ def _bins(axes: Axes, variable: Variable) -> None:
     axes.axhline(0.0, color="0.3", lw=0.6)
     look = {"color": style.COLOURS["vermilion"], "capsize": 2.0, "label": "mean ± 2 standard errors"}
     axes.errorbar(variable.middle, row.mean, 2.0 * row.error, fmt="o-", **look)
-    axes.set_xlabel(variable.name + f" [{variable.unit}]" * bool(variable.unit), parse_math=False)
+    axes.set_xlabel(variable.column.name + f" [{variable.column.unit}]" * bool(variable.column.unit), parse_math=False)
     axes.set_ylabel(f"gap in {row.kind} [{row.unit}]" + "\nalong the command" * row.directed)
 
 
