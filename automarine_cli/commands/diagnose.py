@@ -110,7 +110,7 @@ def _of_the_plane(
     from dataclasses import replace
 
     from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
-    from automarine_cli.diagnosis.planar import FEWEST_RUNS, PlanarDiagnosis, find_missing, find_planar_where
+    from automarine_cli.diagnosis.planar import FEWEST_RUNS, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed
     from automarine_cli.models.store import load_planar_model
     from automarine_cli.pipeline.results_folder import sha256
@@ -122,9 +122,11 @@ def _of_the_plane(
     if not held_out:
         raise SettingError(f"no run is held out: expected at least {FEWEST_RUNS} logs, or some given with --hold-out")
     foretell(settings["progress"], "the diagnosis", expected_seconds(runs, planar=True))
-    search = find_missing(stored, runs, held_out, observed(campaign.runs))
-    search = replace(search, where=find_planar_where(search, seed))
-    return PlanarDiagnosis(search, (*campaign.set_aside, *(other.set_aside if other else ())), sha256(model))
+    diagnosis = find_missing(stored, runs, held_out, observed(campaign.runs))
+    return replace(
+        diagnosis, where=find_planar_where(diagnosis, seed), parent_sha256=sha256(model),
+        set_aside=(*campaign.set_aside, *(other.set_aside if other else ())),
+    )  # fmt: skip
 
 
 def _of_a_map(

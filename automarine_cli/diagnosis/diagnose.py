@@ -220,7 +220,6 @@ MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
 EVEN = 0.5  # weight against its rivals below which an effect is a tie and no name
-MOST_RIVALS = 3  # rivals that are told to people
 FEWEST_GAINS = 10  # runs from which the order of their gains says anything
 
 
@@ -229,42 +228,37 @@ class NamedEffect:
     """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
 
     `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
-    that was learned."""
+    that was learned, `label` the name with what it adds, where the name alone does not tell."""
 
     name: str
     law: str
     says: str
     parameters: Mapping[str, Any]  # Estimate, or a thruster curve's Parameter
     confidence: float
-    p_value: float
+    p_value: float | None
     rivals: tuple[NamedRival, ...]
     learned: Any = None
+    label: str = ""
 
     def to_json(self) -> dict[str, object]:
         plain = {
             **vars(self),
             "parameters": {name: estimate.to_json() for name, estimate in self.parameters.items()},
-            "rivals": [vars(rival) for rival in self.rivals],
+            "rivals": [_without_blanks(vars(rival)) for rival in self.rivals],
             "learned": self.learned and self.learned.to_json(),
         }
-        return {key: value for key, value in plain.items() if value or key not in ("law", "learned")}
-
-    @property
-    def few_rivals(self) -> tuple[NamedRival, ...]:
-        return self.rivals[:MOST_RIVALS]
-
-    @property
-    def other_rivals(self) -> str:
-        more = len(self.rivals) - MOST_RIVALS
-        return f"Not excluded are {more} more, which diagnosis.json lists." if more > 0 else ""
+        return _without_blanks(plain)
 
 
-def listed_rivals(
-    odds: Mapping[str, float], splits: Mapping[str, str], share: float = 1.0
-) -> tuple[float, tuple[NamedRival, ...]]:
-    """The weight of an effect among its rivals of these odds, together `share`, and the rivals with theirs."""
-    weight = share / (1.0 + sum(odds.values()))
-    return weight, tuple(NamedRival(name, weight * odd, splits[name]) for name, odd in odds.items())
+def _without_blanks(fields: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in fields.items() if value is not None and value != ""}
+
+
+def listed_rivals(rivals: Sequence[NamedRival], share: float = 1.0) -> tuple[float, tuple[NamedRival, ...]]:
+    """The weight of an effect among rivals whose `confidence` is their odds against it, together `share`; and the
+    rivals with their weights."""
+    weight = share / (1.0 + sum(rival.confidence for rival in rivals))
+    return weight, tuple(replace(rival, confidence=weight * rival.confidence) for rival in rivals)
 
 
 @dataclass(frozen=True)
@@ -452,8 +446,9 @@ def named_effects(study: DiagnosisProblem, result: SearchResult) -> tuple[NamedE
     learned one with its curve, and a sentence that says whether it is thrust or a moment."""
     entries, dof, curve = [], study.base.dof, curve_of(result.final)
     for name in result.final.added:
-        effect, p_value, odds = effects.get(name), result.p_values[name], result.odds(name)
-        weight, rivals = listed_rivals(odds, {rival: split_by(name, rival, dof) for rival in odds})
+        effect, p_value = effects.get(name), result.p_values[name]
+        odds = [NamedRival(rival, odd, split_by(name, rival, dof)) for rival, odd in result.odds(name).items()]
+        weight, rivals = listed_rivals(odds)
         parameters = parameter_estimates(study, result.final, name)
         pairs = zip(effect.parameters, parameters.values())
         law = ", ".join(p.choices[round(estimate.value)] for p, estimate in pairs if p.choices)

@@ -5,8 +5,7 @@ more than a penalty and a head start, run by run beyond chance, and where runs t
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,9 @@ from automarine_cli.diagnosis.diagnose import (
     UNEXPLAINED,
     ForecastGain,
     GapSizes,
+    NamedEffect,
     in_few_words,
+    listed_rivals,
     outlook_of,
     stretch,
 )
@@ -39,13 +40,12 @@ from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.dofs import SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
-from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
-from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, PLACES, Observed, Structure
-from automarine_cli.fits.stepwise import Judge, discover
+from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, Observed, Structure
+from automarine_cli.fits.stepwise import Judge, NamedRival, discover
 from automarine_cli.models.planar import Tied, derivative, parameters_of
 from automarine_cli.models.store import DIAGNOSIS, StoredPlanar, planar_json
 from automarine_cli.models.yaw_model import Term
@@ -93,8 +93,7 @@ class Candidate:
 
     @property
     def split_by(self) -> str:
-        run = SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
-        return f"{run[:1].upper()}{run[1:]}."
+        return SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
 
 
 def base_of(stored: StoredPlanar, observed: Observed) -> Tied:
@@ -180,28 +179,24 @@ class PlanarStep:
     rivals: tuple[FittedCandidate, ...]
 
 
-Forecasts = Mapping[str, tuple[Predicted, ...]]  # by quantity measured of heading and place, over each horizon
-
-
-@dataclass(frozen=True)
-class PlanarSearch:
+@dataclass(frozen=True, repr=False)
+class PlanarDiagnosis(Shown):
     """The model as it was given, refitted (`before`), and the rounds of the search.
 
     `every` has all runs, those fitted before those held out, `fitted` says how many were fitted. By the first and the
-    last model there are predictions (`forecasts`) and the runs' log densities (`density`, (R,) each). `where` has the
-    gap of the first one, once somebody looked."""
+    last model there are predictions of the heading over each horizon (`forecasts`) and the runs' log densities
+    (`density`, (R,) each). `where` has the gap of the first one, once somebody looked; `parent_sha256` is the hash of
+    the model's file."""
 
     before: Estimated
     rounds: tuple[PlanarStep, ...]
-    every: PlanarLikelihood = field(repr=False)
+    every: PlanarLikelihood
     fitted: int
-    forecasts: tuple[Forecasts, Forecasts] = field(repr=False)
-    density: tuple[Floats, Floats] = field(repr=False)
-    where: Where | None = field(default=None, repr=False)
-
-    @property
-    def steps(self) -> tuple[PlanarStep, ...]:
-        return tuple(step for step in self.rounds if step.best is not None)
+    forecasts: tuple[Sequence[Predicted], Sequence[Predicted]]
+    density: tuple[Floats, Floats]
+    where: Where | None = None
+    set_aside: tuple[SetAside, ...] = ()
+    parent_sha256: str = ""
 
     @property
     def named(self) -> tuple[FittedCandidate, ...]:
@@ -223,13 +218,6 @@ class PlanarSearch:
         return UNEXPLAINED if self.where is not None and self.where.regions else NOTHING
 
     @property
-    def passed_over(self) -> FittedCandidate | None:
-        """The candidate of the last round that gains most and yet was not taken, where one gains enough."""
-        last = self.rounds[-1]
-        gaining = [trial for trial in last.tried if trial.surplus > HEAD_START and last.best is None]
-        return max(gaining, key=lambda trial: trial.surplus, default=None)
-
-    @property
     def words(self) -> str:
         return in_few_words(self.verdict, [trial.candidate.label for trial in self.named or self.suspected])
 
@@ -242,12 +230,28 @@ class PlanarSearch:
         if self.verdict != UNEXPLAINED or self.where is None:
             return ""
         passed = "No candidate gains more than chance."
-        if (most := self.passed_over) is not None:
+        gaining = [trial for trial in self.rounds[-1].tried if trial.surplus > HEAD_START]
+        if gaining:
+            most = max(gaining, key=lambda trial: trial.surplus)
             passed = (
                 f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but not in the "
                 f"mean of runs by {ERRORS:g} standard errors."
             )
         return f"The error is beyond chance {stretch(self.where.regions[0])}. {passed}"
+
+    @property
+    def effects(self) -> tuple[NamedEffect, ...]:
+        """What is named or suspected, with its rivals."""
+        entries = []
+        steps = [(step.best, step.rivals) for step in self.rounds if step.best is not None]
+        for trial, others in steps or [(suspect, ()) for suspect in self.suspected]:
+            odds = [(rival.candidate, float(np.exp(0.5 * (rival.surplus - trial.surplus)))) for rival in others]
+            weight, rivals = listed_rivals([NamedRival(c.name, odd, c.split_by, c.label) for c, odd in odds])
+            candidate, estimates = trial.candidate, trial.estimate.estimates(self.fitted)
+            values = {name: estimates[name] for name in candidate.added}
+            law, label = "surge, sway and yaw", candidate.label
+            entries.append(NamedEffect(candidate.name, law, candidate.says, values, weight, None, rivals, label=label))
+        return tuple(entries)
 
     def outlook(self, held_out: bool) -> ForecastGain | None:
         """What both models predict of the heading of the runs that were fitted, or of those held out; None where these
@@ -259,10 +263,66 @@ class PlanarSearch:
                 **{name: x[rows] if isinstance(x, np.ndarray) else x for name, x in vars(predicted).items()}
             )
 
-        before, after = (list(map(part, predictions[YAW.position])) for predictions in self.forecasts)
+        before, after = (list(map(part, predictions)) for predictions in self.forecasts)
         runs = slice(self.fitted, None) if held_out else slice(self.fitted)
         gained = float((self.density[1] - self.density[0])[runs].sum())
         return outlook_of(before, after, gained)
+
+    def document(self, option: str) -> Document:
+        if option == "diagnosis":
+            return json_document("diagnosis.json", self.to_json())
+        return json_document("extended_model.json", self.extended_model())
+
+    def extended_model(self) -> dict[str, object]:
+        after = self.after
+        estimates = {name: estimate.to_json() for name, estimate in after.estimates(self.fitted).items()}
+        return {
+            **planar_json(after.model.model, estimates),
+            "effects": [contender.candidate.name for contender in self.named],
+            "random": dict(after.random),
+            "covariance": {"parameters": list(after.model.free), "matrix": after.covariance.tolist()},
+            "parent": self.parent_sha256,
+        }
+
+    def to_json(self) -> dict[str, object]:
+        before, after = (model.estimates(self.fitted) for model in (self.before, self.after))
+        first, runs = self.rounds[0], self.every.runs
+        fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
+        gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
+        outlooks = {"fitted_runs": self.outlook(False), "held_out_runs": self.outlook(True)}
+        floor = self.after.noises[YAW.position]
+        gaps: dict[str, object] = {}
+        for name, outlook in outlooks.items():
+            if outlook is not None:
+                old, new = outlook.longest
+                sizes = GapSizes(old.error, new.error, floor).to_json(YAW.units.key, YAW.shown)
+                gaps[name] = {**sizes, "horizon_s": old.horizon}
+            else:
+                gaps[name] = None
+        return {
+            "schema": DIAGNOSIS.schema,
+            "motion": "planar",
+            "verdict": self.verdict,
+            **({"why": self.why} if self.why else {}),
+            "effects": [effect.to_json() for effect in self.effects],
+            "where": [region.to_json(YAW.units.key) for region in self.where.regions] if self.where else [],
+            "gap": gaps,
+            "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},
+            "candidates": [
+                {
+                    "name": candidate.name, "parameters": list(candidate.added), "gain": gain,
+                    "fitted": candidate.added in fitted,
+                }
+                for candidate, gain in sorted(gains, key=lambda pair: -pair[1])
+            ],
+            "threshold": HEAD_START,
+            "base": {
+                name: {"before": estimate.to_json(), "after": after[name].to_json()}
+                for name, estimate in before.items() if name in after
+            },
+            "held_out": [run.name for run in runs[self.fitted :]],
+            "runs": runs_json(self.fitted, self.set_aside, runs),
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -296,7 +356,9 @@ class _Planar(Judge[Estimated, PlanarStep]):
         return [] if look.best is None else [look.best.estimate]
 
 
-def find_missing(stored: StoredPlanar, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed) -> PlanarSearch:
+def find_missing(
+    stored: StoredPlanar, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed
+) -> PlanarDiagnosis:
     """Diagnose a model on `runs`, with `unseen` ones that are never fitted. Raises RunError for too few of either."""
     if len(runs) < 2 or not unseen:
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
@@ -309,7 +371,7 @@ def find_missing(stored: StoredPlanar, runs: Sequence[Run], unseen: Sequence[Run
         # nothing can be looked for beside the last one: it is not taken
         rounds = (*rounds[:-1], replace(rounds[-1], best=None, rivals=()))
     every = PlanarLikelihood((*runs, *unseen), observed)
-    return PlanarSearch(
+    return PlanarDiagnosis(
         before, rounds, every, len(runs),
         (forecasts(every, before), forecasts(every, final)), (_densities(every, before), _densities(every, final)),
     )  # fmt: skip
@@ -359,120 +421,22 @@ def _densities(likelihood: PlanarLikelihood, estimate: Estimated) -> Floats:
     return problem.follow(problem.search(fit_of(estimate).theta)[None]).log_density[0]
 
 
-def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Forecasts:
-    """What an estimate, of these runs or of others, predicts of heading and place of a likelihood's runs."""
+def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Sequence[Predicted]:
+    """What an estimate, of these runs or of others, predicts of the heading of a likelihood's runs."""
     problem, fit = likelihood.problem(estimate.model), fit_of(estimate)
-    noises = problem.noises(fit.theta[None])
-    return {
-        channel.quantity: predict(estimate.model, problem.course, fit.of_model, noises, channel=c)
-        for c, channel in enumerate(problem.course.channels)
-        if channel.quantity in (YAW.position, *PLACES)
-    }
-
-
-@dataclass(frozen=True, repr=False)
-class PlanarDiagnosis(Shown):
-    """The diagnosis of a stored planar model: the search, the runs left out, and the hash of the model's file."""
-
-    search: PlanarSearch
-    set_aside: tuple[SetAside, ...]
-    parent_sha256: str
-
-    @cached_property
-    def estimates(self) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-        """Parameters of the first and the last model, by qualified name."""
-        before, after = (model.estimates(self.search.fitted) for model in (self.search.before, self.search.after))
-        return before, after
-
-    def estimates_of(self, contender: FittedCandidate) -> dict[str, Estimate]:
-        estimates = contender.estimate.estimates(self.search.fitted)
-        return {name: estimates[name] for name in contender.candidate.added}
-
-    def document(self, option: str) -> Document:
-        if option == "diagnosis":
-            return json_document("diagnosis.json", self.to_json())
-        return json_document("extended_model.json", self.extended_model())
-
-    def extended_model(self) -> dict[str, object]:
-        after = self.search.after
-        return {
-            **planar_json(after.model.model, {name: value.to_json() for name, value in self.estimates[1].items()}),
-            "effects": [contender.candidate.name for contender in self.search.named],
-            "random": dict(after.random),
-            "covariance": {"parameters": list(after.model.free), "matrix": after.covariance.tolist()},
-            "parent": self.parent_sha256,
-        }
-
-    def to_json(self) -> dict[str, object]:
-        search, (before, after), runs = self.search, self.estimates, self.search.every.runs
-        listed = [(step.best, step.rivals) for step in search.rounds if step.best is not None]
-        listed = listed or [(suspect, ()) for suspect in search.suspected]
-        first = search.rounds[0]
-        fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
-        gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
-        outlooks = {"fitted_runs": search.outlook(False), "held_out_runs": search.outlook(True)}
-        return {
-            "schema": DIAGNOSIS.schema,
-            "motion": "planar",
-            "verdict": search.verdict,
-            **({"why": search.why} if search.why else {}),
-            "effects": [self._effect_json(*pair) for pair in listed],
-            "where": [region.to_json(YAW.units.key) for region in search.where.regions] if search.where else [],
-            "gap": {name: self._gap_json(outlook) for name, outlook in outlooks.items()},
-            "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},
-            "candidates": [
-                {
-                    "name": candidate.name, "parameters": list(candidate.added), "gain": gain,
-                    "fitted": candidate.added in fitted,
-                }
-                for candidate, gain in sorted(gains, key=lambda pair: -pair[1])
-            ],
-            "threshold": HEAD_START,
-            "base": {
-                name: {"before": old.to_json(), "after": after[name].to_json()}
-                for name, old in before.items() if name in after
-            },
-            "held_out": [run.name for run in runs[search.fitted :]],
-            "runs": runs_json(search.fitted, self.set_aside, runs),
-        }  # fmt: skip
-
-    def _effect_json(self, contender: FittedCandidate, rivals: Sequence[FittedCandidate]) -> dict[str, object]:
-        odds = [float(np.exp(0.5 * (rival.surplus - contender.surplus))) for rival in rivals]
-        weight = 1.0 / (1.0 + sum(odds))
-        return {
-            "name": contender.candidate.name,
-            "law": "surge, sway and yaw",
-            "says": contender.candidate.says,
-            "parameters": {name: estimate.to_json() for name, estimate in self.estimates_of(contender).items()},
-            "confidence": weight,
-            "deviance_gained": contender.surplus,
-            "held_out_log_likelihood_gained": contender.held_out,
-            "rivals": [
-                {
-                    "name": rival.candidate.name, "confidence": weight * odd, "says": rival.candidate.says,
-                    "split_by": rival.candidate.split_by,
-                }
-                for rival, odd in zip(rivals, odds)
-            ],
-        }  # fmt: skip
-
-    def _gap_json(self, outlook: ForecastGain | None) -> dict[str, float] | None:
-        if outlook is None:
-            return None
-        before, after = outlook.longest
-        sizes = GapSizes(before.error, after.error, self.search.after.noises[YAW.position])
-        return {**sizes.to_json(YAW.units.key, YAW.shown), "horizon_s": before.horizon}
+    channel = [channel.quantity for channel in problem.course.channels].index(YAW.position)
+    return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), channel=channel)
 
 
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
 
 
-def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
+def find_planar_where(search: PlanarDiagnosis, seed: int) -> Where | None:
     """Look at the gap of the model before anything was added against every variable; `seed` draws the signs. None where
     all runs are too short for predictions."""
     every, before = search.every, search.before
     course, runs, fit = every.course, every.runs, fit_of(before)
-    prediction = judged(search.forecasts[0][YAW.position])
+    prediction = judged(search.forecasts[0])
     if not len(prediction.error):
         return None
     residual, observed = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
@@ -509,7 +473,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     )  # fmt: skip
 
 
-def judged(predictions: tuple[Predicted, ...]) -> Predicted:
+def judged(predictions: Sequence[Predicted]) -> Predicted:
     """The predictions over the horizon that shows the gap, or the longest below it that any run is long enough for."""
     some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= HORIZON]
     return max(some or predictions[:1], key=lambda prediction: prediction.horizon)

@@ -9,6 +9,7 @@ from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, Gap
 from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
+from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.models.store import DIAGNOSIS
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.quantities import Floats
@@ -24,10 +25,6 @@ MATERIAL = 0.005  # share of full scale below which what remains is not worth a 
 STRUCTURED, THROWS = 0.01, 999
 SWEEP = 0.98  # correlation of run order and command from which they are the same variable
 PARAMETER = {"dead-band": "n_0", "thrust-exponent": "p", "saturation": "n_sat"}
-WORDS = {
-    "backward_over_forward": "thrust backward over forward at full command",
-    "share_lost": "share lost from first to last reading",
-}
 SAYS = {
     "dead-band": "The thruster gives nothing below a smallest command",
     "thrust-exponent": "Thrust grows with another power of the command than the map's",
@@ -245,19 +242,11 @@ def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
 def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
     effects = []
     for name, p_value in search.p_values.items():
-        rivals = {rival.effect: rival for rival in search.alternatives if rival.instead_of == name}
-        splits = {other: _split_by(search.final, rival, floor) for other, rival in rivals.items()}
-        weight, listed = rules.listed_rivals(
-            {other: rival.odds for other, rival in rivals.items()}, splits, 1.0 - p_value
-        )
+        against = {rival.effect: rival for rival in search.alternatives if rival.instead_of == name}
+        odds = [NamedRival(n, rival.odds, _split_by(search.final, rival, floor)) for n, rival in against.items()]
+        weight, rivals = rules.listed_rivals(odds, 1.0 - p_value)
         values = effect_parameters(search.final, name, search.base)
-        worded = []
-        for key, estimate in values.items():
-            word = WORDS.get(key, key.replace("_forward", " forward").replace("_backward", " backward"))
-            size = "beyond what was measured" if estimate.value is None else f"{estimate.value:.3g}"
-            worded.append(f"{word} = {size}")
-        says = f"{SAYS[name]}: {', '.join(worded)}."
-        effects.append(NamedEffect(name, "", says, values, weight, p_value, listed))
+        effects.append(NamedEffect(name, "", f"{SAYS[name]}.", values, weight, p_value, rivals))
     return tuple(effects)
 
 

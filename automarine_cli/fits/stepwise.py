@@ -85,11 +85,13 @@ class Outcome(Generic[Model, Round]):
 
 @dataclass(frozen=True)
 class NamedRival:
-    """Another explanation that the data cannot exclude, its weight, and the run or pull that would tell."""
+    """Another explanation that the data cannot exclude, its weight, and the run or pull that would tell; `label` is the
+    name with what it adds, where the name alone does not tell."""
 
     name: str
     confidence: float
     split_by: str
+    label: str = ""
 
 
 def discover(judge: Judge[Model, Round], base: Model) -> Outcome[Model, Round]:

@@ -10,7 +10,7 @@ import numpy as np
 from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, NamedEffect
-from automarine_cli.diagnosis.planar import PlanarDiagnosis, PlanarSearch
+from automarine_cli.diagnosis.planar import PlanarDiagnosis
 from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions
 from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import HORIZON
@@ -33,7 +33,7 @@ OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}  # kinds of
 PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs that separate them."
 NOWHERE = "The error depends on no variable beyond chance."
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
-MOST_NAMED_RUNS, MOST_CANDIDATES = 5, 5
+MOST_NAMED_RUNS, MOST_CANDIDATES, MOST_RIVALS = 5, 5, 3
 
 
 def _sections(
@@ -47,12 +47,13 @@ def _sections(
     data: dict[str, Any] = result.to_json()
     lines, rows, page = [*above, verdict], list[dict[str, Any]](), list[Table | str]()
     for effect in effects:
-        lines += [f"{effect.name}: {effect.says}", *_rivals(effect)]
+        name = effect.label or effect.name
+        lines += [f"{name}: {effect.says}", *_rivals(effect)]
         parameters = list(parameter_rows(effect, dof))
         page += _effect(effect, dof, parameters)
         for row in parameters:
             columns = {head: value for head, value in row.items() if head != "meaning"}
-            rows.append({"effect": effect.name, **columns, "confidence": f"{effect.confidence:.0%}"})
+            rows.append({"effect": name, **columns, "confidence": f"{effect.confidence:.0%}"})
     tried, gaps = candidates(data, effects), gap_tables(data, unit, key, notes[0])
     threshold = f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}"
     fitted = [row for row in tried if row["is"] != "not fitted"][:MOST_CANDIDATES]
@@ -76,7 +77,7 @@ def _sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
         {"diagnosis.json": data, "extended_model.json": extended, "diagnosis.md": text}, drawings,
         rows=[
-            {"effect": effect.name, "confidence": effect.confidence, "parameter": name, **cells(value)}
+            {"effect": effect.label or effect.name, "confidence": effect.confidence, "parameter": name, **cells(value)}
             for effect in effects
             for name, value in effect.parameters.items()
         ],
@@ -85,16 +86,18 @@ def _sections(
 
 def _rivals(effect: NamedEffect) -> list[str]:
     lines = [
-        f"Cannot be excluded: {rival.name} (weight {rival.confidence:.0%}). Told apart by {rival.split_by}."
-        for rival in effect.few_rivals
+        f"Cannot be excluded: {rival.label or rival.name} (weight {rival.confidence:.0%}). "
+        f"Told apart by {rival.split_by}."
+        for rival in effect.rivals[:MOST_RIVALS]
     ]
-    return [*lines, *filter(None, [effect.other_rivals])]
+    more = len(effect.rivals) - MOST_RIVALS
+    return [*lines, f"Not excluded are {more} more, which diagnosis.json lists."] if more > 0 else lines
 
 
 def _effect(effect: NamedEffect, dof: Dof | None, parameters: Sequence[Mapping[str, Any]]) -> Iterator[Table | str]:
     """Give an effect's part of the page, with its law where it is one of a motion."""
     law = dof and library.get(effect.name).law_at([estimate.value for estimate in effect.parameters.values()])
-    yield from (f"## {effect.name}", effect.says)
+    yield from (f"## {effect.label or effect.name}", effect.says)
     if dof and law:
         yield f"`{dof.fill(law.equation)}`"
     yield Table.of("", parameters)
@@ -128,8 +131,8 @@ def parameter_rows(effect: NamedEffect, dof: Dof | None) -> Iterator[dict[str, A
 
 def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[dict[str, Any]]:
     """Rows of the candidates of the first look of a `diagnosis.json`, with what became of each, best first."""
-    status = dict.fromkeys((rival.name for effect in effects for rival in effect.rivals), "rival")
-    status |= dict.fromkeys((effect.name for effect in effects), data["verdict"])
+    status = dict.fromkeys((rival.label or rival.name for effect in effects for rival in effect.rivals), "rival")
+    status |= dict.fromkeys((effect.label or effect.name for effect in effects), data["verdict"])
     rows = []
     for entry in data["candidates"]:
         added = ", ".join(name.rpartition(".")[2] for name in entry.get("parameters", ()))
@@ -290,10 +293,9 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 
 @sections.register
 def _(result: PlanarDiagnosis) -> Sections:
-    search = result.search
     return _sections(
-        result, result.extended_model(), partial(figures.planar_before_after, search), "Diagnosis of the planar model",
-        planar_verdict(search), _planar_effects(result), search.where or ResidualRegions(),
+        result, result.extended_model(), partial(figures.planar_before_after, result), "Diagnosis of the planar model",
+        planar_verdict(result), result.effects, result.where or ResidualRegions(),
         notes=("", (
             " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than "
             "others, or less than the threshold."
@@ -301,19 +303,7 @@ def _(result: PlanarDiagnosis) -> Sections:
     )  # fmt: skip
 
 
-def _planar_effects(result: PlanarDiagnosis) -> list[NamedEffect]:
-    steps = [(step.best, step.rivals) for step in result.search.steps if step.best is not None]
-    effects = []
-    for contender, ranked in steps or [(suspect, ()) for suspect in result.search.suspected]:
-        odds = {rival.candidate.label: float(np.exp(0.5 * (rival.surplus - contender.surplus))) for rival in ranked}
-        splits = {rival.candidate.label: rival.candidate.split_by.rstrip(".") for rival in ranked}
-        weight, rivals = diagnose.listed_rivals(odds, splits)
-        name, says, estimates = contender.candidate.label, contender.candidate.says, result.estimates_of(contender)
-        effects.append(NamedEffect(name, "", says, estimates, weight, np.nan, rivals))
-    return effects
-
-
-def planar_verdict(search: PlanarSearch) -> str:
+def planar_verdict(search: PlanarDiagnosis) -> str:
     sizes, quantity, reference = [MISSING, MISSING], "error of the heading", "no run is long enough for predictions"
     for held_out in (False, True):
         if (outlook := search.outlook(held_out)) is not None:

@@ -11,7 +11,7 @@ from made_planar import HIDDEN, campaign
 
 from automarine_cli.diagnosis.planar import (
     FittedCandidate,
-    PlanarSearch,
+    PlanarDiagnosis,
     base_of,
     find_missing,
     find_planar_where,
@@ -32,7 +32,7 @@ SPEEDS = ("heading", "surge", "sway")
 
 
 @cache
-def searched(kind: str, seed: int = 1, mirror: bool = False) -> PlanarSearch:
+def searched(kind: str, seed: int = 1, mirror: bool = False) -> PlanarDiagnosis:
     """Three short runs are fitted, one is held out."""
     channels = ("heading", "north", "east") if kind == "current" else SPEEDS
     runs = campaign(HIDDEN[kind], seed, 4, 6.0, channels, mirror)
@@ -52,7 +52,8 @@ def searched(kind: str, seed: int = 1, mirror: bool = False) -> PlanarSearch:
 def test_what_is_hidden_is_named(kind: str, added: str, truth: float) -> None:
     found = searched(kind)
     assert found.verdict == "named"
-    (step,) = found.steps
+    step = found.rounds[0]
+    assert len(found.named) == 1
     assert found.named[0].candidate.added[0] == added and not step.rivals
     assert found.after.known[added] == pytest.approx(truth, rel=0.1)
 
@@ -89,7 +90,7 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     bare = StoredPlanar(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]), "by hand")
     near = Estimated(base_of(bare, every.observed), np.zeros((0, 0)), 0.0, 0, random={"yaw.disturbance": 0.5})
     before = every.estimate(near.model, near, 6)
-    search = PlanarSearch(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
+    search = PlanarDiagnosis(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
     where = find_planar_where(search, 0)
     assert where is not None
     best = min(where.variables, key=lambda one: one.p_value)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
-from automarine_cli.diagnosis.planar import PlanarSearch, judged
+from automarine_cli.diagnosis.planar import PlanarDiagnosis, judged
 from automarine_cli.diagnosis.residual_regions import ResidualRegions, Variable
 from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
@@ -85,10 +85,10 @@ def motion_before_after(diagnosis: Diagnosis) -> Figure:
     return style.residuals_figure(residuals, BEFORE_AFTER, dof.units.shown, float(dof.shown(gap.floor)), title)
 
 
-def planar_before_after(search: PlanarSearch) -> Figure:
+def planar_before_after(search: PlanarDiagnosis) -> Figure:
     """Draw errors of the heading as both models predict it some seconds ahead."""
     held_out, time = search.outlook(held_out=True) is not None, search.every.course.time
-    ahead, residuals = [judged(forecast[YAW.position]) for forecast in search.forecasts], list[style.Residuals]()
+    ahead, residuals = [judged(forecast) for forecast in search.forecasts], list[style.Residuals]()
     for r, run in list(enumerate(search.every.runs))[search.fitted * held_out :]:
         lines = [(time[r, p.target[p.run == r]], np.asarray(YAW.shown(p.error[p.run == r]))) for p in ahead]
         residuals.append((run.name, lines))
