@@ -50,12 +50,17 @@ from automarine_cli.runs.run import Run, SetAside, runs_json
 
 
 @dataclass(frozen=True)
-class GapSizes:
-    """Root mean square of measured less modelled, before and after, and the noise estimated without a model."""
+class Gap:
+    """Root mean square of measured less modelled, before and after, and the noise estimated without a model.
+
+    Of motions over all samples of a set of runs, with `residuals` (R, N) [rad] before and after, zero in the padding.
+    Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
+    is left is what the model lacks, and noise."""
 
     before: float
     after: float
     floor: float
+    residuals: tuple[Floats, ...] = ()
 
     def above(self, size: float) -> float:
         return size**2 - self.floor**2
@@ -74,23 +79,12 @@ class GapSizes:
         return {f"{name}_{unit}": float(convert(size)) for name, size in sizes.items()}
 
 
-@dataclass(frozen=True)
-class Gap(GapSizes):
-    """The gap of headings [rad] over all samples of a set of runs.
-
-    Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
-    is left is what the model lacks, and noise. The residuals are (R, N), zero in the padding."""
-
-    residuals_before: Floats
-    residuals_after: Floats
-
-
 def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted: bool = False) -> Gap:
     """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
-    before, after = residuals(study, base, fitted), residuals(study, final, fitted)
-    masks = [study.batch.seen if not study.driven else residual != 0.0 for residual in (before, after)]
-    first, last = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip((before, after), masks))
-    return Gap(first, last, study.floor, before, after)
+    off = tuple(residuals(study, trial, fitted) for trial in (base, final))
+    masks = [residual != 0.0 if study.driven else study.batch.seen for residual in off]
+    before, after = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip(off, masks))
+    return Gap(before, after, study.floor, off)
 
 
 def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
@@ -318,7 +312,7 @@ def _no_name(result: SearchResult, holdout: Gap | None) -> str:
     """Why effects that are borne out have no names of their own: two undo each other and leave something on runs held
     out, or rivals are together likelier; empty where neither is so."""
     if result.compensating and (holdout is None or holdout.exceeds_noise):
-        return result.compensating[0].says
+        return next(iter(result.compensating.values()))
     for name in result.final.counted:
         weight = 1.0 / (1.0 + sum((odds := result.odds(name)).values()))
         if weight < EVEN:
@@ -334,13 +328,12 @@ def _borne_out(
     if study.driven:
         doubt = "" if ahead is None else ahead.doubt(study.base.dof)
         return f"The held-out runs do not confirm it: {doubt}." if doubt else ""
-    gained = _heard(result.final.fit.predictive - result.base.fit.predictive)
+    gained = result.final.fit.predictive - result.base.fit.predictive
     if held_out is not None:
         after, before = (log_density(held_out, trial.model, trial.fit) for trial in (result.final, result.base))
-        more = _heard(after - before)
+        more = after - before
         if _beyond_doubt(-more):
-            worse = f"{(more < 0).sum()} of {len(more)} are less likely with it"
-            return f"The held-out runs contradict it: {worse}."
+            return f"The held-out runs contradict it: {(more < 0).sum()} of {len(more)} are less likely with it."
         gained = np.concatenate([gained, more])
     if not _beyond_doubt(gained):
         return (
@@ -353,12 +346,9 @@ def _borne_out(
 
 
 def _beyond_doubt(gained: Floats) -> bool:
-    """Whether runs gain in the mean (Student's test, the run as the unit)."""
-    return len(gained) > 1 and clear(gained, float(-special.stdtrit(len(gained) - 1, WEAK)))
-
-
-def _heard(gained: Floats) -> Floats:
-    return np.clip(gained, -LOUDEST, LOUDEST)
+    """Whether runs gain in the mean (Student's test, the run as the unit); none speaks louder than LOUDEST."""
+    errors = float(-special.stdtrit(max(len(gained) - 1, 1), WEAK))
+    return len(gained) > 1 and clear(np.clip(gained, -LOUDEST, LOUDEST), errors)
 
 
 def _unexplained(study: DiagnosisProblem, result: SearchResult, where: Where, holdout: Gap | None) -> str:
@@ -406,17 +396,11 @@ def _nearest(study: DiagnosisProblem, result: SearchResult) -> str:
             f"{best.added[-1]} gains {first.gain(best):.1f} in deviance, where chance reaches {first.threshold:.1f}, "
             f"but {obstacle(study, best, first.before) or 'less than it has to'}."
         )
-    before, after = apart(*(float(dof.shown(trial.fit.noise)) for trial in (result.base, final)))
+    before, after = (float(dof.shown(trial.fit.noise)) for trial in (result.base, final))
     return (
-        f"The best candidate is {' and '.join(final.added)}, with which the residual of the fitted runs is {after} "
-        f"instead of {before} {dof.words.units}."
+        f"The best candidate is {' and '.join(final.added)}, with which the residual of the fitted runs is {after:.3g} "
+        f"instead of {before:.3g} {dof.words.units}."
     )
-
-
-def apart(before: float, after: float) -> tuple[str, str]:
-    """Two numbers with as many digits, two at least, as show that they differ."""
-    digits = next((n for n in range(2, 7) if f"{before:.{n}g}" != f"{after:.{n}g}"), 2)
-    return f"{before:.{digits}g}", f"{after:.{digits}g}"
 
 
 def gains_drift(study: DiagnosisProblem, trial: CandidateFit) -> bool:

@@ -70,20 +70,14 @@ class Curve:
     model: YawModel
     gain: float
 
-    @property
-    def name(self) -> str:
-        return self.model.terms[-1].name
-
 
 def scored(study: DiagnosisProblem, base: CandidateFit, seed: int, map_fn: Each = alone) -> tuple[list[Curve], Chance]:
     """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,)."""
     models = candidates(study, base.model)
     names = list(dict.fromkeys(model.terms[-1].name for model in models))  # models come effect by effect
-    if not models:
-        return [], Chance(np.zeros(DRAWS))
     try:
-        weighted = score_information(study, base.model, base.fit, names, list(map(_probe, models)), map_fn)
-        information, pull = project(weighted, base.fit)
+        of_runs = score_information(study, base.model, base.fit, names, list(map(_probe, models)), map_fn)
+        information, pull = project(*of_runs, base.fit)
     except FitError:
         return [], Chance(np.zeros(DRAWS))
     information, pull = information / TRIED**2, pull / TRIED
@@ -246,7 +240,7 @@ def learn(
 def ties(result: SearchResult, curve: CandidateFit) -> tuple[AlternativeModel, ...]:
     """A curve that does as well as what was found, as a rival of each of its effects."""
     behind = max(curve.evidence - result.final.evidence, 0.0)
-    return tuple(AlternativeModel(name, curve.added[-1], behind, curve) for name in result.final.added if behind < TIE)
+    return tuple(AlternativeModel(name, curve.added[-1], behind) for name in result.final.added if behind < TIE)
 
 
 def _as_good(result: SearchResult, base: CandidateFit, curve: CandidateFit) -> list[CandidateFit]:
@@ -272,7 +266,7 @@ def _best(
     leading = [
         curve for i, curve in enumerate(curves)
         if i < LEADERS or (i < MOST_LEADERS and curve.gain > least)
-        or (curve.name == PREFIX + follows and kind_of(curve.model.terms[-1].values) == GAIN)
+        or ((term := curve.model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN)
     ]  # fmt: skip
     tried = map_fn(partial(_fitted, study, base, SEARCH_BRIEF), leading, "trying curves")
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
@@ -287,7 +281,7 @@ def _best(
     name, library = best.added[-1], _as_good(result, base, best)
     alternatives = {t.added[-1]: t for t in reversed([*trials, *library]) if t.added[-1] != name}
     rivals = [
-        AlternativeModel(name, other, max(trial.evidence - best.evidence, 0.0), trial)
+        AlternativeModel(name, other, max(trial.evidence - best.evidence, 0.0))
         for other, trial in alternatives.items()
         if trial.evidence < best.evidence + TIE
     ]
@@ -295,7 +289,7 @@ def _best(
     p_value = chance.p_value(base.evidence - best.evidence)
     p_values = {n: p for n, p in result.p_values.items() if n in base.added} | {name: p_value}
     rivals.sort(key=lambda rival: rival.behind)
-    undoing = tuple(pair for pair in result.compensating if set(pair.names) <= set(base.added))
+    undoing = {pair: says for pair, says in result.compensating.items() if set(pair) <= set(base.added)}
     return replace(
         result, study=study, final=best, p_values=p_values, rivals=(*base_rivals, *rivals), more=False, doubtful=None,
         crowd=result.crowd if base.added else "", compensating=undoing,
@@ -352,14 +346,9 @@ class LearnedCurve:
     low: Floats
     high: Floats
     sized: bool
-    needs: tuple[str, ...]
-
-    @property
-    def range(self) -> float:
-        return float(np.ptp(self.y))
 
     def to_json(self) -> dict[str, object]:
-        return {name: value for name, value in vars(self).items() if name not in ("sized", "needs")}
+        return {name: value for name, value in vars(self).items() if name != "sized"}
 
 
 def curve_of(trial: CandidateFit) -> LearnedCurve | None:
@@ -380,14 +369,13 @@ def curve_of(trial: CandidateFit) -> LearnedCurve | None:
     half = special.ndtri(0.975) * scale * np.sqrt(np.einsum("nk,kj,nj->n", shape, covariance, shape))
     units = [model.dof.unit_in(unit, model.moment_unit) for unit in (variable.unit, y_unit)]
     return LearnedCurve(
-        term.name.removeprefix(PREFIX), units[0], kind, units[1], x, y, y - half, y + half, variable.sized,
-        variable.needs,
-    )  # fmt: skip
+        term.name.removeprefix(PREFIX), units[0], kind, units[1], x, y, y - half, y + half, variable.sized
+    )
 
 
 def sentence(curve: LearnedCurve, result: SearchResult) -> str:
     words = result.final.model.dof.words
-    size = f"{100 * curve.range:.2g} %" if curve.kind == GAIN else f"{curve.range:.2g} {curve.y_unit}"
+    size = f"{100 * np.ptp(curve.y):.2g} %" if curve.kind == GAIN else f"{np.ptp(curve.y):.2g} {curve.y_unit}"
     cause, which = {
         MOMENT: (f"A {words.force}", "it differs"),
         GAIN: ("The thrust", "it differs"),

@@ -18,7 +18,7 @@ from automarine_cli.diagnosis.diagnose import (
     SUSPECTED,
     UNEXPLAINED,
     ForecastGain,
-    GapSizes,
+    Gap,
     NamedEffect,
     in_few_words,
     listed_rivals,
@@ -295,7 +295,7 @@ class PlanarDiagnosis(Shown):
         for name, outlook in outlooks.items():
             if outlook is not None:
                 old, new = outlook.longest
-                sizes = GapSizes(old.error, new.error, floor).to_json(YAW.units.key, YAW.shown)
+                sizes = Gap(old.error, new.error, floor).to_json(YAW.units.key, YAW.shown)
                 gaps[name] = {**sizes, "horizon_s": old.horizon}
             else:
                 gaps[name] = None

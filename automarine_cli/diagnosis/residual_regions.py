@@ -22,7 +22,8 @@ from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, choose_variances
-from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.fits.mixed_model import MixedFit, derivatives
+from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED
 
@@ -51,7 +52,10 @@ def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None)
     batch, dof = study.batch, study.base.dof
     observed, time, words, force = batch.seen, study.time, dof.words, study.base.moment_unit
     position = dof.units.shown
-    rate = rates(fitted, time, observed) if rate is None else rate
+    if rate is None:
+        rate = np.zeros_like(fitted)
+        for row, psi, t, mask in zip(rate, fitted, time, observed):
+            row[mask] = np.gradient(psi[mask], t[mask])
     moment, first = at_samples(study, [run.command for run in study.runs]), np.full(len(study.runs), np.nan)
     for i, run in enumerate(study.runs):
         pushed = run.command[run.command != 0]
@@ -99,18 +103,9 @@ def at_samples(study: DiagnosisProblem, logged: Sequence[Floats]) -> Floats:
 def last_side(moment: Floats) -> Floats:
     """Sign of the last of moments (R, N) that was not zero; that of the first one before it."""
     signs = np.sign(moment)
-    at = np.where(signs != 0, np.arange(moment.shape[1]), -1)
-    at = np.maximum.accumulate(at, axis=1)
+    at = np.maximum.accumulate(np.where(signs != 0, np.arange(moment.shape[1]), -1), axis=1)
     first = np.argmax(signs != 0, axis=1)
     return np.take_along_axis(signs, np.where(at < 0, first[:, None], at), axis=1)
-
-
-def rates(heading: Floats, time: Floats, observed: NDArray[np.bool_]) -> Floats:
-    """Yaw rate [rad/s] of each run's headings (R, N), zero in the padding."""
-    out = np.zeros_like(heading)
-    for row, psi, t, mask in zip(out, heading, time, observed):
-        row[mask] = np.gradient(psi[mask], t[mask])
-    return out
 
 
 def edges(values: Floats, most: int) -> Floats:
@@ -119,12 +114,10 @@ def edges(values: Floats, most: int) -> Floats:
     different = np.unique(np.round(values, 9))
     if len(different) <= most:
         inner = 0.5 * (different[1:] + different[:-1])
-        margin = 0.5 * float(np.min(np.diff(different), initial=np.inf))
-        margin = margin if np.isfinite(margin) else 0.5
+        margin = 0.5 * float(np.min(np.diff(different))) if len(different) > 1 else 0.5
         return np.concatenate([[different[0] - margin], inner, [different[-1] + margin]])
     cut = np.unique(np.quantile(values, np.linspace(0.0, 1.0, most + 1)))
-    far = [b for a, b in pairwise(cut) if b - a > 1e-9 * np.ptp(cut)]
-    cut = np.array([cut[0], *far])
+    cut = cut[np.concatenate([[True], np.diff(cut) > 1e-9 * np.ptp(cut)])]
     if cut[0] < 0 < cut[-1] and len(cut) > 2:
         cut[1 + int(np.argmin(np.abs(cut[1:-1])))] = 0.0  # no bin mixes the two sides
         cut = np.unique(cut)
@@ -134,9 +127,7 @@ def edges(values: Floats, most: int) -> Floats:
 
 def since_change(moment: Floats, time: Floats) -> Floats:
     """Time since the command last changed, NaN before it ever did."""
-    changed = np.zeros(moment.shape, dtype=bool)
-    changed[:, 1:] = np.diff(moment, axis=1) != 0
-    changed[:, 0] = moment[:, 0] != 0
+    changed = np.diff(moment, axis=1, prepend=0.0) != 0
     at = np.maximum.accumulate(np.where(changed, np.arange(moment.shape[1]), -1), axis=1)
     since = time - np.take_along_axis(time, np.maximum(at, 0), axis=1)
     return np.where(at >= 0, since, np.nan)
@@ -376,8 +367,10 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
         fitted, rate, moment = filtered(study, base.model, fit)
         raw, variables = residual, columns(study, fitted, rate)
     else:
-        (residual, moment), ahead = gaps(study, base), 0.0
-        raw = without_gains(study, base)
+        residual, moment, ahead = study.residual(fit.fitted), pushes(study, base.model, fit), 0.0
+        same_thrust = fit.run_effects.copy()
+        fit.effects.of(same_thrust, GAIN)[...] = 0.0
+        raw = study.residual(study.problem(base.model).readings(fit.phi, same_thrust))
         variables = columns(study, np.where(batch.seen, batch.position - residual, 0.0))
     kinds = {
         dof.words.position: (dof.units.shown, dof.shown(residual)),
@@ -396,13 +389,11 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
     )  # fmt: skip
 
 
-def gaps(study: DiagnosisProblem, trial: CandidateFit) -> tuple[Floats, Floats]:
-    """Residual headings [rad] of whole runs, by a fit to them, and the disturbance moment, both (R, N).
+def pushes(study: DiagnosisProblem, model: YawModel, fit: MixedFit) -> Floats:
+    """The disturbance moment (R, N) that would make whole runs follow a fit.
 
-    The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit."""
-    problem, batch, fit = study.problem(trial.model), study.batch, trial.fit
-    assert not fit.driven
-    residual, b = study.residual(fit.fitted), fit.run_effects
+    The disturbances are the windows of `whole_runs`, their size estimated with everything else as fitted."""
+    problem, batch, b = study.problem(model), study.batch, fit.run_effects
     lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
     windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
     problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
@@ -411,26 +402,15 @@ def gaps(study: DiagnosisProblem, trial: CandidateFit) -> tuple[Floats, Floats]:
     variances = choose_variances(gram, problem.effects, fit.variances)
     b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
-    inertia = trial.model.index(trial.model.dof.parameter("inertia"))
     pushing = np.take_along_axis(fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
-    return residual, np.where(batch.seen, fit.theta[inertia] * pushing, 0.0)
-
-
-def without_gains(study: DiagnosisProblem, trial: CandidateFit) -> Floats:
-    """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
-    problem, fit = study.problem(trial.model), trial.fit
-    assert not fit.driven
-    b = fit.run_effects.copy()
-    fit.effects.of(b, GAIN)[...] = 0.0
-    return study.residual(problem.readings(fit.phi, b))
+    return np.where(batch.seen, fit.theta[model.index(model.dof.parameter("inertia"))] * pushing, 0.0)
 
 
 def _regions(variable: Variable, gap: ResidualGrid) -> list[Region]:
     """Neighbouring bins that stand out together, to the same side, are one region."""
     side = np.where(variable.stands_out, np.sign(variable.telling.t), 0.0)
-    changes = np.flatnonzero(np.diff(np.concatenate([[0.0], side, [0.0]])))
-    stretches = [(begin, end) for begin, end in pairwise(changes.tolist()) if side[begin] != 0]
-    return [_region(variable, gap, begin, end) for begin, end in stretches]
+    changes = np.flatnonzero(np.diff(side, prepend=0.0, append=0.0))
+    return [_region(variable, gap, begin, end) for begin, end in pairwise(changes.tolist()) if side[begin] != 0]
 
 
 def _region(variable: Variable, gap: ResidualGrid, begin: int, end: int) -> Region:

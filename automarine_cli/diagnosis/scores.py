@@ -26,15 +26,6 @@ from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)
-class ScoreInformation:
-    """Each run's information (R, m, m) on a model's parameters and, after them, the sizes of all probes, and its score
-    (R, m)."""
-
-    hessian: Floats
-    gradient: Floats
-
-
-@dataclass(frozen=True)
 class CandidateShape:
     """One shape of a candidate: parameter values (m, k) whose responses span what it can do at that shape; `sized` are
     the parameters that the rows differ in."""
@@ -48,8 +39,9 @@ class CandidateShape:
 def score_information(
     study: DiagnosisProblem, model: YawModel, fit: Fit, names: Sequence[str], shapes: Sequence[CandidateShape],
     map_fn: Each,
-) -> ScoreInformation:  # fmt: skip
-    """Score information of a fit and of probes of the effects `names`; `map_fn` maps a function over these."""
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Each run's information (R, m, m) on a model's parameters and, after them, the sizes of probes of the effects
+    `names`, and its score (R, m), at a fit; `map_fn` maps a function over these effects."""
     work = [(name, np.concatenate([probe.values for probe in shapes if probe.effect == name])) for name in names]
     if fit.driven:
         return _of_driven(study, model, fit, work)
@@ -62,12 +54,12 @@ def score_information(
     j = np.concatenate([by_phi, np.moveaxis(columns, 0, 2)], axis=2)
     data = problem.residual(fitted) + np.einsum("rnq,rq->rn", by_run, fit.run_effects)
     weighted = linear_mixed.weigh(problem.inner(j, by_run, data), problem.effects, fit.variances)
-    return ScoreInformation(weighted.hessian, weighted.gradient)
+    return weighted.hessian, weighted.gradient
 
 
 def _of_driven(
     study: DiagnosisProblem, model: YawModel, fit: InnovationsFit, work: Sequence[tuple[str, Floats]]
-) -> ScoreInformation:
+) -> tuple[Floats, Floats]:
     """The same of driven runs: what each probe changes in the innovations and in their variances."""
     problem = study.driven_problem(model)
     all_runs, model_size = slice(None), len(fit.of_model)
@@ -86,7 +78,7 @@ def _of_driven(
     gradient = np.zeros(hessian.shape[:2])
     hessian[:, places[:, None], places] = slopes.information
     gradient[:, places] = slopes.gradient
-    return ScoreInformation(hessian, gradient)
+    return hessian, gradient
 
 
 def _responses(study: DiagnosisProblem, model: YawModel, fit: MixedFit, candidate: tuple[str, Floats]) -> Floats:
@@ -203,10 +195,10 @@ def score(
 ) -> Scores:
     """Score the candidates `names` at a fit of `model`; `map_fn` maps a function over them."""
     every = [probe for name in names for probe in candidate_shapes(study, name)]
-    weighted = score_information(study, model, fit, names, every, map_fn)
-    information, pull = project(weighted, fit)
+    hessian, gradient = score_information(study, model, fit, names, every, map_fn)
+    information, pull = project(hessian, gradient, fit)
     # columns of which only rounding is left are nothing: what a model follows wholly, or what these runs do not stir
-    of_size = np.diagonal(weighted.hessian.sum(axis=0))[len(fit.phi) :]
+    of_size = np.diagonal(hessian.sum(axis=0))[len(fit.phi) :]
     informative = np.diagonal(information) > ROUNDING * np.maximum(of_size, ROUNDING * of_size.max(initial=0.0))
     information, pull = information * np.outer(informative, informative), pull * informative
     random = np.random.default_rng(seed)
@@ -232,7 +224,7 @@ def score(
         period = next((v for p, v in zip(effect.parameters, probe.values[0]) if p.scan), np.inf)
         if effect.per_run and period <= study.slowest:
             columns = slice(len(fit.phi) + probe_columns.start, len(fit.phi) + probe_columns.stop)
-            rise, chance = _varying(weighted, columns, random)
+            rise, chance = _varying(hessian[:, columns, columns], gradient[:, columns], random)
             # no common coefficients, the probe's shape
             shape = [1.0 if p.choices else value for p, value in zip(effect.parameters, probe.values[0])]
             start = np.array([0.0 if i in probe.sized else value for i, value in enumerate(shape)])
@@ -255,13 +247,13 @@ def _by_effect(scores: Sequence[Score]) -> tuple[Score, ...]:
     return tuple(replace(by_name[n][0], other_starts=tuple(starts[n])) for n in names)
 
 
-def _varying(weighted: ScoreInformation, columns: slice, random: np.random.Generator) -> tuple[float, Floats]:
+def _varying(information: Floats, score: Floats, random: np.random.Generator) -> tuple[float, Floats]:
     """What a coefficient of its own in every run would gain in deviance, and what chance would (DRAWS,).
 
     With u = V'R^-1 e and K = V'R^-1 V of a run, in K's axes, coefficients of variance g add to the deviance log(1 + g
     k) - g u²/(1 + g k) an axis, whatever the run; g is the best on a grid."""
-    k, turn = np.linalg.eigh(weighted.hessian[:, columns, columns])
-    pull = np.einsum("rm,rmj->rj", weighted.gradient[:, columns], turn)
+    k, turn = np.linalg.eigh(information)
+    pull = np.einsum("rm,rmj->rj", score, turn)
     k, square = np.maximum(k, 0.0).ravel(), (pull**2).ravel()
     if not k.any():
         return 0.0, np.zeros(DRAWS)
@@ -273,9 +265,9 @@ def _varying(weighted: ScoreInformation, columns: slice, random: np.random.Gener
     return float(max(gain.max(), 0.0)), np.asarray(np.maximum(chance.max(axis=1), 0.0))
 
 
-def project(weighted: ScoreInformation, fit: Fit) -> tuple[Floats, Floats]:
+def project(hessian: Floats, gradient: Floats, fit: Fit) -> tuple[Floats, Floats]:
     """Information (m, m) and score (m,) of the probes over all runs, with the model's free parameters projected off."""
-    hessian, gradient, count = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), len(fit.phi)
+    hessian, gradient, count = hessian.sum(axis=0), gradient.sum(axis=0), len(fit.phi)
     free = np.setdiff1d(np.arange(count), fit.at_bound)
     across = hessian[count:][:, free]
     projection = across @ linear_mixed.covariance_of(hessian[np.ix_(free, free)])

@@ -7,7 +7,7 @@ campaigns in which nothing is missing; runs predicted from the others have a vet
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
 
@@ -86,30 +86,11 @@ class SearchStep:
 
 @dataclass(frozen=True)
 class AlternativeModel:
-    """An explanation that the runs cannot exclude: what it replaces, how far behind it is (deviance), its fit."""
+    """An explanation that the runs cannot exclude: what it replaces, and how far behind it is (deviance)."""
 
     replaces: str
     name: str
     behind: float
-    trial: CandidateFit
-
-
-@dataclass(frozen=True)
-class CollinearPair:
-    """Two effects of opposite pull: the correlation of their sizes, and the largest share of what both gain that one of
-    them gains alone."""
-
-    names: tuple[str, str]
-    correlation: float
-    alone: float
-
-    @property
-    def says(self) -> str:
-        return (
-            f"{' and '.join(self.names)} undo each other (correlation {self.correlation:.2f}; alone either gains at "
-            f"most {100 * self.alone:.0f}% of what both do): together they may stand for one law that is not in the "
-            "library."
-        )
 
 
 @dataclass(frozen=True)
@@ -118,9 +99,9 @@ class SearchResult:
 
     `more` says that after MOST_EFFECTS effects another candidate would still beat chance; `doubtful` is the outcome if
     what chance reaches in WEAK of all campaigns were enough, where nothing was added. `crowd` is a sentence where one
-    effect took the place of several that had been added, `compensating` has the pairs of final effects of which each
-    undoes most of what the other does: neither has earned its name. `equals` is a sentence where runs held out decided
-    between laws or sizes."""
+    effect took the place of several that had been added, `compensating` has a sentence for each pair of final effects
+    of which each undoes most of what the other does: neither has earned its name. `equals` is a sentence where runs
+    held out decided between laws or sizes."""
 
     study: DiagnosisProblem
     base: CandidateFit
@@ -131,7 +112,7 @@ class SearchResult:
     more: bool = False
     doubtful: "SearchResult | None" = None
     crowd: str = ""
-    compensating: tuple["CollinearPair", ...] = ()
+    compensating: Mapping[tuple[str, ...], str] = field(default_factory=dict)
     equals: str = ""
 
     def odds(self, name: str) -> dict[str, float]:
@@ -257,12 +238,12 @@ def _middle_shapes(study: DiagnosisProblem, name: str) -> list[CandidateShape]:
     return [shapes[len(shapes) // 2] for shapes in laws.values()]
 
 
-def compensating(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit) -> tuple[CollinearPair, ...]:
-    """The pairs of effects of `final` of which each undoes what the other does: their sizes go together and neither
-    gains much alone."""
+def compensating(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit) -> dict[tuple[str, ...], str]:
+    """The pairs of effects of `final` of which each undoes what the other does, with a sentence: their sizes go
+    together and neither gains much alone."""
     if len(final.counted) < 2:
-        return ()
-    covariance, pairs = study.covariance(final.model, final.fit), []
+        return {}
+    covariance, pairs = study.covariance(final.model, final.fit), dict[tuple[str, ...], str]()
     for pair in combinations(final.counted, 2):
         together = _correlation(final, covariance, pair)
         if together < OPPOSED:
@@ -274,8 +255,12 @@ def compensating(study: DiagnosisProblem, base: CandidateFit, final: CandidateFi
         gained = neither.evidence - final.evidence
         alone = (neither.evidence - min(first.evidence, second.evidence)) / max(gained, 1e-9)
         if alone < USELESS:
-            pairs.append(CollinearPair(pair, together, max(alone, 0.0)))
-    return tuple(pairs)
+            pairs[pair] = (
+                f"{' and '.join(pair)} undo each other (correlation {together:.2f}; alone either gains at most "
+                f"{max(alone, 0.0):.0%} of what both do): together they may stand for one law that is not in the "
+                "library."
+            )
+    return pairs
 
 
 def _correlation(final: CandidateFit, covariance: Floats, pair: tuple[str, str]) -> float:
@@ -654,7 +639,7 @@ def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit) -> bool:
 def _rivals(final: CandidateFit, around: Mapping[str, SearchStep]) -> tuple[AlternativeModel, ...]:
     """What could stand in each effect's place without losing more than TIE."""
     rivals = [
-        AlternativeModel(name, trial.added[-1], behind, trial)
+        AlternativeModel(name, trial.added[-1], behind)
         for name, this in around.items()
         for trial in this.trials
         if trial.added[-1] != name and (behind := _behind(this, trial, final)) < TIE

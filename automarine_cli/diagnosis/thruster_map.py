@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.diagnosis import diagnose as rules
-from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, GapSizes, NamedEffect
+from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, Gap, NamedEffect
 from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
@@ -69,9 +69,9 @@ class ThrusterDiagnosis(Shown):
     effects: tuple[NamedEffect, ...]
     where: ResidualRegions
     faults: tuple[Fault, ...]
-    gap: GapSizes
-    held_out_gap: GapSizes | None
-    cross: GapSizes
+    gap: Gap
+    held_out_gap: Gap | None
+    cross: Gap
     given_rmse: float
     floor_from: str
     set_aside: tuple[SetAside, ...] = ()
@@ -79,9 +79,6 @@ class ThrusterDiagnosis(Shown):
     @property
     def base(self) -> family.Fitted:
         return self.search.base
-
-    def percent(self, value: float) -> float:
-        return 100.0 * value / self.data.full_scale
 
     @property
     def extended_map(self) -> dict[str, object]:
@@ -175,10 +172,10 @@ def diagnose_thrusters(
     fitted = search.base.data
     where = _regions(search.base, floor, seed)
 
-    def gap(fit: family.Fitted) -> GapSizes | None:
+    def gap(fit: family.Fitted) -> Gap | None:
         if held_out is None:
             return None
-        return GapSizes(_rms(held_out, search.base.thrust(held_out)), _rms(held_out, fit.thrust(held_out)), floor)
+        return Gap(_rms(held_out, search.base.thrust(held_out)), _rms(held_out, fit.thrust(held_out)), floor)
 
     effects = _named_effects(search, floor)
     verdict, why = _verdict(search, effects, where, gap(search.final), floor, seed)
@@ -186,20 +183,20 @@ def diagnose_thrusters(
     data = data.with_flags(~out, fitted.weight, fitted.flag)
     return ThrusterDiagnosis(
         verdict, why, base, data, held_out, search, final, effects if verdict in (NAMED, SUSPECTED) else (), where,
-        _faults(data, final), GapSizes(search.base.rmse(), final.rmse(), floor), gap(final),
-        GapSizes(search.base.rmse(held_out=True), final.rmse(held_out=True), floor),
+        _faults(data, final), Gap(search.base.rmse(), final.rmse(), floor), gap(final),
+        Gap(search.base.rmse(held_out=True), final.rmse(held_out=True), floor),
         _rms(fitted, base.force(fitted.n)), floor_from, logs.set_aside,
     )  # fmt: skip
 
 
 def _rms(data: family.BollardData, thrust: Floats) -> float:
-    """ResidualGrid [N] of a thrust at the points, weighted as in the fit."""
+    """Root mean square residual [N] of a thrust at the points, weighted as in the fit."""
     residual = data.force - thrust
     return float(np.sqrt(data.weight @ residual**2 / data.weight.sum()))
 
 
 def _verdict(
-    search: family.MapSearch, effects: tuple[NamedEffect, ...], where: ResidualRegions, held_out: GapSizes | None,
+    search: family.MapSearch, effects: tuple[NamedEffect, ...], where: ResidualRegions, held_out: Gap | None,
     floor: float, seed: int,
 ) -> tuple[str, str]:  # fmt: skip
     """What may be said, and why no more: the rules of the diagnosis of a motion, with levels for runs."""
@@ -211,8 +208,8 @@ def _verdict(
     if well_above and after > rules.LEFT_OVER * before and _neighbours_p_value(search.final, seed) <= STRUCTURED:
         best = "No effect of the library gains more than chance."
         if names:
-            sizes = rules.apart(search.base.rmse(), search.final.rmse())
-            best = f"The best candidate is {names}, with which the residual is {sizes[1]} instead of {sizes[0]} N."
+            sizes = f"{search.final.rmse():.3g} instead of {search.base.rmse():.3g} N"
+            best = f"The best candidate is {names}, with which the residual is {sizes}."
         times = f"The residual is correlated along the control signal and is {search.final.rmse() / floor:.2f} times"
         return UNEXPLAINED, f"{times} the noise. {best}"
     if names and held_out is not None and held_out.after > rules.ASTRAY * max(held_out.before, floor):
@@ -334,10 +331,8 @@ def _regions(fit: family.Fitted, floor: float, seed: int) -> ResidualRegions:
 def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[Fault, ...]:
     flagged = np.flatnonzero(data.flag != "")
     new = (np.diff(flagged) > 1) | (np.diff(data.record[flagged]) != 0)
-    stretches = np.split(flagged, np.flatnonzero(new) + 1)
-    return tuple(
-        sorted((_fault(data, fit, index) for index in stretches if len(index)), key=lambda fault: -fault.gap_N)
-    )
+    faults = [_fault(data, fit, index) for index in np.split(flagged, np.flatnonzero(new) + 1) if len(index)]
+    return tuple(sorted(faults, key=lambda fault: -fault.gap_N))
 
 
 def _fault(data: family.BollardData, fit: family.Fitted, index: Ints) -> Fault:

@@ -333,7 +333,7 @@ def _(result: ThrusterDiagnosis) -> Sections:
 
 
 def map_verdict(result: ThrusterDiagnosis) -> str:
-    sizes = [number(result.percent(size), 3) for size in (result.cross.before, result.cross.after)]
+    sizes = [number(100.0 * size / result.data.full_scale, 3) for size in (result.cross.before, result.cross.after)]
     reference = f"full scale {number(result.data.full_scale)} N, noise {number(result.gap.floor, 3)} N"
     names = " and ".join(effect.name for effect in result.effects)
     error, data = "cross-validated error", "levels could show"

@@ -13,15 +13,16 @@ from automarine_cli.diagnosis.residual_regions import (
     columns,
     edges,
     find_where,
-    gaps,
     last_side,
     of_runs,
     of_samples,
     over_variables,
+    pushes,
 )
 from automarine_cli.diagnosis.search import CandidateFit, candidate_fit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
+from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -135,7 +136,8 @@ def test_chance_claims_at_most_as_often_as_it_says() -> None:
 
 def test_the_disturbance_moment_is_the_one_that_was_planted() -> None:
     study, base = studied(campaign(TRUTH.with_effect("bias-moment", [0.05]), 6, scatter=0.005, noise=0.2))
-    moment = gaps(study, base)[1][study.batch.seen]
+    assert isinstance(base.fit, MixedFit)
+    moment = pushes(study, base.model, base.fit)[study.batch.seen]
     assert 0.03 < moment.mean() < 0.06
 
 

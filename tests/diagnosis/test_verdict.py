@@ -20,7 +20,6 @@ from automarine_cli.diagnosis.search import (
     WEAK,
     AlternativeModel,
     CandidateFit,
-    CollinearPair,
     SearchResult,
     SearchStep,
     add_effect,
@@ -93,13 +92,12 @@ def test_a_variable_that_stands_out_is_named_where_no_effect_gains(diagnosed: Ju
 def test_effects_that_undo_each_other_keep_their_names_only_where_runs_held_out_are_followed(
     followed: bool, diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pair = CollinearPair((NAME, SMALL), 0.93, 0.1)
-    monkeypatch.setattr(search, "compensating", lambda *of: (pair,))
+    monkeypatch.setattr(search, "compensating", lambda *of: {(NAME, SMALL): "They undo each other."})
     found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6] if followed else [])
     if followed:
         assert found.verdict == "named" and found.conclusion.leaves is found.result.final
     else:
-        assert found.verdict == "suspected" and found.conclusion.why == pair.says and "0.93" in pair.says
+        assert found.verdict == "suspected" and found.conclusion.why == "They undo each other."
         assert found.conclusion.leaves is found.result.base
 
 
@@ -115,7 +113,7 @@ def test_nothing_is_missing_only_where_nothing_stands_out(diagnosed: Judge, monk
 @pytest.mark.parametrize(("behind", "tied"), [((0.5, 1.0), True), ((3.0, 8.0), False)])
 def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tied: bool) -> None:
     blank: Any = SimpleNamespace(counted=(NAME,))
-    rivals = tuple(AlternativeModel(NAME, f"other-{far:g}", far, blank) for far in behind)
+    rivals = tuple(AlternativeModel(NAME, f"other-{far:g}", far) for far in behind)
     why = diagnose._no_name(SearchResult(blank, blank, blank, (), {}, rivals), None)
     assert ("A tie" in why) == tied and all((rival.name in why) == tied for rival in rivals)
 
@@ -183,7 +181,7 @@ def test_two_that_are_both_there_stay() -> None:
     both, trials = grown(study, base, lag, bias), (grown(study, base, lag), grown(study, base, bias))
     first = first_step(study, base, ["bias-moment", "thruster-lag", "input-delay"], *trials)
     assert single_effect_alternative(study, both, first, each) == (both, "")
-    assert compensating(study, base, both) == ()
+    assert compensating(study, base, both) == {}
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -200,5 +198,5 @@ def test_effects_that_undo_each_other_are_told(sign: int, monkeypatch: pytest.Mo
         monkeypatch.setattr(search, "without", lambda *_, alone=alone: alone)
         pairs = compensating(study, base, both)
         assert bool(pairs) == told
-        assert not told or "undo each other (correlation 0.95; alone either gains at most 20% of" in pairs[0].says
-    assert compensating(study, base, replace(both, added=("bias-moment",))) == ()
+        assert not told or "undo each other (correlation 0.95; alone either gains at most 20% of" in pairs[both.added]
+    assert compensating(study, base, replace(both, added=("bias-moment",))) == {}

@@ -122,6 +122,6 @@ def test_what_the_square_law_lacks(
     (tmp_path / "columns.toml").write_text(columns, encoding="utf-8")
     result = diagnose([tmp_path / "table.csv"], model=tmp_path / "map.json", columns=tmp_path / "columns.toml")
     assert result.verdict == "named" and sorted(effect.name for effect in result.effects) == expected
-    assert result.percent(result.gap.before) == pytest.approx(before, rel=0.03)
-    assert result.percent(result.cross.after) < after
+    assert 100.0 * result.gap.before / result.data.full_scale == pytest.approx(before, rel=0.03)
+    assert 100.0 * result.cross.after / result.data.full_scale < after
     assert result.held_out_gap is not None and result.held_out_gap.after < 0.5 * result.held_out_gap.before

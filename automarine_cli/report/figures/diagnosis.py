@@ -75,7 +75,7 @@ def motion_before_after(diagnosis: Diagnosis) -> Figure:
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
         study, gap, word = diagnosis.held_out, diagnosis.held_out_gap, "held out"
     dof, residuals = study.base.dof, list[style.Residuals]()
-    for run, *errors in zip(study.runs, gap.residuals_before, gap.residuals_after):
+    for run, *errors in zip(study.runs, *gap.residuals):
         seen = [np.flatnonzero(error) for error in errors]  # what is padded, or was not predicted, is zero
         lines = [(run.time[at] - run.time[0], np.asarray(dof.shown(error[at]))) for at, error in zip(seen, errors)]
         residuals.append((run.name, lines))
