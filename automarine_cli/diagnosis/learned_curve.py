@@ -292,7 +292,7 @@ def _best(
     undoing = {pair: says for pair, says in result.compensating.items() if set(pair) <= set(base.added)}
     return replace(
         result, study=study, final=best, p_values=p_values, rivals=(*base_rivals, *rivals), more=False, doubtful=None,
-        crowd=result.crowd if base.added else "", compensating=undoing,
+        compensating=undoing,
     )  # fmt: skip
 
 

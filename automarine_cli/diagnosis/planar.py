@@ -454,21 +454,16 @@ def find_planar_where(search: PlanarDiagnosis, seed: int) -> Where | None:
         if dof in every.observed.dofs:
             kinds[dof.words.full_force] = (dof.units.forces[1], np.where(observed, force, 0.0))
     floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, observed)
-    gap = ResidualGrid(
-        names=course.names, residual=residual, raw=residual, sign=sign, observed=observed,
-        gain=100.0 * followed.states[places.gain, 0, :, -1], floor=floor, convert=YAW.shown,
-    )  # fmt: skip
     r, part = _stretches(course, observed)
-    pieces = {name: (unit, part * values[r]) for name, (unit, values) in kinds.items()}
     off = part * residual[r]
-    of_pieces = replace(
-        gap, names=tuple(course.names[i] for i in r), residual=off, raw=off, sign=np.where(part, sign[r], 0.0),
-        observed=part, gain=gap.gain[r],
+    gap = ResidualGrid(
+        names=tuple(course.names[i] for i in r), residual=off, raw=off, sign=np.where(part, sign[r], 0.0),
+        observed=part, gain=100.0 * states[places.gain, :, -1][r], floor=floor, convert=YAW.shown,
     )  # fmt: skip
     inside = [replace(column, values=np.where(part, column.values[r], np.nan)) for column in columns]
-    looked = find_regions(inside, pieces, of_pieces, seed)
+    looked = find_regions(inside, {name: (unit, part * x[r]) for name, (unit, x) in kinds.items()}, gap, seed)
     return Where(
-        **vars(looked), **vars(gap), ahead=prediction.horizon, time=course.time,
+        **vars(looked), ahead=prediction.horizon, residual=residual, observed=observed, floor=floor, time=course.time,
         mean_moment=np.array([float(run.command.mean()) for run in runs]), moment_unit=course.moment_unit, dof=YAW,
     )  # fmt: skip
 

@@ -304,7 +304,7 @@ class Region:
 class ResidualGrid:
     """What is left of R runs at N samples: residual positions (R, N) [rad or m], zero in the padding, and `raw` ones,
     if every run has the same thrust; `sign` (R, N) is the side to which the last moment pushed, `gain` (R,) each run's
-    own thrust. `shown` turns residuals into the unit in which people see them."""
+    own thrust. `convert` turns residuals into the unit in which people see them."""
 
     names: tuple[str, ...]
     residual: Floats
@@ -326,13 +326,16 @@ class ResidualRegions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Where(ResidualGrid, ResidualRegions):
-    """Everything that the figure and the result need; the gap is that of predictions so many seconds `ahead`, or of
-    whole simulated runs where that is 0."""
+class Where(ResidualRegions):
+    """The same with what a map of the gap needs: residuals, times and what was observed, (R, N) each. The gap is that
+    of predictions so many seconds `ahead`, or of whole simulated runs where that is 0."""
 
     ahead: float
-    mean_moment: Floats
+    residual: Floats
+    observed: NDArray[np.bool_]
+    floor: float
     time: Floats
+    mean_moment: Floats
     moment_unit: str
     dof: Dof
 
@@ -384,8 +387,9 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
     looked = find_regions(variables, kinds, gap, seed)
     pushed = [run.command[run.command != 0] for run in study.runs]
     return Where(
-        **vars(looked), **vars(gap), ahead=ahead, time=study.time, moment_unit=study.base.moment_unit, dof=dof,
+        **vars(looked), ahead=ahead, residual=residual, observed=batch.seen, floor=study.floor, time=study.time,
         mean_moment=np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]),
+        moment_unit=study.base.moment_unit, dof=dof,
     )  # fmt: skip
 
 

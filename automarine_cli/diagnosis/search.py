@@ -98,10 +98,9 @@ class SearchResult:
     """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
 
     `more` says that after MOST_EFFECTS effects another candidate would still beat chance; `doubtful` is the outcome if
-    what chance reaches in WEAK of all campaigns were enough, where nothing was added. `crowd` is a sentence where one
-    effect took the place of several that had been added, `compensating` has a sentence for each pair of final effects
-    of which each undoes most of what the other does: neither has earned its name. `equals` is a sentence where runs
-    held out decided between laws or sizes."""
+    what chance reaches in WEAK of all campaigns were enough, where nothing was added. `compensating` has a sentence for
+    each pair of final effects of which each undoes most of what the other does: neither has earned its name. `equals`
+    is a sentence where runs held out decided between laws or sizes."""
 
     study: DiagnosisProblem
     base: CandidateFit
@@ -111,7 +110,6 @@ class SearchResult:
     rivals: tuple[AlternativeModel, ...]
     more: bool = False
     doubtful: "SearchResult | None" = None
-    crowd: str = ""
     compensating: Mapping[tuple[str, ...], str] = field(default_factory=dict)
     equals: str = ""
 
@@ -188,20 +186,20 @@ USELESS = 0.5  # share of a pair's gain below which either alone is useless: two
 
 def single_effect_alternative(
     study: DiagnosisProblem, current: CandidateFit, first: SearchStep, map_fn: Each
-) -> tuple[CandidateFit, str]:
-    """The single effect that does as well as the several of `current`, with a sentence; or `current` and no sentence.
+) -> CandidateFit:
+    """The single effect that does as well as the several of `current`; or `current`.
 
     It has to do better than each of them alone. Every law of the effects added, of what they are mistaken for and of
     the leaders of the first round is fitted, unless the first round did."""
     if len(current.counted) < 2:
-        return current, ""
+        return current
     base: CandidateFit | None = first.before
     if current.added != current.counted:  # the drag put right stays
         base = current
         for name in current.counted:
             base = base and without(study, base, name)
     if base is None:
-        return current, ""
+        return current
     trials = first.trials if base is first.before else ()
     evidences = {trial.law: trial.evidence for trial in trials}
     laws = [law_of(term.name, term.values) for term in current.model.terms if term.name in current.counted]
@@ -225,10 +223,7 @@ def single_effect_alternative(
         if t is not None and t.evidence <= current.evidence + AS_WELL and t.evidence < lone
         and is_admissible(study, t, base)
     ]  # fmt: skip
-    if not admissible:
-        return current, ""
-    best = min(admissible, key=lambda trial: trial.evidence)
-    return best, f"{best.added[-1]} alone does as well as {' and '.join(current.counted)} together."
+    return min(admissible, key=lambda trial: trial.evidence, default=current)
 
 
 def _middle_shapes(study: DiagnosisProblem, name: str) -> list[CandidateShape]:
@@ -420,14 +415,14 @@ def search(study: DiagnosisProblem, seed: int, map_fn: Each) -> SearchResult:
         more = next_gain > MIN_EXTRA_SHARE * total
         if 0.0 < next_gain <= MIN_EXTRA_SHARE * total:
             current, around = _without_menders(study, current, around, MINOR_EFFECT_SHARE * total)
-    current, crowd = single_effect_alternative(study, current, rounds[0], map_fn)
-    if crowd:
-        around, more = {current.counted[0]: rounds[0]}, False
+    single = single_effect_alternative(study, current, rounds[0], map_fn)
+    if single is not current:
+        current, more, around = single, False, {single.counted[0]: rounds[0]}
         p_values[current.counted[0]] = rounds[0].scores.p_value(rounds[0].gain(current))
     names = {name: p_values.get(name, LEVEL) for name in current.added}
     result = SearchResult(
         study, base, without_idle_drag(study, current), rounds, names, _rivals(current, around), more,
-        crowd=crowd, compensating=compensating(study, base, current),
+        compensating=compensating(study, base, current),
     )  # fmt: skip
     return result if current.added else replace(result, doubtful=_doubtful(result))
 

@@ -1,6 +1,6 @@
 """What a diagnosis looks at: runs, how they start, the base model; and the likelihood of any model on them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -167,15 +167,11 @@ def smoothed(fit: Fit, model: YawModel) -> tuple[float, float]:
     stiff = np.linalg.inv(spread)
     pull = stiff @ fit.theta[at]
     data = stiff - fitted
-    likely = [_evidence(data, pull, precision(model, s)) for s in SPREADS]
+    likely = []  # twice the log marginal likelihood under each prior, but for what is the same of all
+    for prior in (precision(model, s) for s in SPREADS):
+        log_det = np.linalg.slogdet(prior)[1] - np.linalg.slogdet(data + prior)[1]
+        likely.append(float(pull @ np.linalg.solve(data + prior, pull) + log_det))
     return float(SPREADS[int(np.argmax(likely))]), float(KNOTS - np.trace(spread @ fitted))
-
-
-def _evidence(data: Floats, pull: Floats, prior: Floats) -> float:
-    """Twice the log marginal likelihood of a curve under a prior, but for what is the same of all priors."""
-    stiff = data + prior
-    log_det = np.linalg.slogdet(prior)[1] - np.linalg.slogdet(stiff)[1]
-    return float(pull @ np.linalg.solve(stiff, pull) + log_det)
 
 
 @dataclass(frozen=True)
@@ -352,36 +348,37 @@ class DiagnosisProblem:
         return fit_mixed(problem, np.append(values, switch), factors=factors, settled=SETTLED, **settings)
 
     @cached_property
-    def _covariances(self) -> dict[int, tuple[Fit, Floats]]:
+    def _of_fits(self) -> dict[tuple[str, int], tuple[Fit, Any]]:
         return {}
+
+    def _once(self, name: str, fit: Fit, work_out: Callable[[], Any]) -> Any:
+        if (name, id(fit)) not in self._of_fits:  # the fit is kept, or another could have its id
+            self._of_fits[name, id(fit)] = (fit, work_out())
+        return self._of_fits[name, id(fit)][1]
 
     def covariance(self, model: YawModel, fit: Fit) -> Floats:
         """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
 
         It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife."""
-        if id(fit) not in self._covariances:
-            try:
-                changes = None
-                if not fit.driven and learned_term(model) is None:
-                    changes = left_out_changes(self.problem(model), fit)
-                covariance = run_covariance(fit, changes)
-            except (FitError, np.linalg.LinAlgError):
-                covariance = run_covariance(fit)
-            self._covariances[id(fit)] = (fit, covariance)  # the fit is kept, or another could have its id
-        return self._covariances[id(fit)][1]
 
-    @cached_property
-    def _predictions(self) -> dict[int, tuple[InnovationsFit, tuple[Predicted, ...]]]:
-        return {}
+        def work_out() -> Floats:
+            try:
+                if fit.driven or learned_term(model) is not None:
+                    return run_covariance(fit)
+                return run_covariance(fit, left_out_changes(self.problem(model), fit))
+            except (FitError, np.linalg.LinAlgError):
+                return run_covariance(fit)
+
+        return np.asarray(self._once("covariance", fit, work_out))
 
     def predictions(self, model: YawModel, fit: InnovationsFit) -> tuple[Predicted, ...]:
-        """What the model predicts of these runs, from the filtered state, over each of HORIZONS; the fit may be one to
-        other runs."""
-        if id(fit) not in self._predictions:
-            noises = self.driven_problem(model).noises(fit.theta[None])
-            predicted = predict(model, self.course, fit.of_model, noises)
-            self._predictions[id(fit)] = (fit, predicted)
-        return self._predictions[id(fit)][1]
+        """What the model predicts of these runs, from the filtered state, over each of HORIZONS, worked out once a fit;
+        the fit may be one to other runs."""
+
+        def work_out() -> tuple[Predicted, ...]:
+            return predict(model, self.course, fit.of_model, self.driven_problem(model).noises(fit.theta[None]))
+
+        return tuple(self._once("predictions", fit, work_out))
 
     def with_fitted_values(self, model: YawModel, fit: Fit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""

@@ -243,7 +243,7 @@ def _(result: MotionDiagnosis) -> Sections:
         f"{dof.words.position}, thrust and switch instants. Thrust differs from run to run by {before:.1f} % before "
         f"and {after:.1f} % after."
     )
-    chance = f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns. {search.crowd}".rstrip()
+    chance = f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns."
     reveals = {effect.name: library.get(effect.name).card(dof).reveals for effect in diagnosis.effects}
     better = bullets(f"To see {name} better: {runs}." for name, runs in reveals.items())
     appendix: list[Table | str] = ["## What to run next", better] if better else []

@@ -101,6 +101,6 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     for region in where.regions:
         told = region.to_json("deg")
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(told)
-        assert region.p_value < 0.05 and set(region.runs) <= set(where.names)
+        assert region.p_value < 0.05 and set(region.runs) <= set(every.course.names)
     panel = where_figure(where).axes[0]
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("sway [m/s]", "gap in yaw moment [N m]")
