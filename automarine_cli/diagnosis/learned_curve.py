@@ -62,17 +62,11 @@ POWERS = (1, 3, 6, 9)  # highest powers of a column by which gains are then expl
 DEALS = 2000  # orders in which runs are dealt to tell what chance explains
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A candidate: the model with its curve at nothing, and what the score says of it: the evidence that it gains, in
-    deviance, with its parameters counted, and where a fit should start."""
-
-    model: YawModel
-    gain: float
-
-
-def scored(study: DiagnosisProblem, base: CandidateFit, seed: int, map_fn: Each = alone) -> tuple[list[Curve], Chance]:
-    """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,)."""
+def scored(
+    study: DiagnosisProblem, base: CandidateFit, seed: int, map_fn: Each = alone
+) -> tuple[list[tuple[float, YawModel]], Chance]:
+    """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,): the
+    deviance that each gains by its score, with its parameters counted, and the model where a fit should start."""
     models = candidates(study, base.model)
     names = list(dict.fromkeys(model.terms[-1].name for model in models))  # models come effect by effect
     try:
@@ -90,8 +84,8 @@ def scored(study: DiagnosisProblem, base: CandidateFit, seed: int, map_fn: Each 
         tried = np.concatenate([pull[None, block], draws[:, block]])
         gain, curve, spread = _gains(information[block, block], tried, model, len(study.runs))
         null = np.maximum(null, gain[1:])
-        curves.append(Curve(with_curve(model, spread, np.clip(curve, -1.0, 1.0)), float(gain[0])))
-    return sorted(curves, key=lambda candidate: -candidate.gain), Chance(null)
+        curves.append((float(gain[0]), with_curve(model, spread, np.clip(curve, -1.0, 1.0))))
+    return sorted(curves, key=lambda pair: -pair[0]), Chance(null)
 
 
 def _gains(information: Floats, pulls: Floats, model: YawModel, runs: int) -> tuple[Floats, Floats, float]:
@@ -252,7 +246,7 @@ def _as_good(result: SearchResult, base: CandidateFit, curve: CandidateFit) -> l
 def _shows(study: DiagnosisProblem, base: CandidateFit, seed: int) -> bool:
     """Whether a curve beside what was found would gain more than chance by its score."""
     curves, chance = scored(study, base, seed)
-    return bool(curves) and curves[0].gain > max(chance.threshold(LEVEL), 0.0)
+    return bool(curves) and curves[0][0] > max(chance.threshold(LEVEL), 0.0)
 
 
 def _best(
@@ -262,13 +256,13 @@ def _best(
     the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without."""
     curves, chance = scored(study, base, seed, map_fn)
     bar = max(chance.threshold(LEVEL), 0.0)
-    least = max(BEHIND * curves[0].gain, 0.0) if curves else 0.0
+    least = max(BEHIND * curves[0][0], 0.0) if curves else 0.0
     leading = [
-        curve for i, curve in enumerate(curves)
-        if i < LEADERS or (i < MOST_LEADERS and curve.gain > least)
-        or ((term := curve.model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN)
+        model for i, (gain, model) in enumerate(curves)
+        if i < LEADERS or (i < MOST_LEADERS and gain > least)
+        or ((term := model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN)
     ]  # fmt: skip
-    tried = map_fn(partial(_fitted, study, base, SEARCH_BRIEF), leading, "trying curves")
+    tried = map_fn(partial(_fitted, study, base), leading, "trying curves")
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
     running = [trial for gain, trial in gains if gain > gained - max(RIVAL_RANGE, FAR * gained)]
@@ -296,9 +290,9 @@ def _best(
     )  # fmt: skip
 
 
-def _fitted(study: DiagnosisProblem, base: CandidateFit, iterations: int, curve: Curve) -> CandidateFit | None:
-    values = np.append(base.fit.of_model, curve.model.terms[-1].values)
-    return _trial(study, base, curve.model, values, base, iterations)
+def _fitted(study: DiagnosisProblem, base: CandidateFit, model: YawModel) -> CandidateFit | None:
+    values = np.append(base.fit.of_model, model.terms[-1].values)
+    return _trial(study, base, model, values, base, SEARCH_BRIEF)
 
 
 def _further(study: DiagnosisProblem, base: CandidateFit, trial: CandidateFit) -> CandidateFit | None:

@@ -207,9 +207,10 @@ def score(
     best: dict[tuple[object, ...], Score] = {}
     null = np.full(DRAWS, -np.inf)
 
-    def keep(law: tuple[object, ...], candidate: Score) -> None:
-        if law not in best or candidate.drop > best[law].drop:
-            best[law] = candidate
+    def keep(probe: CandidateShape, drop: float, cost: float, start: Floats, unit_size: float) -> None:
+        law = law_of(probe.effect, start)
+        if law not in best or drop > best[law].drop:
+            best[law] = Score(probe.effect, drop, drop - cost, start, unit_size)
 
     for probe in every:
         probe_columns = slice(at, at + len(probe.values))
@@ -219,18 +220,18 @@ def score(
         start, unit_size = _start(probe, size[0]), _unit_size(probe, block)
         cost = penalty(fitted_parameters(probe.effect, start), runs)
         null = np.maximum(null, _drop(block, draws[:, probe_columns], probe.one_sided)[0] - cost)
-        keep(law_of(probe.effect, start), Score(probe.effect, float(drop[0]), float(drop[0]) - cost, start, unit_size))
+        keep(probe, float(drop[0]), cost, start, unit_size)
         effect = effects.get(probe.effect)
         period = next((v for p, v in zip(effect.parameters, probe.values[0]) if p.scan), np.inf)
         if effect.per_run and period <= study.slowest:
-            columns = slice(len(fit.phi) + probe_columns.start, len(fit.phi) + probe_columns.stop)
+            columns = slice(len(fit.phi) + probe_columns.start, len(fit.phi) + at)
             rise, chance = _varying(hessian[:, columns, columns], gradient[:, columns], random)
             # no common coefficients, the probe's shape
             shape = [1.0 if p.choices else value for p, value in zip(effect.parameters, probe.values[0])]
             start = np.array([0.0 if i in probe.sized else value for i, value in enumerate(shape)])
             cost = penalty(fitted_parameters(probe.effect, start), runs)
             null = np.maximum(null, chance - cost)
-            keep(law_of(probe.effect, start), Score(probe.effect, rise, rise - cost, start, unit_size))
+            keep(probe, rise, cost, start, unit_size)
     return Scores(null, _by_effect(list(best.values())))
 
 
@@ -240,11 +241,13 @@ def law_of(name: str, values: Sequence[float] | Floats) -> tuple[object, ...]:
 
 def _by_effect(scores: Sequence[Score]) -> tuple[Score, ...]:
     """The best law of each effect, with the starts of those near it; best effect first."""
-    ranked = sorted(scores, key=lambda s: -s.penalised)
-    names = dict.fromkeys(s.effect for s in ranked)
-    by_name = {name: [s for s in ranked if s.effect == name] for name in names}
-    starts = {n: [s.start for s in laws[1:] if s.drop > NEAR * laws[0].drop] for n, laws in by_name.items()}
-    return tuple(replace(by_name[n][0], other_starts=tuple(starts[n])) for n in names)
+    laws: dict[str, list[Score]] = {}
+    for law in sorted(scores, key=lambda s: -s.penalised):
+        laws.setdefault(law.effect, []).append(law)
+    return tuple(
+        replace(first, other_starts=tuple(law.start for law in rest if law.drop > NEAR * first.drop))
+        for first, *rest in laws.values()
+    )
 
 
 def _varying(information: Floats, score: Floats, random: np.random.Generator) -> tuple[float, Floats]:

@@ -16,7 +16,6 @@ from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.scores import (
-    CandidateShape,
     Scores,
     candidate_shapes,
     candidates,
@@ -207,12 +206,12 @@ def single_effect_alternative(
     can = [s.effect for s in first.scores.ranked]
     suspects = dict.fromkeys([*current.counted, *can[:6]])
     suspects |= dict.fromkeys(look for name in current.counted for look in effects.get(name).mistaken_for)
-    work = [
-        (name, probe.values[-1])
-        for name in suspects if name in can and name not in base.added
-        for probe in _middle_shapes(study, name)
-        if law_of(name, probe.values[-1]) not in evidences
-    ]  # fmt: skip
+    shapes: dict[tuple[object, ...], list[tuple[str, Floats]]] = {}
+    for name in suspects:
+        if name in can and name not in base.added:
+            for probe in candidate_shapes(study, name):
+                shapes.setdefault(law_of(name, probe.values[-1]), []).append((name, probe.values[-1]))
+    work = [of_law[len(of_law) // 2] for law, of_law in shapes.items() if law not in evidences]
     brief = map_fn(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws")
     limit = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
     close = [t for t in (*trials, *brief) if t is not None and t.evidence < max(limit, current.evidence + AS_WELL)]
@@ -224,13 +223,6 @@ def single_effect_alternative(
         and is_admissible(study, t, base)
     ]  # fmt: skip
     return min(admissible, key=lambda trial: trial.evidence, default=current)
-
-
-def _middle_shapes(study: DiagnosisProblem, name: str) -> list[CandidateShape]:
-    laws: dict[tuple[object, ...], list[CandidateShape]] = {}
-    for probe in candidate_shapes(study, name):
-        laws.setdefault(law_of(name, probe.values[-1]), []).append(probe)
-    return [shapes[len(shapes) // 2] for shapes in laws.values()]
 
 
 def compensating(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit) -> dict[tuple[str, ...], str]:
