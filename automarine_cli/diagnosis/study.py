@@ -391,13 +391,9 @@ class DiagnosisProblem:
         return model
 
 
-def study_of(
-    runs: Sequence[Run], base: YawModel, driven: bool | None = None, channels: tuple[str, ...] | None = None
-) -> DiagnosisProblem:
-    """A study of `runs`; whether they are driven, the evidence says unless asked otherwise."""
-    if driven is None:
-        at_rest = np.array([starts_at_rest(run) for run in runs])
-        driven = disturbed(runs, base, at_rest, channels)
+def study_of(runs: Sequence[Run], base: YawModel, channels: tuple[str, ...] | None = None) -> DiagnosisProblem:
+    """A study of `runs`; whether they are driven, the evidence says."""
+    driven = disturbed(runs, base, np.array([starts_at_rest(run) for run in runs]), channels)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
     needed |= {name for term in base.terms for name in effects.get(term.name).needs}

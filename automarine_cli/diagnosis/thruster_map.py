@@ -29,9 +29,9 @@ SAYS = {
     "dead-band": "The thruster gives nothing below a smallest command",
     "thrust-exponent": "Thrust grows with another power of the command than the map's",
     "saturation": "Thrust stops rising above a largest command",
-    family.ASYMMETRY: "The thruster pulls differently forward and backward",
+    family.ASYMMETRY: "At full command the thruster pulls differently forward and backward",
     family.VOLTAGE: "Thrust at the same command follows the supply voltage",
-    family.SAG: "Thrust falls over the measurement, as with a battery that empties",
+    family.SAG: "Thrust falls from the first reading to the last, as with a battery that empties",
 }
 SPLIT_BY = {
     family.SAG: "the first command repeated last: a sag shows as less thrust at the same command",

@@ -4,6 +4,7 @@ of the coefficients of equation 2 from bollard tests."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,8 @@ def effect_specification(name: str) -> dict[str, Any]:
 def effect_trial(index: int, name: str) -> Trial:
     """Simulate one campaign, fit the base model with the effect, and compare every interval with the truth."""
     base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
-    study = study_of(make_runs(specified(effect_specification(name)), 1000 + index), base, driven=False)
+    runs = make_runs(specified(effect_specification(name)), 1000 + index)
+    study = replace(study_of(runs, base), driven=False)
     values = tuple(
         study.reference(each.reference) if each.reference else PLANTED[name].get(each.name, each.start)
         for each in effects.get(name).parameters

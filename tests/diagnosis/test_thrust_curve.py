@@ -1,6 +1,7 @@
 """A curve of the thrust that the gains of single runs hide, and what a diagnosis writes of it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ def studied(power: float, idle: float, scatter: float = 0.02) -> tuple[Diagnosis
             heading = side * turned + np.deg2rad(1.0) * random.standard_normal(len(time))
             command = np.where(time >= 1.0, side * size, 0.0)
             runs.append(Run(f"{side * size:+g}", "", time, heading, command, "nu", dof=YAW))
-    study = study_of(runs, YawModel.base("3", 0.1, [0.2], "nu", YAW), driven=False)
+    study = replace(study_of(runs, YawModel.base("3", 0.1, [0.2], "nu", YAW)), driven=False)
     return study, candidate_fit(study, study.base, (), study.fit(study.base))
 
 

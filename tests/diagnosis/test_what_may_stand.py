@@ -34,7 +34,7 @@ BASE = base_for("")
     ],
 )
 def test_a_lag_of_less_than_a_sample_is_a_shift_of_the_switches(name: str, values: list[float], stands: bool) -> None:
-    study = study_of(planted(BASE, seed=1, plans=short_plans()), BASE, driven=False)
+    study = replace(study_of(planted(BASE, seed=1, plans=short_plans()), BASE), driven=False)
     assert study.logger_delay == pytest.approx(0.05)
     fit: Any = SimpleNamespace(predictive=np.zeros(3), at_bound=(), driven=False)
     gained: Any = SimpleNamespace(predictive=np.ones(3), at_bound=(), driven=False)
