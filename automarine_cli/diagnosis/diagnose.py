@@ -11,7 +11,7 @@ from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.learned_curve import curve_of, learn, sentence
-from automarine_cli.diagnosis.residual_regions import Region, Where, find_where
+from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions, Where, find_where
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.search import (
     MOST_EFFECTS,
@@ -53,14 +53,15 @@ from automarine_cli.runs.run import Run, SetAside, runs_json
 class Gap:
     """Root mean square of measured less modelled, before and after, and the noise estimated without a model.
 
-    Of motions over all samples of a set of runs, with `residuals` (R, N) [rad] before and after, zero in the padding.
-    Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
-    is left is what the model lacks, and noise."""
+    Of motions over all samples of a set of runs, with `residuals` (R, N) [rad] before and after, zero in the padding;
+    or of predictions over one `horizon` [s]. Each run's own start heading, start rate, thrust gain and switch instants
+    are taken at their posterior means: what is left is what the model lacks, and noise."""
 
     before: float
     after: float
     floor: float
     residuals: tuple[Floats, ...] = ()
+    horizon: float | None = None
 
     def above(self, size: float) -> float:
         return size**2 - self.floor**2
@@ -76,7 +77,8 @@ class Gap:
 
     def to_json(self, unit: str, convert: Callable[[float], float] = float) -> dict[str, float]:
         sizes = {"before": self.before, "after": self.after, "noise_floor": self.floor}
-        return {f"{name}_{unit}": float(convert(size)) for name, size in sizes.items()}
+        over = {} if self.horizon is None else {"horizon_s": self.horizon}
+        return {f"{name}_{unit}": float(convert(size)) for name, size in sizes.items()} | over
 
 
 def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted: bool = False) -> Gap:
@@ -253,6 +255,21 @@ def listed_rivals(rivals: Sequence[NamedRival], share: float = 1.0) -> tuple[flo
     rivals with their weights."""
     weight = share / (1.0 + sum(rival.confidence for rival in rivals))
     return weight, tuple(replace(rival, confidence=weight * rival.confidence) for rival in rivals)
+
+
+def diagnosis_json(
+    of: Mapping[str, object], why: str, effects: Iterable[NamedEffect], where: ResidualRegions | None,
+    gaps: Mapping[str, Gap | None], unit: str, convert: Callable[[float], float] = float,
+) -> dict[str, object]:  # fmt: skip
+    """What the diagnosis.json of any family says, after what it is `of`: why, effects, regions and gaps in `unit`."""
+    return {
+        "schema": DIAGNOSIS.schema,
+        **of,
+        **({"why": why} if why else {}),
+        "effects": [effect.to_json() for effect in effects],
+        "where": [region.to_json(unit) for region in where.regions] if where else [],
+        "gap": {name: gap and gap.to_json(unit, convert) for name, gap in gaps.items()},
+    }
 
 
 @dataclass(frozen=True)
@@ -617,22 +634,17 @@ class MotionDiagnosis(Shown):
         study, search, verdict = diagnosis.study, diagnosis.result, diagnosis.conclusion
         before, after = (base_estimates(study, trial) for trial in (search.base, verdict.leaves))
         first = search.rounds[0]
-        sets = {
-            "fitted_runs": (diagnosis.gap, diagnosis.outlook),
-            "held_out_runs": (diagnosis.held_out_gap, diagnosis.held_out_outlook),
-        }
-        prediction = {name: ahead and ahead.to_json(dof) for name, (_, ahead) in sets.items()}
+        gaps = {"fitted_runs": diagnosis.gap, "held_out_runs": diagnosis.held_out_gap}
+        outlooks = {"fitted_runs": diagnosis.outlook, "held_out_runs": diagnosis.held_out_outlook}
+        prediction = {name: ahead and ahead.to_json(dof) for name, ahead in outlooks.items()}
         cycle = {} if study.cycle is None else {"limit_cycle": study.cycle.to_json()}
+        of = {**({} if dof.wraps else {"motion": dof.name}), "verdict": diagnosis.verdict}
+        units = dof.units.key, dof.shown
         return {
-            "schema": DIAGNOSIS.schema,
-            **({} if dof.wraps else {"motion": dof.name}),
-            "verdict": diagnosis.verdict,
-            **{key: text for key, text in (("why", verdict.why), ("left", verdict.remainder)) if text},
+            **diagnosis_json(of, verdict.why, diagnosis.effects, diagnosis.where, gaps, *units),
+            **({"left": verdict.remainder} if verdict.remainder else {}),
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
-            "effects": [effect.to_json() for effect in diagnosis.effects],
-            "where": [region.to_json(dof.units.key) for region in diagnosis.where.regions],
-            "gap": {name: gap and gap.to_json(dof.units.key, dof.shown) for name, (gap, _) in sets.items()},
             **({} if diagnosis.outlook is None else {**cycle, "prediction": prediction}),
             "candidates": [
                 {"name": trial.added[-1], "gain": first.gain(trial)}

@@ -20,6 +20,7 @@ from automarine_cli.diagnosis.diagnose import (
     ForecastGain,
     Gap,
     NamedEffect,
+    diagnosis_json,
     in_few_words,
     listed_rivals,
     outlook_of,
@@ -47,7 +48,7 @@ from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, NamedRival, discover
 from automarine_cli.models.planar import Tied, derivative, parameters_of
-from automarine_cli.models.store import DIAGNOSIS, StoredPlanar, planar_json
+from automarine_cli.models.store import StoredPlanar, planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
@@ -291,22 +292,13 @@ class PlanarDiagnosis(Shown):
         gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
         outlooks = {"fitted_runs": self.outlook(False), "held_out_runs": self.outlook(True)}
         floor = self.after.noises[YAW.position]
-        gaps: dict[str, object] = {}
+        gaps: dict[str, Gap | None] = {}
         for name, outlook in outlooks.items():
-            if outlook is not None:
-                old, new = outlook.longest
-                sizes = Gap(old.error, new.error, floor).to_json(YAW.units.key, YAW.shown)
-                gaps[name] = {**sizes, "horizon_s": old.horizon}
-            else:
-                gaps[name] = None
+            old, new = outlook.longest if outlook else (None, None)
+            gaps[name] = Gap(old.error, new.error, floor, horizon=old.horizon) if old and new else None
+        of, units = {"motion": "planar", "verdict": self.verdict}, (YAW.units.key, YAW.shown)
         return {
-            "schema": DIAGNOSIS.schema,
-            "motion": "planar",
-            "verdict": self.verdict,
-            **({"why": self.why} if self.why else {}),
-            "effects": [effect.to_json() for effect in self.effects],
-            "where": [region.to_json(YAW.units.key) for region in self.where.regions] if self.where else [],
-            "gap": gaps,
+            **diagnosis_json(of, self.why, self.effects, self.where, gaps, *units),
             "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},
             "candidates": [
                 {

@@ -10,7 +10,6 @@ from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, Resi
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.stepwise import NamedRival
-from automarine_cli.models.store import DIAGNOSIS
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import SetAside, runs_json
@@ -104,15 +103,10 @@ class ThrusterDiagnosis(Shown):
     def to_json(self) -> dict[str, object]:
         gaps = {"fitted_runs": self.gap, "held_out_runs": self.held_out_gap, "cross_validation": self.cross}
         first = self.search.steps[0]
+        of = {"model": "thruster-map", "verdict": self.verdict}
         return {
-            "schema": DIAGNOSIS.schema,
-            "model": "thruster-map",
-            "verdict": self.verdict,
-            **({"why": self.why} if self.why else {}),
-            "effects": [effect.to_json() for effect in self.effects],
-            "where": [region.to_json("N") for region in self.where.regions],
+            **rules.diagnosis_json(of, self.why, self.effects, self.where, gaps, "N"),
             "faulty": [{**vars(fault), "readings": list(fault.readings)} for fault in self.faults],
-            "gap": {name: gap and gap.to_json("N") for name, gap in gaps.items()},
             "candidates": [
                 {
                     "name": candidate.effect, "where": candidate.where, "gain": candidate.gain,
