@@ -123,10 +123,8 @@ def _of_the_plane(
         raise SettingError(f"no run is held out: expected at least {FEWEST_RUNS} logs, or some given with --hold-out")
     foretell(settings["progress"], "the diagnosis", expected_seconds(runs, planar=True))
     diagnosis = find_missing(stored, runs, held_out, observed(campaign.runs))
-    return replace(
-        diagnosis, where=find_planar_where(diagnosis, seed), parent_sha256=sha256(model),
-        set_aside=(*campaign.set_aside, *(other.set_aside if other else ())),
-    )  # fmt: skip
+    aside = (*campaign.set_aside, *(other.set_aside if other else ()))
+    return replace(diagnosis, where=find_planar_where(diagnosis, seed), set_aside=aside, parent_sha256=sha256(model))
 
 
 def _of_a_map(

@@ -40,8 +40,7 @@ class Judge(ABC, Generic[Model, Round]):
     """What a search asks about one kind of model. A new kind says how to look and who may be added; one that says too
     what `added` lists and how to do `without` an effect has its effects reconsidered, and knows their rivals."""
 
-    most: int
-    """Looks forward at most."""
+    most: int  # looks forward
 
     @abstractmethod
     def look(self, model: Model, number: int) -> Round:
@@ -85,13 +84,12 @@ class Outcome(Generic[Model, Round]):
 
 @dataclass(frozen=True)
 class NamedRival:
-    """Another explanation that the data cannot exclude, its weight, and the run or pull that would tell; `label` is the
-    name with what it adds, where the name alone does not tell."""
+    """Another explanation that the data cannot exclude, its weight, and the run or pull that would tell."""
 
     name: str
     confidence: float
     split_by: str
-    label: str = ""
+    label: str = ""  # the name with what it adds, where the name alone does not tell
 
 
 def discover(judge: Judge[Model, Round], base: Model) -> Outcome[Model, Round]:
