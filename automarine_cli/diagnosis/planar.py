@@ -43,7 +43,6 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, NamedRival, discover
@@ -164,7 +163,7 @@ class FittedCandidate:
 
     def rivals(self, best: "FittedCandidate") -> bool:
         """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
-        behind = fit_of(best.estimate).density - fit_of(self.estimate).density
+        behind = best.estimate.fit.density - self.estimate.fit.density
         return best.surplus - self.surplus < HEAD_START or not clear(behind, ERRORS)
 
 
@@ -291,7 +290,7 @@ class PlanarDiagnosis(Shown):
         fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
         gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
         outlooks = {"fitted_runs": self.outlook(False), "held_out_runs": self.outlook(True)}
-        floor = self.after.noises[YAW.position]
+        floor = self.after.fit.noise_of[YAW.position]
         gaps: dict[str, Gap | None] = {}
         for name, outlook in outlooks.items():
             old, new = outlook.longest if outlook else (None, None)
@@ -330,7 +329,7 @@ class _Planar(Judge[Estimated, PlanarStep]):
         likelihood, other, runs = self.likelihood, self.other, len(self.likelihood.runs)
         promised = _promised(likelihood, model, self.observed)
         tried = [
-            _fitted(c, likelihood.estimate(*likelihood.toward(c.model, model, promise), LOOK), model, other)
+            _fitted(c, likelihood.estimate(*likelihood.toward(c.model, model.random, promise), LOOK), model, other)
             for c, promise in sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
             if 2.0 * promise.gain > HEAD_START
         ]
@@ -340,7 +339,7 @@ class _Planar(Judge[Estimated, PlanarStep]):
         if not good:
             return PlanarStep(model, surplus, tuple(tried), None, ())
         best, *runners_up = good
-        estimate = likelihood.estimate(best.candidate.model, best.estimate)
+        estimate = likelihood.estimate(best.candidate.model, best.estimate.random)
         rivals = tuple(trial for trial in runners_up if trial.rivals(best))
         return PlanarStep(model, surplus, tuple(tried), replace(best, estimate=estimate), rivals)
 
@@ -356,8 +355,7 @@ def find_missing(
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), observed), PlanarLikelihood(tuple(unseen), observed)
     base = base_of(stored, observed)  # one start is enough for what somebody took for the vehicle
-    start = Estimated(base, np.zeros((0, 0)), 0.0, 0, random=stored.random)
-    outcome = discover(_Planar(likelihood, other, observed), likelihood.estimate(base, start))
+    outcome = discover(_Planar(likelihood, other, observed), likelihood.estimate(base, stored.random))
     rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken
@@ -380,7 +378,7 @@ def _promised(likelihood: PlanarLikelihood, current: Estimated, observed: Observ
 
 
 def _fitted(candidate: Candidate, extended: Estimated, current: Estimated, other: PlanarLikelihood) -> FittedCandidate:
-    gained = fit_of(extended).density - fit_of(current).density
+    gained = extended.fit.density - current.fit.density
     sums = (float(_densities(other, estimate).sum()) for estimate in (extended, current))
     after, before = (density if np.isfinite(density) else -np.inf for density in sums)
     surplus = 2.0 * float(gained.sum()) - penalty(len(candidate.added), len(gained))
@@ -396,26 +394,21 @@ def _on_the_best_summit(
         return current, tried
     estimate = max(tried, key=lambda contender: contender.surplus).estimate
     model = current.model.with_theta([estimate.known[name] for name in current.model.free])
-    again = likelihood.estimate(model, estimate, LOOK)
-    if again.log_likelihood <= current.log_likelihood:
+    again = likelihood.estimate(model, estimate.random, LOOK)
+    if again.fit.log_likelihood <= current.fit.log_likelihood:
         return current, tried
-    again = likelihood.estimate(again.model, again)
+    again = likelihood.estimate(again.model, again.random)
     return again, [_fitted(contender.candidate, contender.estimate, again, other) for contender in tried]
-
-
-def fit_of(estimate: Estimated) -> InnovationsFit:
-    assert estimate.fit is not None
-    return estimate.fit
 
 
 def _densities(likelihood: PlanarLikelihood, estimate: Estimated) -> Floats:
     problem = likelihood.problem(estimate.model)
-    return problem.follow(problem.search(fit_of(estimate).theta)[None]).log_density[0]
+    return problem.follow(problem.search(estimate.fit.theta)[None]).log_density[0]
 
 
 def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Sequence[Predicted]:
     """What an estimate, of these runs or of others, predicts of the heading of a likelihood's runs."""
-    problem, fit = likelihood.problem(estimate.model), fit_of(estimate)
+    problem, fit = likelihood.problem(estimate.model), estimate.fit
     channel = [channel.quantity for channel in problem.course.channels].index(YAW.position)
     return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), channel=channel)
 
@@ -427,7 +420,7 @@ def find_planar_where(search: PlanarDiagnosis, seed: int) -> Where | None:
     """Look at the gap of the model before anything was added against every variable; `seed` draws the signs. None where
     all runs are too short for predictions."""
     every, before = search.every, search.before
-    course, runs, fit = every.course, every.runs, fit_of(before)
+    course, runs, fit = every.course, every.runs, before.fit
     prediction = judged(search.forecasts[0])
     if not len(prediction.error):
         return None
@@ -445,7 +438,7 @@ def find_planar_where(search: PlanarDiagnosis, seed: int) -> Where | None:
     for dof, force in zip(PLANAR.dofs, np.einsum("ij,jrk->irk", inertia, pushes)):
         if dof in every.observed.dofs:
             kinds[dof.words.full_force] = (dof.units.forces[1], np.where(observed, force, 0.0))
-    floor, columns = float(before.noises[YAW.position]), _columns(runs, course, states, command, observed)
+    floor, columns = float(before.fit.noise_of[YAW.position]), _columns(runs, course, states, command, observed)
     r, part = _stretches(course, observed)
     off = part * residual[r]
     gap = ResidualGrid(

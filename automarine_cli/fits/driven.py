@@ -93,7 +93,7 @@ def base_starts(problem: DrivenProblem) -> Floats:
     return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
 
 
-def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: dict[str, float]) -> Floats:
+def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: Mapping[str, float]) -> Floats:
     """Starts (S, p) from values of the model's parameters and what is known of the random ones."""
     chances = [random.get(chance.name, chance.median) for chance in problem.random]
     return np.clip(np.array([[*theta, *chances] for theta in thetas]), problem.bounds[:, 0], problem.bounds[:, 1])
@@ -431,10 +431,21 @@ LARGE = 1.0
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the preferred model is worth, by quantity and horizon, on each of so many `runs` by a fit to the others."""
+    """What the preferred model is worth, by quantity and horizon, on each of so many `runs` by a fit to the others: of
+    positions of one motion, or of heading and either place on the water or speeds. `proposed` is what the evidence
+    would add (the deviance gained, by effect), `large` a sentence where the disturbance is as large as the commands.
+
+    For people to look at, where a filter followed the runs: `predictions` of the position on the nodes of the `course`,
+    and the `free` run of each from its first filtered state on (R, K + 1), not a number before that.
+    """
 
     worth: Mapping[str, tuple[ForecastScore, ...]]
     runs: int
+    predictions: tuple[Predicted, ...] = field(default=(), repr=False)
+    course: Course | None = field(default=None, repr=False)
+    free: Floats | None = field(default=None, repr=False)
+    proposed: Mapping[str, float] = field(default_factory=dict)
+    large: str = ""
 
     @property
     def beaten(self) -> dict[str, ForecastScore]:
@@ -446,6 +457,14 @@ class Judgement:
     def of_use(self) -> bool:
         """Whether no constant predicts better; what cannot be judged counts as of use."""
         return not self.beaten
+
+    @property
+    def score(self) -> float:
+        """Mean logarithm of the errors as shares of what the better constant misses by, over quantities and horizons;
+        infinite where predictions run away, zero where there are none."""
+        shares = [s.error / min(s.constant_rate, s.constant) for scores in self.worth.values() for s in scores]
+        score = float(np.mean(np.log(np.maximum(shares, 1e-9)))) if shares else 0.0
+        return score if np.isfinite(score) else np.inf
 
     def sentence(self, dof: Dof) -> str:
         first, scores = next(iter(self.worth.items()))
@@ -464,30 +483,12 @@ class Judgement:
     def _beside(self, name: str, score: ForecastScore, dof: Dof) -> str:
         if len(self.worth) == 1:
             return score.beside(dof)
-        words = {dof.position: (name,), "place": (name, "rate", name, "m")}
+        words = {dof.position: (name,), PLACE: (name, "rate", name, "m")}
         quantity, *rivals = words.get(name, (f"{name} speed", "acceleration", "speed", "m/s"))
         return f"the {quantity} {score.beside(dof, *rivals)}"
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
-        return () if self.of_use else (self.sentence(dof),)
-
-
-@dataclass(frozen=True)
-class Use(Judgement):
-    """The same of driven runs, and what the evidence would add (`proposed`, the deviance gained, by effect). For people
-    to look at: the `predictions` on the nodes of the `course`, the `free` run of each from its first filtered state on
-    (R, K + 1), not a number before that, and the `disturbance` that the filter saw (R, K + 1), a moment or force;
-    `large` is a sentence where that is as large as the commands."""
-
-    proposed: Mapping[str, float]
-    course: Course = field(repr=False)
-    predictions: tuple[Predicted, ...] = field(repr=False)
-    free: Floats = field(repr=False)
-    disturbance: Floats = field(repr=False)
-    large: str = ""
-
-    def warnings(self, dof: Dof) -> tuple[str, ...]:
-        sentences = super().warnings(dof) + ((self.large,) if self.large else ())
+        sentences = (*([] if self.of_use else [self.sentence(dof)]), *filter(None, [self.large]))
         if not self.proposed:
             return sentences
         names = ",".join(self.proposed)
@@ -497,6 +498,29 @@ class Use(Judgement):
         )
         need = f"The data need more than drag: {asks}. The intervals allow for it; fit it with --with {names}."
         return (*sentences, need)
+
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        """For the result file: one entry a horizon, errors as root mean squares."""
+        entries = {score.horizon: score.to_json(dof) for score in self.worth[dof.position]}
+        for name, scores in self.worth.items():
+            unit = unit_of_quantity(name, dof).replace("/", "_")
+            for score in scores if name != dof.position else ():
+                entries.get(score.horizon, {}).update(
+                    {
+                        f"{name}_rmse_{unit}": score.error,
+                        f"constant_rate_{name}_{unit}": score.constant_rate,
+                        f"constant_{name}_{unit}": score.constant,
+                    }
+                )
+        return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": self.sentence(dof)}
+
+
+PLACE = "place"  # on the water, both axes together
+
+
+def unit_of_quantity(name: str, dof: Dof) -> str:
+    """In which people see a quantity that is judged: a position of the motion, a place on the water or a speed."""
+    return {dof.position: dof.units.shown, PLACE: "m"}.get(name, "m/s")
 
 
 def judged_of(worth: Sequence[ForecastScore]) -> ForecastScore | None:
@@ -565,12 +589,9 @@ def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
 
 def use_of(
     course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
-) -> Use:
+) -> Judgement:
     """Judge a fit of driven runs on each run by the others; `proposed` is what it lacks."""
-    problem = driven_problem(fit.model, course)
-    followed = problem.follow(fit.mixed.phi[None], keep=True)
-    assert followed.states is not None
-    free = free_run(fit.model, course, fit.mixed.of_model, problem.noises(fit.mixed.theta[None]))
-    push, large = fit.model.inertia * followed.states[followed.places.pushed[0], 0], large_disturbance(course, fit)
+    noises = driven_problem(fit.model, course).noises(fit.mixed.theta[None])
+    free = free_run(fit.model, course, fit.mixed.of_model, noises)
     worth = {fit.model.dof.position: worth_of(predictions)}
-    return Use(worth, len(course.names), proposed, course, predictions, free, push, large)
+    return Judgement(worth, len(course.names), predictions, course, free, proposed, large_disturbance(course, fit))

@@ -354,11 +354,10 @@ class YawFit(Shown):
         mixed, use, json = self.preferred.mixed, self.use, dict[str, object]()
         if use is None:
             return json
-        if isinstance(use, driven.Use):
+        if mixed.driven:
             random = random_estimates(mixed, self.preferred.covariance, self.dof)
             json = {"driven": True, "random": random, "proposed": dict(use.proposed)}
-        worth = [score.to_json(self.dof) for score in use.worth[self.dof.position]]
-        return json | {"prediction": {"left_out_runs": worth, "of_use": use.of_use, "says": use.sentence(self.dof)}}
+        return json | {"prediction": use.to_json(self.dof)}
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit, dof = self.output_error[number], self.dof

@@ -14,8 +14,8 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import Predicted, free_run
-from automarine_cli.fits.driven import ForecastScore, Judgement, left_out_predictions, worth_of
+from automarine_cli.filters.kalman import free_run
+from automarine_cli.fits.driven import PLACE, ForecastScore, Judgement, left_out_predictions, starts_near, worth_of
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import (
     ITERATIONS,
@@ -35,49 +35,8 @@ from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, SetAside, runs_json
 
-HEADING, PLACE = "heading", "place"
-UNITS = {HEADING: YAW.units.shown, PLACE: "m", SURGE.velocity: "m/s", SWAY.velocity: "m/s"}
-"""What is predicted, in the units of people."""
-KEYS = {PLACE: ("place", "m"), SURGE.velocity: ("surge", "m_s"), SWAY.velocity: ("sway", "m_s")}
 
-
-@dataclass(frozen=True)
-class PlanarUse(Judgement):
-    """The same of heading [rad] and place on the water [m], or speeds [m/s] where no positions are logged. For people
-    to look at: `predictions` of the heading on the nodes of the `course`, and each channel of the `free` runs from the
-    first filtered state on, (R, K + 1), not a number before that."""
-
-    predictions: tuple[Predicted, ...] = field(repr=False)
-    course: Course = field(repr=False)
-    free: Mapping[str, Floats] = field(default_factory=dict, repr=False)
-
-    @property
-    def score(self) -> float:
-        """Mean logarithm of the errors as shares of what the better constant misses by, over quantities and horizons;
-        infinite where predictions run away, zero where there are none."""
-        shares = [s.error / min(s.constant_rate, s.constant) for scores in self.worth.values() for s in scores]
-        score = float(np.mean(np.log(np.maximum(shares, 1e-9)))) if shares else 0.0
-        return score if np.isfinite(score) else np.inf
-
-    def to_json(self) -> dict[str, object]:
-        """For the result file: one entry a horizon, errors as root mean squares."""
-        entries = {forecast.horizon: forecast.to_json(YAW) for forecast in self.worth[HEADING]}
-        for name, (key, unit) in KEYS.items():
-            for forecast in self.worth.get(name, ()):
-                sizes = {
-                    "{}_rmse_{}": forecast.error,
-                    "constant_rate_{}_{}": forecast.constant_rate,
-                    "constant_{}_{}": forecast.constant,
-                }
-                entries.get(forecast.horizon, {}).update({form.format(key, unit): size for form, size in sizes.items()})
-        return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": [self.sentence(YAW)]}
-
-
-def shown(name: str, value: float) -> float:
-    return float(YAW.shown(value)) if name == HEADING else value
-
-
-def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = False) -> PlanarUse:
+def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = False) -> Judgement:
     """Predictions of each run by the parameters that the other runs give, of all that is judged."""
     at = {channel.quantity: c for c, channel in enumerate(problem.course.channels)}
     placed = set(PLACES) <= at.keys()
@@ -87,14 +46,12 @@ def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = Fals
         worth = {name: worth_of(predicted) for name, predicted in zip(names[1:], remaining)}
         if placed:
             worth = {PLACE: _distances(list(worth.values()))}
-        return PlanarUse({HEADING: worth_of(heading), **worth}, len(problem.course.names), heading, problem.course)
+        return Judgement({YAW.position: worth_of(heading), **worth}, len(problem.course.names), heading, problem.course)
 
 
-def with_free_runs(problem: DrivenProblem, fit: InnovationsFit, use: PlanarUse) -> PlanarUse:
-    course, noises = problem.course, problem.noises(fit.theta[None])
-    at = {of.quantity: c for c, of in enumerate(course.channels) if of.quantity in (YAW.position, *PLACES)}
-    free = {name: free_run(problem.model, course, fit.of_model, noises, c) for name, c in at.items()}
-    return replace(use, free=free)
+def with_free_run(problem: DrivenProblem, fit: InnovationsFit, use: Judgement) -> Judgement:
+    course, heading = problem.course, [of.quantity for of in problem.course.channels].index(YAW.position)
+    return replace(use, free=free_run(problem.model, course, fit.of_model, problem.noises(fit.theta[None]), heading))
 
 
 def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
@@ -113,27 +70,27 @@ def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastSc
 FULLY = 3  # neighbours of a structure that are fitted, at most
 LIKELIHOOD, FORECASTS = "innovations", "forecasts"
 WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts over 5 s"}  # how a structure is fitted
+DISTURBANCE_KEYS = {"size": "disturbance", "time_s": "disturbance-time", "thrust_noise": "thrust-noise"}
 AS_LARGE = 0.5  # share of the commands from which on a disturbance may answer for what they do
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """What an estimator found for one model: values in `model`, `covariance` (f, f) of its free parameters.
-
-    `log_likelihood` is that of so many `readings`; `noises` of the channels [base units], `disturbance` by degree of
-    freedom and what it is (size, time constant). `random` are all sizes of what is random, by name; `fit` is what an
-    estimator by innovations made of the runs.
-    """
+    """What a `fit` by innovations or to forecasts found for one model: values in `model`, `covariance` (f, f) of its
+    free parameters with the run as the unit."""
 
     model: Tied
     covariance: Floats = field(repr=False)
-    log_likelihood: float
-    readings: int
-    noises: Mapping[str, float] = field(default_factory=dict)
-    disturbance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    converged: bool = True
-    random: Mapping[str, float] = field(default_factory=dict, repr=False)
-    fit: InnovationsFit | None = field(default=None, repr=False)
+    fit: InnovationsFit = field(repr=False)
+
+    @property
+    def random(self) -> dict[str, float]:
+        """Sizes of what is random, by name."""
+        return self.fit.of_chance
+
+    @property
+    def readings(self) -> int:
+        return sum(self.fit.readings.values())
 
     @property
     def known(self) -> dict[str, float]:
@@ -149,20 +106,20 @@ class Estimated:
             if not row.any():
                 continue
             i, freedom = int(np.argmax(np.abs(row))), float(self.readings - len(self.model.free))
-            if fit is not None and runs > 1:
+            if runs > 1:
                 freedom = run_dof(fit, np.eye(len(fit.theta))[i])
-            if fit is not None and fit.positive[i]:
+            if fit.positive[i]:
                 estimate = Estimate.from_log(value, error / value, freedom, unit[name])
             else:
                 estimate = Estimate.from_stderr(value, error, freedom, unit[name])
-            before, stopped = name in prior.parameters, fit is not None and i in fit.at_bound
-            estimates[name] = replace(estimate, known=before, at_bound=stopped and not before)
+            before = name in prior.parameters
+            estimates[name] = replace(estimate, known=before, at_bound=i in fit.at_bound and not before)
         return estimates
 
     @property
     def criterion(self) -> float:
         """Bayesian information criterion, the smaller the better; Schwarz (1978), doi 10.1214/aos/1176344136."""
-        return float(-2.0 * self.log_likelihood + len(self.model.free) * np.log(max(self.readings, 2)))
+        return float(-2.0 * self.fit.log_likelihood + len(self.model.free) * np.log(max(self.readings, 2)))
 
 
 @dataclass(frozen=True)
@@ -173,13 +130,13 @@ class Tried:
 
 @dataclass(frozen=True)
 class Choice:
-    """What is preferred: a structure with its estimate, which of the WAYS that was made (`way`), of what `use` it is
-    (None where that cannot be told), and the sentence that says why."""
+    """What is preferred: a structure with its estimate, which of the WAYS that was made (`way`), of what `use` it is,
+    and the sentence that says why."""
 
     best: Tried
-    way: str = LIKELIHOOD
-    use: PlanarUse | None = None
-    because: str = ""
+    way: str
+    use: Judgement
+    because: str
 
 
 def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
@@ -194,13 +151,13 @@ def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood
     while True:
         new = [structure for structure in best.structure.neighbours() if str(structure) not in tried]
         chosen = [
-            Tried(structure, estimator.estimate(*estimator.toward(model, best.estimated, promise), BRIEF))
+            Tried(structure, estimator.estimate(*estimator.toward(model, best.estimated.random, promise), BRIEF))
             for structure, model, promise in _promising(best, new, rough, estimator)
         ]
         tried |= {str(trial.structure): trial for trial in chosen}
         better = min(chosen, key=lambda trial: trial.estimated.criterion, default=best)
         if better is not best:
-            better = replace(better, estimated=estimator.estimate(better.estimated.model, better.estimated))
+            better = replace(better, estimated=estimator.estimate(better.estimated.model, better.estimated.random))
             tried[str(better.structure)] = better
         if better.estimated.criterion >= best.estimated.criterion:
             return tuple(sorted(tried.values(), key=lambda trial: trial.estimated.criterion))
@@ -249,7 +206,7 @@ class PlanarFit(Shown):
         return self.choice.best.structure
 
     @property
-    def use(self) -> PlanarUse | None:
+    def use(self) -> Judgement:
         return self.choice.use
 
     @property
@@ -290,7 +247,7 @@ class PlanarFit(Shown):
 
     def to_json(self) -> dict[str, object]:
         estimates = {name: estimate.to_json() for name, estimate in self.estimates.items()}
-        estimated = self.found
+        fit, free = self.found.fit, self.found.model.free
         return {
             **planar_json(self.model, estimates),
             "fitted_to": "whole runs",
@@ -300,12 +257,15 @@ class PlanarFit(Shown):
             "estimated_because": self.choice.because,
             "assumptions": [asdict(assumption) for assumption in self.structure.assumptions],
             "channels": list(self.observed.channels),
-            "noises": dict(estimated.noises),
-            "disturbance": {name: dict(sizes) for name, sizes in estimated.disturbance.items()},
-            "random": dict(estimated.random),
-            **({"prediction": self.use.to_json()} if self.use else {}),
-            "log_likelihood": estimated.log_likelihood,
-            "covariance": {"parameters": list(estimated.model.free), "matrix": estimated.covariance.tolist()},
+            "noises": dict(fit.noise_of),
+            "disturbance": {
+                dof.name: {key: fit.of_chance[f"{dof.name}.{name}"] for key, name in DISTURBANCE_KEYS.items()}
+                for dof in self.observed.dofs
+            },
+            "random": self.found.random,
+            "prediction": self.use.to_json(YAW),
+            "log_likelihood": fit.log_likelihood,
+            "covariance": {"parameters": list(free), "matrix": self.found.covariance.tolist()},
             "valid_range": self.valid_range,
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.runs), self.set_aside, self.runs),
@@ -314,11 +274,12 @@ class PlanarFit(Shown):
     @property
     def disturbed(self) -> tuple[str, ...]:
         large = []
+        of_chance = self.found.random
         for dof, inertia in zip(PLANAR.dofs, np.diagonal(self.model.inertia.matrix)):
             commands = np.concatenate([run.command_of(dof) for run in self.runs])
             usual = float(np.sqrt(np.mean(commands**2)))
-            size = inertia * self.found.disturbance.get(dof.name, {}).get("size", 0.0)
-            if usual > 0 and size > AS_LARGE * usual:
+            size = inertia * of_chance[f"{dof.name}.disturbance"]
+            if dof in self.observed.dofs and usual > 0 and size > AS_LARGE * usual:
                 unit = "N m" if dof.wraps else "N"
                 large.append(f"{dof.name} {size:.3g} of {usual:.3g} {unit}")
         if not large:
@@ -329,9 +290,8 @@ class PlanarFit(Shown):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        sentences = [] if self.use is None else [*self.use.warnings(YAW)]
-        sentences += self.disturbed
-        if not self.found.converged:
+        sentences = [*self.use.warnings(YAW), *self.disturbed]
+        if not self.found.fit.converged:
             sentences.append("The fit did not converge; give more or longer runs.")
         loose = [
             name
@@ -384,50 +344,38 @@ class PlanarLikelihood:
         searched = [_searched(name, self.rough, self.course) for name in model.free]
         return DrivenProblem.of(model, self.course, model.free, searched, self._random(model)).informed(self.priors)
 
-    def starts(self, problem: DrivenProblem, neighbour: Estimated | None) -> Floats:
-        """Where a fit begins, (S, p): about the model's own values, with what is known of the random ones."""
+    def starts(self, problem: DrivenProblem, random: Mapping[str, float] | None) -> Floats:
+        """Where a fit begins, (S, p): about the model's own values, with what is known of the `random` ones."""
         model = problem.model
         assert isinstance(model, Tied)
         middle = {chance.name: chance.median for chance in problem.random}
-        if neighbour is not None:
-            chances = [neighbour.random.get(name, value) for name, value in middle.items()]
-            starts = [[*model.theta, *chances]]
-        else:
-            heavy = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in model.free])
-            starts = []
-            for inertia, size in product(INERTIAS, SIZES):
-                pushed = {
-                    name: size / 0.05 * value / inertia if name.endswith("disturbance") else value
-                    for name, value in middle.items()
-                }
-                starts.append([*np.where(heavy, inertia * model.theta, model.theta), *pushed.values()])
+        if random is not None:
+            return starts_near(problem, [model.theta], random)
+        heavy = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in model.free])
+        starts = []
+        for inertia, size in product(INERTIAS, SIZES):
+            pushed = {
+                name: size / 0.05 * value / inertia if name.endswith("disturbance") else value
+                for name, value in middle.items()
+            }
+            starts.append([*np.where(heavy, inertia * model.theta, model.theta), *pushed.values()])
         return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
 
-    def estimate(self, model: Tied, neighbour: Estimated | None = None, iterations: int = ITERATIONS) -> Estimated:
-        """The model fitted, from its own values, or from what was found of a `neighbour`; one of few `iterations`
-        leaves no run out. Raises FitError where no start leads anywhere."""
+    def estimate(
+        self, model: Tied, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
+    ) -> Estimated:
+        """The model fitted, from its own values and what is known of the `random` ones; one of few `iterations` leaves
+        no run out. Raises FitError where no start leads anywhere."""
         problem = self.problem(model)
-        starts, brief = self.starts(problem, neighbour), iterations < ITERATIONS
-        return self._estimated(model, fit_innovations(problem, starts, iterations, brief))
+        starts, brief = self.starts(problem, random), iterations < ITERATIONS
+        return _estimated(model, fit_innovations(problem, starts, iterations, brief))
 
     def by_forecasts(self, neighbour: Estimated) -> Estimated:
         """The model of an estimate fitted to forecasts over seconds, from states that are smoothed by it. Raises
         FitError where no run is long enough."""
-        assert neighbour.fit is not None
         problem = self.problem(neighbour.model)
         starts = np.concatenate([neighbour.fit.theta[None], self.starts(problem, None)])
-        return self._estimated(neighbour.model, with_chance(problem, fit_forecasts(problem, neighbour.fit.phi, starts)))
-
-    def _estimated(self, model: Tied, fit: InnovationsFit) -> Estimated:
-        """The estimate of a fit, with the run as the unit of its errors."""
-        of_model = slice(0, fit.parameters)
-        slopes = np.where(fit.positive[of_model], fit.theta[of_model], 1.0)
-        random, dofs = fit.of_chance, [dof.name for dof in self.observed.dofs]
-        covariance = run_covariance(fit)[of_model, of_model] * np.outer(slopes, slopes)
-        keys = {"size": "disturbance", "time_s": "disturbance-time", "thrust_noise": "thrust-noise"}
-        pushes = {dof: {key: random[f"{dof}.{name}"] for key, name in keys.items()} for dof in dofs}
-        model, likely, readings = model.with_theta(fit.of_model), fit.log_likelihood, sum(fit.readings.values())
-        return Estimated(model, covariance, likely, readings, fit.noise_of, pushes, fit.converged, random, fit)
+        return _estimated(neighbour.model, with_chance(problem, fit_forecasts(problem, neighbour.fit.phi, starts)))
 
     def choose(self, tried: Sequence[Tried]) -> Choice:
         """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
@@ -436,29 +384,26 @@ class PlanarLikelihood:
         Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
-        simplest = Structure.simplest(self.observed)
-        fitted: list[tuple[Tried, str, PlanarUse]] = []
-        for place in dict.fromkeys((0, next((i for i, t in enumerate(tried) if t.structure == simplest), 0))):
+        simplest = next((trial for trial in tried if trial.structure == Structure.simplest(self.observed)), tried[0])
+        fitted: list[tuple[Tried, str, Judgement]] = []
+        for trial in (tried[0], *([simplest] if simplest is not tried[0] else [])):
             for way in WAYS:
                 with suppress(FitError):
-                    trial = tried[place]
                     estimated = trial.estimated if way == LIKELIHOOD else self.by_forecasts(trial.estimated)
-                    assert estimated.fit is not None
                     judged = forecasts_of(self.problem(estimated.model), estimated.fit, way == FORECASTS)
                     if np.isfinite(judged.score) or not fitted:
                         fitted.append((replace(trial, estimated=estimated), way, judged))
         best = min(fitted, key=lambda candidate: candidate[2].score)
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
         estimated = chosen[0].estimated
-        assert estimated.fit is not None
-        use = with_free_runs(self.problem(estimated.model), estimated.fit, chosen[2])
+        use = with_free_run(self.problem(estimated.model), estimated.fit, chosen[2])
         return Choice(chosen[0], chosen[1], use, _because(chosen, fitted))
 
-    def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list["Promise"]:
+    def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
         `neighbour`, and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)
-        (phi,) = problem.search(self.starts(problem, neighbour))
+        (phi,) = problem.search(self.starts(problem, neighbour.random))
         (slopes,) = problem.slopes(phi[None])
         gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
         hessian = slopes.information.sum(axis=0) + problem.prior_information
@@ -477,16 +422,15 @@ class PlanarLikelihood:
         without = promise(()).gain
         return [replace(expected, gain=expected.gain - without) for expected in map(promise, added)]
 
-    def toward(self, model: Tied, neighbour: Estimated, promised: "Promise") -> tuple[Tied, Estimated]:
-        """The model, and what is random of a `neighbour`, as promised, where that is likelier than as they are."""
+    def toward(self, model: Tied, random: Mapping[str, float], promised: Promise) -> tuple[Tied, Mapping[str, float]]:
+        """The model, and what is `random`, as promised, where that is likelier than as they are."""
         problem = self.problem(model)
-        (start,) = self.starts(problem, neighbour)
+        (start,) = self.starts(problem, random)
         there = np.array([promised.theta.get(name, value) for name, value in zip(problem.names, start)])
         value, reached = problem.value(problem.search(np.stack([start, there])))
         if not reached > value:
-            return model, neighbour
-        random = dict(zip(problem.names, there.tolist()))
-        return model.with_theta(there[: len(model.free)]), replace(neighbour, random=random)
+            return model, random
+        return model.with_theta(there[: len(model.free)]), dict(zip(problem.names, there.tolist()))
 
     def _random(self, model: Tied) -> tuple[Randomness, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
@@ -499,9 +443,16 @@ class PlanarLikelihood:
         return tuple(replace(c, upper=c.lower) if c.name.startswith(unread) else c for c in chances)
 
 
-def _because(chosen: tuple[Tried, str, PlanarUse], fitted: Sequence[tuple[Tried, str, PlanarUse]]) -> str:
+def _estimated(model: Tied, fit: InnovationsFit) -> Estimated:
+    of_model = slice(0, fit.parameters)
+    slopes = np.where(fit.positive[of_model], fit.theta[of_model], 1.0)
+    covariance = run_covariance(fit)[of_model, of_model] * np.outer(slopes, slopes)
+    return Estimated(model.with_theta(fit.of_model), covariance, fit)
+
+
+def _because(chosen: tuple[Tried, str, Judgement], fitted: Sequence[tuple[Tried, str, Judgement]]) -> str:
     how, scores = f"Fitted {WAYS[chosen[1]]}", [judged.score for _, _, judged in fitted if judged is not chosen[2]]
-    if not scores or not chosen[2].worth[HEADING]:
+    if not scores or not chosen[2].worth[YAW.position]:
         return f"{how}."
     share = float(np.expm1(min(scores) - chosen[2].score))
     misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"

@@ -10,12 +10,12 @@ import pyarrow.parquet as pq
 
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.driven import Use
+from automarine_cli.fits.driven import Judgement, unit_of_quantity
 from automarine_cli.fits.identify import DRAG, INERTIA, YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import DragFit, nested_test
-from automarine_cli.fits.planar_fit import UNITS, PlanarFit, PlanarUse, shown
+from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.store import units
 from automarine_cli.report.figures import runs as figures
@@ -189,8 +189,9 @@ def _(fit: YawFit) -> Sections:
 def _drawings(fit: YawFit) -> dict[str, Draw]:
     seed, data, use = fit.seed_method, fit.data, fit.use
     if seed is None or data is None:
-        driven = partial(figures.driven_runs_figure, fit, use) if isinstance(use, Use) else None
-        return {"whole_runs": driven or partial(figures.whole_runs_figure, fit)}
+        if use is not None and fit.preferred.mixed.driven:
+            return {"whole_runs": partial(figures.driven_runs_figure, fit, use)}
+        return {"whole_runs": partial(figures.whole_runs_figure, fit)}
     return {
         fit.dof.steps_key: partial(figures.half_turns_figure, fit),
         "drag": partial(figures.drag_figure, fit, seed),
@@ -215,10 +216,10 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
     dof, words, data, seed, use = fit.dof, fit.dof.words, fit.data, fit.seed_method, fit.use
     key, rate_key, mixed, rows = dof.units.key, dof.units.rate_key, fit.preferred.mixed, list[dict[str, object]]()
     gains = np.exp(mixed.own(GAIN)[:, 0]).tolist()
-    if seed is None or data is None or isinstance(use, Use):
+    if seed is None or data is None:
         for i, run in enumerate(fit.runs):
             row = {"run": run.name, "file": run.source, "samples": len(run), "duration_s": run.time[-1] - run.time[0]}
-            if isinstance(use, Use):  # what was predicted of it when it was left out of the fit
+            if use is not None and mixed.driven:  # what was predicted of it when it was left out of the fit
                 squares = {ahead.horizon: ahead.by_run(ahead.error, len(fit.runs))[i] for ahead in use.predictions}
                 row |= {"gain": gains[i]} | {
                     f"rmse_{horizon:g}_s_ahead_{key}": float(dof.shown(np.sqrt(square)))
@@ -249,14 +250,14 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
 
 @sections.register
 def _(fit: PlanarFit) -> Sections:
-    use = () if fit.use is None else (fit.use.sentence(YAW),)
-    first = (*use, *(f"Warning: {line}" for line in fit.disturbed), *filter(None, [fit.choice.because]))
+    disturbed = (f"Warning: {line}" for line in fit.disturbed)
+    first = (fit.use.sentence(YAW), *disturbed, *filter(None, [fit.choice.because]))
     details = list(planar_sentences(fit))
-    tables = [parameter_table(fit), *([] if fit.use is None else [prediction_table(fit.use)]), structure_table(fit)]
+    tables = [parameter_table(fit), prediction_table(fit.use), structure_table(fit)]
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
     files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
     files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
-    drawings = {} if fit.use is None else {"planar_runs": partial(figures.driven_runs_figure, fit, fit.use)}
+    drawings = {"planar_runs": partial(figures.driven_runs_figure, fit, fit.use)}
     listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
     return Sections([*first, *tables, *details], files, drawings, listed, rows)
 
@@ -265,22 +266,22 @@ def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
     yield from fit.prior.sentences(units(fit.model), fit.model.parameter_names)
     yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
-    noises = fit.found.noises
+    noises = fit.found.fit.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
-    above = (*(() if fit.use is None else fit.use.warnings(YAW)), *fit.disturbed)
+    above = (*fit.use.warnings(YAW), *fit.disturbed)
     yield from (warning for warning in fit.warnings if warning not in above)
 
 
-def prediction_table(use: PlanarUse) -> Table:
+def prediction_table(use: Judgement) -> Table:
     """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
     rows = []
     for name, horizons in use.worth.items():
         for ahead in horizons:
             sizes = {"model": ahead.error, "constant rate": ahead.constant_rate, "constant": ahead.constant}
             rows.append({
-                "of": f"{name}, {UNITS[name]}", "s ahead": f"{ahead.horizon:g}",
-                **{word: number(shown(name, size), 3) for word, size in sizes.items()},
+                "of": f"{name}, {unit_of_quantity(name, YAW)}", "s ahead": f"{ahead.horizon:g}",
+                **{word: number(YAW.shown(x) if name == YAW.position else x, 3) for word, x in sizes.items()},
                 "predictions": ahead.count,
             })  # fmt: skip
     source = "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run fitted"
@@ -305,6 +306,6 @@ def structure_table(fit: PlanarFit) -> Table:
     best = fit.tried[0].estimated.criterion
     return Table.of("Structures", [
         {"structure": str(t.structure), "parameters": len(t.estimated.model.free),
-         "log likelihood": number(t.estimated.log_likelihood, 7), "BIC less the best": t.estimated.criterion - best}
+         "log likelihood": number(t.estimated.fit.log_likelihood, 7), "BIC less the best": t.estimated.criterion - best}
         for t in fit.tried
     ])  # fmt: skip

@@ -146,7 +146,6 @@ def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     """What the library predicts at the horizons from its filtered states, (A, 3, H)."""
     likelihood = PlanarLikelihood(tuple(runs), fit.observed)
     problem, estimate = likelihood.problem(fit.found.model), fit.found.fit
-    assert estimate is not None
     course = likelihood.course
     followed = problem.follow(estimate.phi[None], keep=True)
     if fit.choice.way == FORECASTS:

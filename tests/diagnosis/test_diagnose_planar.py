@@ -18,7 +18,7 @@ from automarine_cli.diagnosis.planar import (
     forecasts,
 )
 from automarine_cli.diagnosis.residual_regions import Region
-from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood
+from automarine_cli.fits.planar_fit import PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.store import StoredPlanar
@@ -88,8 +88,7 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     """The filter needs -N_v v beside a model without it."""
     every = PlanarLikelihood(tuple(campaign(HIDDEN["N_v"], 3, 6, 30.0, SPEEDS)), Observed(SPEEDS))
     bare = StoredPlanar(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]), "by hand")
-    near = Estimated(base_of(bare, every.observed), np.zeros((0, 0)), 0.0, 0, random={"yaw.disturbance": 0.5})
-    before = every.estimate(near.model, near, 6)
+    before = every.estimate(base_of(bare, every.observed), {"yaw.disturbance": 0.5}, 6)
     search = PlanarDiagnosis(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
     where = find_planar_where(search, 0)
     assert where is not None

@@ -2,7 +2,7 @@
 the free run, or scripted, on made runs; then its own estimator, by innovations, on runs of an independent solver."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,17 +16,17 @@ from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits import planar_fit
-from automarine_cli.fits.driven import ForecastScore
+from automarine_cli.fits.driven import ForecastScore, Judgement
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import search_of
 from automarine_cli.fits.planar_fit import (
+    DISTURBANCE_KEYS,
     FORECASTS,
     LIKELIHOOD,
     Choice,
     Estimated,
     PlanarFit,
     PlanarLikelihood,
-    PlanarUse,
     Promise,
     Tried,
     search,
@@ -80,7 +80,34 @@ def least_squares_of(model: Tied, runs: Sequence[Run], seen: Observed) -> Estima
 
     fit = least_squares(misfit, model.theta, x_scale=np.maximum(np.abs(model.theta), 1.0))
     covariance = np.linalg.inv(fit.jac.T @ fit.jac)
-    return Estimated(model.with_theta(fit.x), covariance, -fit.cost, len(fit.fun), NOISE)
+    return Estimated(model.with_theta(fit.x), covariance, fit_of(model, log_likelihood=-fit.cost))
+
+
+def fit_of(model: Tied, runs: int = 3, log_likelihood: float = 0.0, disturbance: float = 0.01) -> InnovationsFit:
+    """A fit of a model, whose last parameter stands at a bound; runs left out move the second by a tenth."""
+    free = len(model.free)
+    names = (*model.free, *(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in DISTURBANCE_KEYS.values()))
+    theta = np.array([*model.theta, *[disturbance] * (len(names) - free)])
+    positive = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in names])
+    phi = search_of(theta, positive)
+    left_out = np.tile(phi, (runs, 1))
+    left_out[:, 1] += 0.1 * np.arange(runs)
+    return InnovationsFit(
+        names, theta, phi, positive, 1e-6 * np.eye(len(phi)), left_out, log_likelihood, np.zeros(runs), (free - 1,), 1,
+        True, np.tile(np.eye(len(phi)), (runs, 1, 1)), NOISE, {"heading": 1000}, np.zeros(runs), np.zeros(runs), free,
+    )  # fmt: skip
+
+
+def use_of(**errors: float) -> Judgement:
+    """What a model is worth that misses by these errors, at any horizon."""
+    worth = {
+        name: tuple(ForecastScore(h, error, 2.0, 1.0, 100) for h in (2.0, 5.0, 15.0)) for name, error in errors.items()
+    }
+    return Judgement(worth, 2)
+
+
+def choice(tried: Tried) -> Choice:
+    return Choice(tried, LIKELIHOOD, use_of(heading=0.5), "")
 
 
 class Scripted:
@@ -89,17 +116,14 @@ class Scripted:
     def __init__(self, *_: object) -> None:
         pass
 
-    def estimate(self, model: Tied, near: Estimated | None = None, iterations: int = 60) -> Estimated:
-        return Estimated(model, 0.01 * np.eye(len(model.free)), self.worth(model.free), 1000, NOISE)
+    def estimate(self, model: Tied, random: Mapping[str, float] | None = None, iterations: int = 60) -> Estimated:
+        return Estimated(model, 0.01 * np.eye(len(model.free)), fit_of(model, log_likelihood=self.worth(model.free)))
 
     def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         return [Promise(self.worth(names), {}) for names in added]
 
-    def toward(self, model: Tied, near: Estimated, promised: Promise) -> tuple[Tied, Estimated]:
-        return model, near
-
-    def choose(self, tried: Sequence[Tried]) -> Choice:
-        return Choice(tried[0])
+    def toward(self, model: Tied, random: Mapping[str, float], promised: Promise) -> tuple[Tied, Mapping[str, float]]:
+        return model, random
 
     @staticmethod
     def worth(names: Sequence[str]) -> float:
@@ -118,7 +142,7 @@ def fit() -> PlanarFit:
     structure = replace(Structure.simplest(seen), couplings=("Y_r",))
     found = least_squares_of(structure.model(rough_sizes(runs)), runs, seen)
     tried = Tried(structure, found)
-    return PlanarFit((tried,), Choice(tried), runs, seen)
+    return PlanarFit((tried,), choice(tried), runs, seen)
 
 
 def test_a_structure_is_fitted_from_its_rough_sizes(fit: PlanarFit) -> None:
@@ -136,7 +160,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     assert tried[0].structure == replace(simplest, laws={**simplest.laws, "surge": LAWS[1]}, couplings=("Y_r",))
     criteria = [each.estimated.criterion for each in tried]
     assert criteria == sorted(criteria) and len({str(each.structure) for each in tried}) == len(tried)
-    because = PlanarFit(tried, Choice(tried[0]), runs, seen).because
+    because = PlanarFit(tried, choice(tried[0]), runs, seen).because
     assert because.startswith(f"Of {len(tried)} structures this one has the best evidence")
 
 
@@ -173,7 +197,7 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
     near = list(structure.neighbours())
     assert {each.couplings for each in near} == {(), ("N_ur",)} and not any(n.current or n.skewed for n in near)
     tried = search(runs, seen, Scripted())
-    masses = PlanarFit(tried, Choice(tried[0]), tuple(runs), seen).estimates
+    masses = PlanarFit(tried, choice(tried[0]), tuple(runs), seen).estimates
     assert masses["sway.m_v"].value == masses["surge.m_u"].value
     assert masses["sway.m_v"].stderr == masses["surge.m_u"].stderr > 0
     abeam = observed([made(0, ("heading", "sway"))])
@@ -219,8 +243,8 @@ def test_innovations_find_the_truth(channels: Sequence[str]) -> None:
     found = likelihood.estimate(structure.model(rough_sizes(runs)))
     for name, value, deviation in zip(found.model.free, found.model.theta, np.sqrt(np.diagonal(found.covariance))):
         assert abs(value - TRUTH[name]) < 3.0 * deviation < 0.3 * TRUTH[name], (name, value, deviation)
-    assert set(found.model.free) == set(TRUTH) and set(found.disturbance) == {"surge", "sway", "yaw"}
-    for name, noise in found.noises.items():
+    assert set(found.model.free) == set(TRUTH) and set(found.fit.of_chance) > {"surge.disturbance", "yaw.thrust-noise"}
+    for name, noise in found.fit.noise_of.items():
         assert noise == pytest.approx(NOISE[name], rel=0.3), name
 
 
@@ -272,20 +296,12 @@ def test_a_promise_is_the_gain_of_the_fit() -> None:
     assert all(0 <= gain < 6 for gain in gains)
     without = likelihood.estimate(simplest.model(rough))
     (promised,) = likelihood.promises(simplest.widest.beside(without.known, rough), without, [("sway.Y_r",)])
-    assert promised.gain > 10 and found.log_likelihood - without.log_likelihood > 10
+    assert promised.gain > 10 and found.fit.log_likelihood - without.fit.log_likelihood > 10
 
 
-# Which fit is preferred, what it is worth, and what its intervals hold
+# Which fit is preferred, and what its intervals hold
 
 PERIOD = 0.05
-
-
-def use_of(**errors: float) -> PlanarUse:
-    """What a model is worth that misses by these errors, at any horizon."""
-    worth = {
-        name: tuple(ForecastScore(h, error, 2.0, 1.0, 100) for h in (2.0, 5.0, 15.0)) for name, error in errors.items()
-    }
-    return PlanarUse(worth, 2, (), None)  # type: ignore[arg-type]
 
 
 SPEEDS = ("heading", "surge", "sway")
@@ -333,30 +349,18 @@ def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
         assert 14.0 < values["surge.m_u"] < 29.0 and 14.0 < values["sway.m_v"] < 29.0
 
 
-def fake(model: Tied, count: int = 3) -> Estimated:
-    """An estimate with a fit in it, whose last parameter stands at a bound; runs left out move it by a tenth."""
-    theta = np.asarray(model.theta)
-    names, positive = model.free, np.array([name.endswith(("m_u", "m_v", "I_r")) for name in model.free])
-    phi = search_of(theta, positive)
-    left_out = np.tile(phi, (count, 1))
-    left_out[:, 1] += 0.1 * np.arange(count)
-    covariance = 1e-6 * np.eye(len(phi))
-    fit = InnovationsFit(
-        names, theta, phi, positive, covariance, left_out, 0.0, np.zeros(count), (len(phi) - 1,), 1, True,
-        np.tile(np.eye(len(phi)), (count, 1, 1)), {}, {}, np.zeros(count), np.zeros(count), len(phi),
-    )  # fmt: skip
-    return Estimated(model, covariance, 0.0, 1000, fit=fit, disturbance={"surge": {"size": 1.0}})
-
-
 def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> Choice:
     """What is preferred of the best structure by both ways and the simplest one by both, which miss by `errors`."""
     runs = (smoothed_run(0, 5.0, 0.1),)
     seen = observed(runs)
     simplest = Structure.simplest(seen)
     structures = (replace(simplest, couplings=("Y_r",)), simplest)
-    tried, missed = [Tried(each, fake(each.model(rough_sizes(runs)))) for each in structures], iter(errors)
+    tried, missed = [], iter(errors)
+    for each in structures:
+        model = each.model(rough_sizes(runs))
+        tried.append(Tried(each, Estimated(model, np.eye(len(model.free)), fit_of(model))))
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
-    monkeypatch.setattr(planar_fit, "with_free_runs", lambda *_: None)
+    monkeypatch.setattr(planar_fit, "with_free_run", lambda *_: use_of(heading=0.5))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
     monkeypatch.setattr(PlanarLikelihood, "by_forecasts", lambda self, near: replace(near))
     return PlanarLikelihood(runs, seen).choose(tried)
@@ -379,12 +383,12 @@ def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None
 def test_intervals_rest_on_runs_and_a_bound_has_none() -> None:
     runs = tuple(smoothed_run(seed, 5.0, 0.1) for seed in range(3))
     structure = Structure.simplest(Observed(SPEEDS))
-    estimated = fake(structure.model(rough_sizes(runs)))
-    assert estimated.fit is not None
-    slopes = np.where(estimated.fit.positive, estimated.fit.theta, 1.0)
-    covariance = run_covariance(estimated.fit) * np.outer(slopes, slopes)
-    tried = Tried(structure, replace(estimated, covariance=covariance, disturbance={"surge": {"size": 1e3}}))
-    fit = PlanarFit((tried,), Choice(tried), runs, Observed(SPEEDS))
+    model = structure.model(rough_sizes(runs))
+    likely = fit_of(model, disturbance=1e3)
+    slopes = np.where(likely.positive, likely.theta, 1.0)[: likely.parameters]
+    covariance = run_covariance(likely)[: likely.parameters, : likely.parameters] * np.outer(slopes, slopes)
+    tried = Tried(structure, Estimated(model, covariance, likely))
+    fit = PlanarFit((tried,), choice(tried), runs, Observed(SPEEDS))
     mass = fit.estimates["sway.m_v"]
     spread = np.sqrt(2.0 / 3.0 * np.sum((0.1 * np.arange(3) - 0.1) ** 2))  # the jackknife of three runs
     assert mass.stderr == pytest.approx(mass.value * spread, rel=1e-6)

@@ -93,7 +93,7 @@ def planar_before_after(search: PlanarDiagnosis) -> Figure:
         lines = [(time[r, p.target[p.run == r]], np.asarray(YAW.shown(p.error[p.run == r]))) for p in ahead]
         residuals.append((run.name, lines))
     title = f"Headings of runs {'held out' if held_out else 'fitted'}, predicted {ahead[0].horizon:g} s ahead"
-    floor = float(YAW.shown(search.after.noises[YAW.position]))
+    floor = float(YAW.shown(search.after.fit.noise_of[YAW.position]))
     return style.residuals_figure(residuals, BEFORE_AFTER, YAW.units.shown, floor, title)
 
 
