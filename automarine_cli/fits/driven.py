@@ -15,9 +15,9 @@ from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Followed, Predicted, free_run, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
-from automarine_cli.fits.innovations import DrivenProblem, fit_innovations, randomness
+from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.known import Prior
-from automarine_cli.fits.mixed_model import Outcome, natural_of, search_of
+from automarine_cli.fits.mixed_model import natural_of, search_of
 from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
@@ -251,7 +251,7 @@ def _start(name: str, course: Course) -> list[float]:
     return [p.off if p.held else p.scaled(p.start, largest) for p in parameters]
 
 
-def _refuse_runaways(model: YawModel, fit: Outcome, course: Course) -> None:
+def _refuse_runaways(model: YawModel, fit: Fit, course: Course) -> None:
     """A fit that ran away is no model. Raises FitError with what the runs lack."""
     dof, largest = course.motion.dofs[0], float(np.abs(course.commanded).max())
     linear, quadratic = model.drag()
@@ -273,17 +273,16 @@ def _refuse_runaways(model: YawModel, fit: Outcome, course: Course) -> None:
 
 
 def _outcome(
-    problem: DrivenProblem, fit: Outcome, number: str, sided: bool, covariance: Floats | None = None
+    problem: DrivenProblem, fit: Fit, number: str, sided: bool, covariance: Floats | None = None
 ) -> OutputErrorFit:
     base = problem.model
     assert isinstance(base, YawModel)
     covariance = run_covariance(fit) if covariance is None else covariance
-    start = np.array([*base.theta, *[0.0] * len(problem.random)])
-    return motion_fit(number, base, fit, covariance, start, sided)
+    return motion_fit(number, base, fit, covariance, sided)
 
 
 def left_out_predictions(
-    problem: DrivenProblem, fit: Outcome, channels: Sequence[int] = (0,), *, thinned: bool = False, alone: bool = False
+    problem: DrivenProblem, fit: Fit, channels: Sequence[int] = (0,), *, thinned: bool = False, alone: bool = False
 ) -> list[tuple[Predicted, ...]]:
     """Predictions of each run by the parameters that the other runs give, of each channel over each horizon.
 

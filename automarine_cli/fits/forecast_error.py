@@ -94,13 +94,12 @@ class ForecastProblem:
 class ForecastFit:
     """Parameters of least misses: `phi` (p,) with those of what is random as they came, `left_out` (U, p) without each
     unit (a run, or a piece of a single one), `covariance` (p, p) by the curvature, windows that overlap counted once,
-    `by_unit` (U, p, p) what each unit says of phi, `rms` (C,) of the channels' misses."""
+    `by_unit` (U, p, p) what each unit says of phi."""
 
     phi: Floats
     left_out: Floats
     covariance: Floats
     by_unit: Floats
-    rms: Floats
     at_bound: tuple[int, ...]
     iterations: int
     converged: bool
@@ -171,7 +170,7 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
     by_unit[:, free[:, None], free] = climb.by_unit + _prior(problem)[1] / units
     covariance[np.ix_(inside, inside)] = linear_mixed.covariance_of(by_unit.sum(axis=0)[np.ix_(inside, inside)])
     return ForecastFit(
-        climb.phi, left_out, covariance, by_unit, problem.rms(climb.phi),
+        climb.phi, left_out, covariance, by_unit,
         tuple(int(i) for i in np.flatnonzero(at_bound)), climb.iterations, climb.converged,
     )  # fmt: skip
 

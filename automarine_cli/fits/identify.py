@@ -71,7 +71,6 @@ def valid_range(moments: Iterable[float], model: YawModel) -> dict[str, object] 
 
 
 CORRELATED = 0.95  # correlation of two estimates from which on only a combination of them is known
-UNMOVED = 1e-9  # relative change from its start below which a parameter never moved
 INERTIA, DRAG = "inertia", ("quadratic", "linear")
 EVERY = (INERTIA, *DRAG)
 REMEDY = {
@@ -116,8 +115,8 @@ def _stuck(fit: OutputErrorFit, role: str) -> str:
     i = list(fit.estimates).index(name)
     if i in fit.mixed.at_bound:
         return f"{name} stands at a bound of its range, so its interval is meaningless; {remedy}."
-    value, start = float(fit.mixed.theta[i]), float(fit.start[i])
-    if abs(value - start) <= UNMOVED * abs(start) or fit.covariance[i, i] <= 0.0:
+    if fit.covariance[i, i] <= 0.0:
+        value = float(fit.mixed.theta[i])
         return f"{name} never moved from its start, {value:.3g}: these runs hold no information on it; {remedy}."
     return ""
 

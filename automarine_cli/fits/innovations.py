@@ -279,13 +279,19 @@ class InnovationsFit(Outcome):
 
     @property
     def of_model(self) -> Floats:
+        """The model's own entries of theta, which come first."""
         return self.theta[: self.parameters]
+
+    @property
+    def of_chance(self) -> dict[str, float]:
+        return dict(zip(self.names[self.parameters :], self.theta[self.parameters :].tolist()))
 
     def factor(self, block: str) -> float:
         """Size of what differs from run to run: of the gain, or of what an effect lets vary."""
         return self.value(SIZES.get(block, f"{block}.spread"))
 
     def factor_interval(self, block: str) -> tuple[float, float]:
+        """95 % interval of that size."""
         place = self.names.index(SIZES.get(block, f"{block}.spread"))
         half = float(special.ndtri(0.975) * np.sqrt(max(self.covariance[place, place], 0.0)))
         middle = float(self.theta[place])
@@ -448,7 +454,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
     )
 
 
-def random_estimates(fit: Outcome, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:
+def random_estimates(fit: Fit, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:
     """What is random in a fit, for a result file: sizes with their intervals, in the units of the arithmetic."""
     base = dof.units.base
     units = {"disturbance": f"{base}/s²", "disturbance-time": "s", "thrust-noise": "s^1/2", "gain-scatter": "1"}
@@ -469,7 +475,7 @@ def random_estimates(fit: Outcome, covariance: Floats, dof: Dof) -> dict[str, di
 ROBUST = 1.65  # error of a standard deviation told by a median, over that of the usual one
 
 
-def channel_noises(fit: Outcome, dof: Dof) -> dict[str, Estimate]:
+def channel_noises(fit: Fit, dof: Dof) -> dict[str, Estimate]:
     """Noise of each channel that counts, in the units in which people see it.
 
     The relative error is that of the standard deviation of so many white residuals.

@@ -16,7 +16,6 @@ Assumptions: noise white within a run, runs independent. The standard errors by 
 the first.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -37,18 +36,16 @@ SMALLEST = 1e-9  # what a positive parameter may fall to: nothing, for all that 
 
 
 @dataclass(frozen=True)
-class Outcome(ABC):
-    """Outcome of one fit.
+class Outcome:
+    """What every fit gives.
 
     `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
     the likelihood and `left_out` (R, p), phi without each run; `positive` (p,) marks what is searched on the logarithm;
     `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound` indices
     of the parameters that a bound stopped, `information` (R, p, p) what each run says of phi, `noise_of` each channel
     that counts by its quantity [its unit] with the number of its `readings`; `priors` what was known beforehand;
-    `driven`: whether a filter followed the runs, else they were simulated.
+    `driven` says whether a filter followed the runs, else they were simulated.
     """
-
-    driven: ClassVar[bool]
 
     names: tuple[str, ...]
     theta: Floats
@@ -70,34 +67,8 @@ class Outcome(ABC):
         return float(self.theta[self.names.index(name)])
 
     @property
-    @abstractmethod
-    def of_model(self) -> Floats:
-        """The model's own entries of theta, which come first."""
-
-    @property
-    def of_chance(self) -> dict[str, float]:
-        count = len(self.of_model)
-        return dict(zip(self.names[count:], self.theta[count:].tolist()))
-
-    @property
     def noise(self) -> float:
         return next(iter(self.noise_of.values()))
-
-    @abstractmethod
-    def factor(self, block: str) -> float:
-        """Estimated size of one kind of run effect."""
-
-    @abstractmethod
-    def factor_interval(self, block: str) -> tuple[float, float]:
-        """95 % interval of that size."""
-
-    @abstractmethod
-    def own(self, block: str) -> Floats:
-        """Each run's own effects (R, k) of one kind."""
-
-    @abstractmethod
-    def reading(self, channel: str) -> Floats:
-        """Readings (R, N) of one channel as they were fitted, (R, 0) where a filter follows them."""
 
     @property
     def error_of_known(self) -> Floats:
@@ -249,6 +220,7 @@ class MixedFit(Outcome):
     effects: RunEffects = field(repr=False)
 
     def reading(self, channel: str) -> Floats:
+        """Readings (R, N) of one channel as they were fitted."""
         return self.fitted[:, next(slot.part for slot in self.slots if slot.name == channel)]
 
     @property
@@ -261,10 +233,17 @@ class MixedFit(Outcome):
         """Logarithms of noises and factors, as `linear_mixed` takes them."""
         return np.log([*self.noises, *np.maximum(self.factors, SMALLEST_FACTOR)])
 
+    @property
+    def of_chance(self) -> dict[str, float]:
+        """The instant of the switches, which is no parameter of the model."""
+        return {SWITCH: self.value(SWITCH)}
+
     def factor(self, block: str) -> float:
+        """Estimated size of one kind of run effect."""
         return float(self.factors[self.effects.factor_names.index(block)])
 
     def own(self, block: str) -> Floats:
+        """Each run's own effects (R, k) of one kind."""
         return self.effects.of(self.run_effects, block)
 
     def factor_interval(self, block: str) -> tuple[float, float]:
@@ -289,45 +268,6 @@ class MixedFit(Outcome):
 
     def _deviance(self, variances: Floats) -> float:
         return deviance(self.gram, self.effects, variances, restricted=True)
-
-
-def without_fixed(problem: Problem, fixed: NDArray[np.bool_]) -> Problem:
-    """The problem without the parameters that are held: their direction may be that of others (the moment at which a
-    loss is told, and the loss), and would take the search with it."""
-    values = problem.bounds[:, 0]
-
-    def response(theta: Floats, b: Floats) -> Floats:
-        full = np.tile(values, (len(theta), 1))
-        full[:, ~fixed] = theta
-        return problem.response(full, b)
-
-    names = tuple(name for name, h in zip(problem.names, fixed) if not h)
-    priors = {name: prior for name, prior in problem.priors.items() if name in names}
-    smooth = None if problem.smooth is None else problem.smooth[np.ix_(~fixed, ~fixed)]
-    return replace(
-        problem, response=response, bounds=problem.bounds[~fixed], positive=problem.positive[~fixed], names=names,
-        priors=priors, smooth=smooth,
-    )  # fmt: skip
-
-
-def with_fixed(fit: MixedFit, problem: Problem, fixed: NDArray[np.bool_]) -> MixedFit:
-    """The fit with the held parameters put back, without any spread."""
-    free = np.flatnonzero(~fixed)
-    phi, left_out = problem.search(problem.bounds[:, 0]), np.zeros((len(fit.left_out), len(fixed)))
-    phi[free] = fit.phi
-    left_out[:] = phi
-    left_out[:, free] = fit.left_out
-    covariance = np.zeros((len(fixed), len(fixed)))
-    covariance[np.ix_(free, free)] = fit.covariance
-    information = np.zeros((len(left_out), len(fixed), len(fixed)))
-    information[:, free[:, None], free] = fit.information
-    theta = problem.bounds[:, 0].copy()
-    theta[free] = fit.theta
-    at_bound = tuple(sorted([*np.flatnonzero(fixed).tolist(), *(int(free[i]) for i in fit.at_bound)]))
-    return replace(
-        fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
-        left_out=left_out, at_bound=at_bound, priors=problem.priors, information=information,
-    )  # fmt: skip
 
 
 PHI_STEP = 1e-6
@@ -361,15 +301,13 @@ def fit_mixed(
     Parameters whose bounds are one value are held there; they count as `at_bound`. Raises FitError when there are no
     more samples than parameters or the response is not finite at the start.
     """
-    fixed = problem.bounds[:, 0] == problem.bounds[:, 1]
-    if fixed.any():
-        free = fit_mixed(
-            without_fixed(problem, fixed), theta[~fixed], noise=noise, factors=factors, run_effects=run_effects,
-            iterations=iterations, settled=settled,
-        )  # fmt: skip
-        return with_fixed(free, problem, fixed)
-    if problem.count.sum() <= len(theta) + 1:
-        raise FitError(f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
+    fixed, held = problem.bounds[:, 0] == problem.bounds[:, 1], problem.bounds[:, 0]
+    if fixed.any():  # nothing depends on these, else their direction would take that of others with it
+        respond = problem.response
+        problem = replace(problem, response=lambda theta, b: respond(np.where(fixed, held, theta), b))
+    if problem.count.sum() <= (~fixed).sum() + 1:
+        few = f"{problem.count.sum()} samples cannot carry {(~fixed).sum()} parameters"
+        raise FitError(f"{few}; give more or longer runs")
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
@@ -524,7 +462,7 @@ def _report(
     quantities, channels = [slot.name for slot in problem.counted], len(problem.counted)
     return MixedFit(
         names=problem.names,
-        theta=problem.natural(phi),
+        theta=np.where(problem.bounds[:, 0] == problem.bounds[:, 1], problem.bounds[:, 0], problem.natural(phi)),
         phi=phi,
         positive=problem.positive,
         covariance=covariance,

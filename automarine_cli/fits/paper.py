@@ -34,7 +34,6 @@ from automarine_cli.models.yaw_model import (
 from automarine_cli.quantities import Floats
 
 MODELS: tuple[str, ...] = ("1", "2", "3")
-WITH_CONSTANT, C = "3+c", "c"  # the reading of Table 1 with a constant moment, and what it is called there
 FEWEST_A_WAY = 3  # runs each way from which on it is asked whether drag differs
 MOST_DILUTED = 0.5  # share of a sum that is taken off as noise at most: where more is noise, what is left says little
 
@@ -79,6 +78,11 @@ class DragFit:
         return self._value("linear"), self._value("quadratic")
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """The parameters by what they are, in the order of the regressors."""
+        return base_roles(self.model, self.dof, self.sided)[1:]
+
+    @property
     def sided(self) -> bool:
         return self.dof.symbols.difference in self.estimates
 
@@ -87,14 +91,9 @@ class DragFit:
         return self.estimates[name].value if name in self.estimates else 0.0
 
 
-def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
-    """Parameters of a reading of Table 1 of a motion, by what they are, in the order of the regressors."""
-    return ("quadratic", C) if model == WITH_CONSTANT else base_roles(model, dof, sided)[1:]
-
-
 def regressors(rate: Floats, model: str, columns: Sequence[str]) -> Floats:
     """Regressor columns (R, p) of a drag model for steady rates (R,) [rad/s]."""
-    terms = {"quadratic": np.abs(rate) * rate, "linear": rate, C: np.ones_like(rate), "constant": -np.ones_like(rate)}
+    terms = {"quadratic": np.abs(rate) * rate, "linear": rate, "constant": -np.ones_like(rate)}
     terms["difference"] = np.abs(rate) if model == "1" else rate**2
     return np.stack([terms[name] for name in columns], axis=1)
 
@@ -134,7 +133,7 @@ def fit_drag_by_way(
     moment: Floats, rate: Floats, model: str, moment_unit: str, dof: Dof, variance: Floats | float = 0.0
 ) -> DragFit:
     """`fit_drag`; of a motion whose drag may differ between its two ways with that, where the points show it."""
-    if dof.directional and min(np.sum(rate > 0), np.sum(rate < 0)) >= FEWEST_A_WAY and model in MODELS:
+    if dof.directional and min(np.sum(rate > 0), np.sum(rate < 0)) >= FEWEST_A_WAY:
         with suppress(FitError):
             apart = fit_drag(moment, rate, model, moment_unit, dof, sided=True, variance=variance)
             low, high = apart.estimates[dof.symbols.difference].ci95
@@ -156,7 +155,7 @@ def fit_drag(
 
     Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
     """
-    columns = columns_of(model, dof, sided)
+    columns = base_roles(model, dof, sided)[1:]
     x = regressors(rate, model, columns)
     points, count = x.shape
     if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
@@ -176,10 +175,9 @@ def fit_drag(
     influence = score @ inverse
     stderr = np.sqrt(np.sum(influence**2, axis=0))
     sse = float(residuals @ residuals)
-    like = {C: "constant", **({"difference": main_drag(model)} if sided else {})}  # what has the same unit
     estimates = {
-        dof.parameters.get(role, role): Estimate.from_stderr(
-            v, e, points - count, dof.unit_of(like.get(role, role), moment_unit)
+        dof.parameters[role]: Estimate.from_stderr(
+            v, e, points - count, dof.unit_of(main_drag(model) if role == "difference" else role, moment_unit)
         )
         for role, v, e in zip(columns, values, stderr)
     }
@@ -297,11 +295,10 @@ def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: 
 
     None where the drag has no steady rate at some moment: the least squares of model 2 may make k_rr negative.
     """
-    error = tails.error
-    per_run = inertia_from_velocity_error(error, *drag.acting(moment))
+    per_run = inertia_from_velocity_error(tails.error, *drag.acting(moment))
     levels = np.unique(moment)
     per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
-    left_out = _without_each(moment, error, drag, _refitted(moment, tails.rate, drag))
+    left_out = _without_each(moment, tails, drag)
     if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
         return None
     count = len(moment)
@@ -311,27 +308,17 @@ def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: 
     return InertiaTable(per_run, per_moment, overall, influence)
 
 
-def _refitted(moment: Floats, rate: Floats, drag: DragFit) -> Floats:
-    """Drag (R, p) without each run in turn: from the normal equations less one run."""
-    columns = columns_of(drag.model, drag.dof, drag.sided)
-    unit = np.abs(regressors(rate, drag.model, columns)).max(axis=0)
-    every = sums(moment, rate, drag.variance, drag.model, columns)
+def _without_each(moment: Floats, tails: TailLines, drag: DragFit) -> Floats:
+    """Mean inertia (R,) without each run in turn, by the drag refitted without it: from its normal equations."""
+    unit = np.abs(regressors(tails.rate, drag.model, drag.columns)).max(axis=0)
+    every = sums(moment, tails.rate, drag.variance, drag.model, drag.columns)
     squares, products = every.squares / (unit[:, None] * unit), every.products / unit
-    return solve_scaled(squares.sum(axis=0) - squares, products.sum(axis=0) - products) / unit
-
-
-def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats) -> Floats:
-    """Mean inertia (R,) without each run in turn, by the drag refitted without it, (R, p)."""
-    columns = columns_of(drag.model, drag.dof, drag.sided)
-    if len(columns) == 1:  # equations 7 and 9: inertia goes with the square of linear drag, or with quadratic drag
-        unit_drag, power = ((1.0, 0.0), 2) if columns == ("linear",) else ((0.0, 1.0), 1)
-        inertias = inertia_from_velocity_error(error, moment, *unit_drag)
-        return np.asarray((inertias.sum() - inertias) / (len(inertias) - 1) * refitted[:, 0] ** power)
+    refitted = solve_scaled(squares.sum(axis=0) - squares, products.sum(axis=0) - products) / unit
     means = []
     for i, values in enumerate(refitted):
         keep = np.arange(len(moment)) != i
         acting = drag.acting(moment[keep], values.tolist())
-        means.append(float(np.mean(inertia_from_velocity_error(error[keep], *acting))))
+        means.append(float(np.mean(inertia_from_velocity_error(tails.error[keep], *acting))))
     return np.array(means)
 
 
@@ -550,7 +537,7 @@ class Feedback:
 
     @staticmethod
     def _values(moment: Floats, fit: DragFit, tails: TailLines) -> Floats:
-        return sums(moment, tails.rate, fit.variance, fit.model, columns_of(fit.model, fit.dof, fit.sided)).solve()[0]
+        return sums(moment, tails.rate, fit.variance, fit.model, fit.columns).solve()[0]
 
 
 def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
@@ -595,7 +582,7 @@ def fit_velocity_error(
     start_heading: Floats,
     offset: float = 0.0,
     moment_unit: str = "nu",
-    models: Sequence[str] = ("1", "2", "3", "3+c"),
+    models: Sequence[str] = MODELS,
     tail: float | None = None,
 ) -> VelocityErrorFit:
     """Run the paper's method on half-turns, for some of the readings of Table 1.
@@ -615,7 +602,7 @@ def fit_velocity_error(
     drag, inertia = {}, {}
     for name, fit in _drag(data, tails.rate, variance, moment_unit, models).items():
         drag[name] = more.on_drag(data.moment, fit)
-        table = inertia_table(data.moment, tails, fit, moment_unit, data.dof) if name != "3+c" else None
+        table = inertia_table(data.moment, tails, fit, moment_unit, data.dof)
         if table is not None:
             inertia[name] = more.on_inertia(data.moment, fit, table)
     steady = bool(np.abs(grid.bias).max(axis=0).min() <= BIAS_LIMIT)
@@ -671,9 +658,7 @@ def _drag(
     fits = {}
     few = len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2
     for model in sorted(models, key=lambda name: name != "2"):
-        # where every model has a constant, none is added
-        if (model in ("2", "3+c") and few) or (model == "3+c" and data.dof.has_constant):
-            continue
-        fits[model] = fit_drag_by_way(data.moment, rate, model, moment_unit, data.dof, variance)
-        variance = fits[model].variance
+        if not (few and model == "2"):
+            fits[model] = fit_drag_by_way(data.moment, rate, model, moment_unit, data.dof, variance)
+            variance = fits[model].variance
     return {model: fits[model] for model in models if model in fits}

@@ -133,14 +133,11 @@ class Structure:
     def assumptions(self) -> tuple[Assumption, ...]:
         """What stands in for measurements that the logs lack."""
         lacking: list[Assumption] = []
-        for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
-            if dof in self.observed.dofs:
-                continue
+        for dof, other in self._unread:
             why = f"the logs hold no {dof.name} speed and no position on the water"
-            mass, its = dof.parameter("inertia"), other.parameter("inertia")
-            lacking.append(Assumption(mass, its, why))
-            linear, rule = dof.parameter("linear"), f"{its} / {SETTLES:g} s"
-            lacking.append(Assumption(linear, rule, f"{dof.name} is taken to die out in {SETTLES:g} s"))
+            its, dies_out = other.parameter("inertia"), f"{dof.name} is taken to die out in {SETTLES:g} s"
+            lacking.append(Assumption(dof.parameter("inertia"), its, why))
+            lacking.append(Assumption(dof.parameter("linear"), f"{its} / {SETTLES:g} s", dies_out))
         if not self.skewed:
             lacking.append(Assumption("planar.m_vr", "0", "sway and yaw are taken about the centre of both masses"))
         lacking.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
@@ -181,14 +178,19 @@ class Structure:
         return self.model(sizes)
 
     @property
+    def _unread(self) -> list[tuple[Dof, Dof]]:
+        """The translation that the logs do not show, with the one that stands for it."""
+        return [pair for pair in ((SURGE, SWAY), (SWAY, SURGE)) if pair[0] not in self.observed.dofs]
+
+    @property
     def ties(self) -> dict[str, tuple[str, float]]:
         """What the logs do not tell, and which parameter stands for it times which factor."""
-        ties = {}
-        for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
-            if dof not in self.observed.dofs:
-                ties[dof.parameter("inertia")] = (other.parameter("inertia"), 1.0)
-                ties[dof.parameter("linear")] = (other.parameter("inertia"), 1.0 / SETTLES)
-        return ties
+        factors = {"inertia": 1.0, "linear": 1.0 / SETTLES}
+        return {
+            dof.parameter(role): (other.parameter("inertia"), factor)
+            for dof, other in self._unread
+            for role, factor in factors.items()
+        }
 
 
 def rough_velocities(run: Run) -> dict[str, Floats]:

@@ -15,6 +15,7 @@ from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.half_turns import MOST_OFFSET, StepData, density, instant, step_problem
+from automarine_cli.fits.innovations import Fit
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import (
     DISTURBANCE,
@@ -27,16 +28,7 @@ from automarine_cli.fits.linear_mixed import (
     RunEffects,
     bias_of,
 )
-from automarine_cli.fits.mixed_model import (
-    SWITCH,
-    MixedFit,
-    Outcome,
-    Problem,
-    derivatives,
-    fit_mixed,
-    jackknife,
-    slots_of,
-)
+from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
@@ -73,7 +65,7 @@ def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
     return moved
 
 
-def degrees_of_freedom(fit: Outcome, direction: Floats) -> float:
+def degrees_of_freedom(fit: Fit, direction: Floats) -> float:
     """Of the jackknife's variance along `direction` (p,) of phi: about how many runs carry it, less one.
 
     Satterthwaite's approximation for runs that pull by their expected variances v_i, (sum v_i)²/sum v_i² (Bell and
@@ -336,9 +328,9 @@ class OutputErrorFit:
 
     `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
     instant [sample intervals], `gain_scatter` run to run (relative), `noise` of the positions [rad] (None where they do
-    not count), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit, `start` (p,)
-    the theta that the search began with; `ways` the drag of each way where that was asked. `estimator` says by what the
-    parameters were estimated, and of driven runs why; `by_forecasts` is True where that is least squares of forecasts.
+    not count), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit; `ways` the drag
+    of each way where that was asked. `estimator` says by what the parameters were estimated, and of driven runs why;
+    `by_forecasts` is True where that is least squares of forecasts.
     """
 
     number: str
@@ -348,9 +340,8 @@ class OutputErrorFit:
     offset: Estimate
     gain_scatter: Estimate
     noise: float | None
-    mixed: Outcome
+    mixed: Fit
     covariance: Floats
-    start: Floats
     ways: Ways | None = None
     estimator: str = ""
     by_forecasts: bool = False
@@ -380,7 +371,7 @@ def fit_half_turns(
     problem = step_problem(data, number, prior, sided=sided)
     mixed = fit_mixed(problem, begin, noise=0.02, factors=np.array([0.03, 0.5]))
     model = YawModel.base(number, begin[0], begin[1:-1], moment_unit, data.dof)
-    return _simulated_fit(number, model, problem, mixed, begin, sided, of_half_turns=True)
+    return _simulated_fit(number, model, problem, mixed, sided, of_half_turns=True)
 
 
 def fit_whole_runs(
@@ -400,7 +391,7 @@ def fit_whole_runs(
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _simulated_fit(number, rough, pooled, only, begin, sided, of_half_turns=False)
+        return _simulated_fit(number, rough, pooled, only, sided, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     little = 0.2 if prior.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
@@ -410,10 +401,10 @@ def fit_whole_runs(
         factors=np.array([little if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
         run_effects=first.run_effects,
     )
-    return _simulated_fit(number, rough, problem, best, begin, sided, of_half_turns=False)
+    return _simulated_fit(number, rough, problem, best, sided, of_half_turns=False)
 
 
-def run_covariance(mixed: Outcome, changes: Floats | None = None) -> Floats:
+def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
     """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
 
     Given the `changes` (R, p) of `left_out_changes`, it is exact where instants are confined to their sample intervals;
@@ -431,13 +422,13 @@ def run_covariance(mixed: Outcome, changes: Floats | None = None) -> Floats:
     return mixed.covariance * np.outer(grow, grow)
 
 
-def run_dof(mixed: Outcome, direction: Floats) -> float:
+def run_dof(mixed: Fit, direction: Floats) -> float:
     """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells."""
     runs = len(mixed.left_out)
     return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(max(runs - 1, 1))
 
 
-def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
+def estimate_of(mixed: Fit, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
     """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
@@ -446,12 +437,12 @@ def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: floa
     return replace(estimate, known=assumed, at_bound=i in mixed.at_bound and not assumed)
 
 
-def spare(mixed: Outcome) -> float | None:
+def spare(mixed: Fit) -> float | None:
     """Degrees of freedom of a fit to one run, its readings less its parameters; None where runs tell of each other."""
     return float(sum(mixed.readings.values()) - len(mixed.theta)) if len(mixed.left_out) == 1 else None
 
 
-def ratio_of(mixed: Outcome, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:
+def ratio_of(mixed: Fit, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:
     """Parameter i over parameter k, each searched on its logarithm or not; `dof` is that of `run_dof` if None."""
     axes = np.eye(len(mixed.theta))
     of_i, of_k = (axes[j] if mixed.positive[j] else axes[j] / mixed.theta[j] for j in (i, k))
@@ -461,7 +452,7 @@ def ratio_of(mixed: Outcome, covariance: Floats, i: int, k: int, unit: str, dof:
 
 
 def motion_fit(
-    number: str, model: YawModel, mixed: Outcome, covariance: Floats, start: Floats, sided: bool, scatters: bool = True
+    number: str, model: YawModel, mixed: Fit, covariance: Floats, sided: bool, scatters: bool = True
 ) -> OutputErrorFit:
     """What a fit of model `number`, or with effects beside it, tells of the motion; `scatters`: whether its thrust may
     from run to run."""
@@ -481,11 +472,11 @@ def motion_fit(
     scatter = Estimate(size, (high - low) / 3.92, (low, high), "1", at_bound=bound)
     offset, noise = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval"), mixed.noise_of.get(dof.position)
     model = model.with_theta(mixed.of_model)
-    return OutputErrorFit(number, model, estimates, turn, offset, scatter, noise, mixed, covariance, start)
+    return OutputErrorFit(number, model, estimates, turn, offset, scatter, noise, mixed, covariance)
 
 
 def _simulated_fit(
-    number: str, model: YawModel, problem: Problem, mixed: MixedFit, start: Floats, sided: bool, of_half_turns: bool
+    number: str, model: YawModel, problem: Problem, mixed: MixedFit, sided: bool, of_half_turns: bool
 ) -> OutputErrorFit:
     """The same of runs that were simulated, where the common instant of the switches is a parameter."""
     covariance = run_covariance(mixed, left_out_changes(problem, mixed) if of_half_turns else None)
@@ -495,7 +486,7 @@ def _simulated_fit(
         value, low, high = instant(np.array([offset.value, *offset.ci95]))
         slope = float(density(np.array(offset.value)))
         offset = Estimate(float(value), slope * offset.stderr, (float(low), float(high)), offset.unit)
-    return replace(motion_fit(number, model, mixed, covariance, start, sided, scatters), offset=offset)
+    return replace(motion_fit(number, model, mixed, covariance, sided, scatters), offset=offset)
 
 
 def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:

@@ -40,7 +40,7 @@ WORDS = {
 def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
-    drag = {} if fit.seed_method is None else {m: of for m, of in fit.seed_method.drag.items() if m in MODELS}
+    drag = {} if fit.seed_method is None else fit.seed_method.drag
     quadratic, linear = sym.quadratic_print, sym.linear
     letters = {sym.quadratic: quadratic, linear: linear}
     tests = {m: nested_test(of, drag["2"])["p_value"] for m, of in drag.items() if m != "2" and "2" in drag}
@@ -202,8 +202,8 @@ def _drawings(fit: YawFit) -> dict[str, Draw]:
 
 def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
     groups = {(m, "maximum likelihood"): {**of.estimates, **_added(of)} for m, of in fit.output_error.items()}
-    for model, drag in () if (seed := fit.seed_method) is None else seed.drag.items():
-        if seed and model in fit.output_error:  # with a constant moment: a test of symmetry, no model of its own
+    if (seed := fit.seed_method) is not None:
+        for model, drag in seed.drag.items():
             heavy = {fit.dof.symbols.inertia: seed.inertia[model].overall} if model in seed.inertia else {}
             groups[model, "velocity error"] = {**drag.estimates, **heavy}
     for (model, method), estimates in groups.items():

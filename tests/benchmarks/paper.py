@@ -88,9 +88,12 @@ def run_trial(item: tuple[Specification, str, int]) -> dict[str, float]:
     # the same tails, where the scatter is in the record against moments that were written down wrong
     moment = _misread(data.moment, specification.scatter.force, seed) if setting == RECORDED else data.moment
     drags = {name: fit_drag(moment, fit.tails.rate, name, "nu", YAW) for name in fit.drag}
+    columns = np.stack([np.abs(fit.tails.rate) * fit.tails.rate, np.ones(len(turns))], axis=1)
+    (k_rr, c), (sse,), *_ = np.linalg.lstsq(columns, moment)
     inertia = {name: inertia_from_velocity_error(fit.tails.error, moment, *drags[name].drag) for name in fit.inertia}
     values = {f"{key} of model {name}": x.value for name, drag in drags.items() for key, x in drag.estimates.items()}
     values |= {f"SSE of model {name}": drag.sse for name, drag in drags.items()}
+    values |= {"k_rr of model 3+c": k_rr, "c of model 3+c": c, "SSE of model 3+c": sse}
     values |= {f"I_r of model {name}": float(per_run.mean()) for name, per_run in inertia.items()}
     for key, large, small in (("SSE", "1", "3"), ("SSE", "3", "2"), ("SSE", "3", "3+c"), ("k_rr", "3", "2")):
         less = values[f"{key} of model {large}"] - values[f"{key} of model {small}"]

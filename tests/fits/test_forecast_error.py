@@ -107,10 +107,9 @@ def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance
     """Model 3 is worse than model 1 in one run by far and so passes as level; model 1 is worse by a sure little."""
     found, (problem, _), run = complete(), forecasts(), np.arange(4)
     bases = {n: YawModel.base(n, 1.0, [1.0] * (1 + (n == "2")), "nu", YAW) for n in "123"}
-    start, covariance = begin(problem), found.covariance  # one outcome: only the numbers of parameters count
+    covariance = found.covariance  # one outcome: only the numbers of parameters count
     models = {
-        n: OutputErrorFit(n, base, {}, None, NOTHING, NOTHING, None, found, covariance, start)
-        for n, base in bases.items()
+        n: OutputErrorFit(n, base, {}, None, NOTHING, NOTHING, None, found, covariance) for n, base in bases.items()
     }
     sizes = {"1": [1.01, 1.02, 1.01, 1.02], "2": [1.0] * 4, "3": [0.9, 1.0, 1.0, 1.6]}
     errors = {number: np.array(row) for number, row in sizes.items()}
