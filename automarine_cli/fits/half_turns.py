@@ -27,9 +27,7 @@ class StepData:
 
     `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad]
     less the start heading's first guess, `observed` (R, N), `moment` (R,), `interval` (R,) [s] width of the
-    interval of the switch. `velocity` (R, N) is what a velocity sensor read where `velocity_seen`, None where it is
-    not used; of the runs whose position does not count (`position_counts` (R,), None: of none) it stands in for a
-    sensor that their logs lack.
+    interval of the switch. `channels` are the readings that are fitted: at first the position alone.
     """
 
     names: tuple[str, ...]
@@ -39,27 +37,20 @@ class StepData:
     moment: Floats
     interval: Floats
     dof: Dof
-    velocity: Floats | None = None
-    velocity_seen: NDArray[np.bool_] | None = None
-    position_counts: NDArray[np.bool_] | None = None
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        counts, observed = self.position_counts is None or bool(self.position_counts.any()), self.observed
-        if self.position_counts is not None and counts:
-            observed = observed & self.position_counts[:, None]
-        channels = [Channel(self.dof.position, 0, False, self.heading, observed, counts)]
-        if self.velocity is not None and self.velocity_seen is not None:
-            channels.append(Channel(self.dof.velocity, 0, True, self.velocity, self.velocity_seen))
-        return tuple(channels)
+    channels: tuple[Channel, ...]
 
     def rated(self, velocities: Sequence[Floats], position_counts: NDArray[np.bool_] | None = None) -> "StepData":
-        """The same with what a velocity sensor read in each run, NaN where it did not."""
+        """The same with what a velocity sensor read in each run, NaN where it did not; of the runs whose position does
+        not count (`position_counts` (R,), None: of none) it stands in for a sensor that their logs lack."""
         rates = np.full(self.observed.shape, np.nan)
         rates[self.observed] = np.concatenate(velocities)
-        return replace(
-            self, velocity=np.nan_to_num(rates), velocity_seen=np.isfinite(rates), position_counts=position_counts
-        )
+        (position,) = self.channels
+        if position_counts is not None:
+            some = bool(position_counts.any())
+            seen = position.seen & position_counts[:, None] if some else position.seen
+            position = replace(position, seen=seen, counts=some)
+        velocity = Channel(self.dof.velocity, 0, True, np.nan_to_num(rates), np.isfinite(rates))
+        return replace(self, channels=(position, velocity))
 
 
 def instant(z: Floats) -> Floats:
@@ -113,9 +104,9 @@ def step_data(
     observed = np.zeros((len(times), width), dtype=bool)
     for i, (t, psi) in enumerate(zip(times, headings)):
         time[i, : len(t)], heading[i, : len(t)], observed[i, : len(t)] = t, psi, True
-    return StepData(
-        tuple(names), time, heading, observed, np.array(moments, dtype=float), np.array(intervals, dtype=float), dof
-    )
+    moment, interval = np.array(moments, dtype=float), np.array(intervals, dtype=float)
+    position = Channel(dof.position, 0, False, heading, observed)
+    return StepData(tuple(names), time, heading, observed, moment, interval, dof, (position,))
 
 
 LEAST_SHARE = 0.01  # of the drag that is left one way, however much it differs: none would drive the vehicle

@@ -326,11 +326,6 @@ BOLDEST = 1.0  # longest step of the logarithm of a standard deviation
 MOST_STEPS = 60
 
 
-def deviance(grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool) -> float:
-    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi; see `scored_deviance`."""
-    return scored_deviance(grams, effects, variances, restricted=restricted)[0]
-
-
 def scored_deviance(
     grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool
 ) -> tuple[float, Floats, Floats]:

@@ -28,7 +28,7 @@ from scipy import optimize, special
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.known import Prior, bounds_of, prior_of
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram, Grams, RunEffects, choose_variances, deviance
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram, Grams, RunEffects, choose_variances, scored_deviance
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -267,7 +267,7 @@ class MixedFit(Outcome):
         return (0.0 if low <= max(limits[0], SMALLEST_FACTOR) * (1 + 1e-9) else float(low)), float(high)
 
     def _deviance(self, variances: Floats) -> float:
-        return deviance(self.gram, self.effects, variances, restricted=True)
+        return scored_deviance(self.gram, self.effects, variances, restricted=True)[0]
 
 
 PHI_STEP = 1e-6
@@ -455,7 +455,7 @@ def _report(
     # what a bound stops, or would with one more step, may not be profiled out: that is the likelihood beyond it
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
     ml = choose_variances(inside, problem.effects, variances, restricted=False)
-    ml_deviance = deviance(inside, problem.effects, ml, restricted=False)
+    ml_deviance, *_ = scored_deviance(inside, problem.effects, ml, restricted=False)
     if problem.smooth is not None:  # the likelihood told is that of the readings alone
         ml_deviance -= float(phi @ problem.smooth @ phi)
         information += problem.smooth / len(information)

@@ -435,7 +435,7 @@ class PlanarLikelihood:
     def _random(self, model: Tied) -> tuple[Randomness, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
         m = np.diagonal(model.model.inertia.matrix)
-        forces = [_usual(self.rough, dof) for dof in PLANAR.dofs]
+        forces = [_usual(self.rough, dof)[0] for dof in PLANAR.dofs]
         largest = np.abs(self.course.commanded).max(axis=(1, 2))
         pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
         chances = randomness(self.course, pushes.tolist(), (), quiet=False)
@@ -459,19 +459,10 @@ def _because(chosen: tuple[Tried, str, Judgement], fitted: Sequence[tuple[Tried,
     return f"{how}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}."
 
 
-def _usual(rough: Mapping[str, float], dof: Dof) -> float:
-    """Usual force along a degree of freedom, by its rough drags."""
-    linear, quadratic = _drags(rough, dof)
-    return linear**2 / quadratic
-
-
-def _drags(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:
-    return rough[dof.parameter("linear")], rough[dof.parameter("quadratic")]
-
-
-def _speed(rough: Mapping[str, float], letter: str) -> float:
-    linear, quadratic = _drags(rough, PLANAR.dofs[VELOCITIES.index(letter)])
-    return linear / quadratic
+def _usual(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:
+    """Usual force and speed along a degree of freedom, by its rough drags."""
+    linear, quadratic = rough[dof.parameter("linear")], rough[dof.parameter("quadratic")]
+    return linear**2 / quadratic, linear / quadratic
 
 
 def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tuple[float, float], bool, float]:
@@ -492,8 +483,8 @@ def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tu
         largest = float(np.abs(course.commanded[PLANAR.index(dof)]).max()) or 1.0
         return (parameter.lower, parameter.upper), parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)
     if short[0] in FORCES and short[1:2] == "_":  # coupling
-        size = _usual(rough, PLANAR.dofs[FORCES.index(short[0])])
+        size, _ = _usual(rough, PLANAR.dofs[FORCES.index(short[0])])
         for letter in short[2:]:
-            size /= _speed(rough, letter)
+            size /= _usual(rough, PLANAR.dofs[VELOCITIES.index(letter)])[1]
         return (-np.inf, np.inf), False, 0.1 * size
-    return (-np.inf, np.inf), False, 0.01 * _usual(rough, DOFS[where])
+    return (-np.inf, np.inf), False, 0.01 * _usual(rough, DOFS[where])[0]

@@ -16,7 +16,7 @@ from tolerances import assert_close
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.half_turns import half_turn_data, step_problem
-from automarine_cli.fits.linear_mixed import Block, Gram, Grams, RunEffects, choose_variances, deviance, scored_deviance
+from automarine_cli.fits.linear_mixed import Block, Gram, Grams, RunEffects, choose_variances, scored_deviance
 from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
 from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
 from automarine_cli.runs.half_turn import half_turns
@@ -122,7 +122,9 @@ def test_likelihood_and_least_squares_are_those_of_the_dense_covariance(sensors:
         phi, b = size * rng.normal(size=PARAMETERS), size * rng.normal(size=(RUNS, EFFECTS))
         b[2, 1] = 0.0
         grams = linear.gram(phi, b, sensors)
-        plain, restricted = (deviance(grams, linear.effects, variances, restricted=own) for own in (False, True))
+        plain, restricted = (
+            scored_deviance(grams, linear.effects, variances, restricted=own)[0] for own in (False, True)
+        )
         constant = linear.seen.sum() * np.log(2 * np.pi)
         assert_close(-0.5 * (plain + constant), linear.log_likelihood(variances), "closed form")
         assert_close(restricted - plain, np.linalg.slogdet(hessian)[1], "closed form")
@@ -167,7 +169,8 @@ def test_headings_of_a_hundred_radians_do_not_drown_the_likelihood() -> None:
     linear.w = linear.w + np.where(linear.seen, np.einsum("rnq,rq->rn", linear.v, b), 0.0)
     wide = RunEffects(tuple(replace(block, scale=1e5 * block.scale) for block in linear.effects.blocks))
     points = [
-        deviance(linear.gram(b=b), wide, VARIANCES + np.array([0.0, 1e-6 * i, 0.0]), restricted=True) for i in range(9)
+        scored_deviance(linear.gram(b=b), wide, VARIANCES + np.array([0.0, 1e-6 * i, 0.0]), restricted=True)[0]
+        for i in range(9)
     ]
     second = np.diff(points, 2)
     assert np.max(np.abs(second)) < 1e-8
@@ -180,7 +183,7 @@ def test_the_slope_of_the_likelihood_is_exact(restricted: bool, sensors: int) ->
     gram = linear.gram(b=np.where(linear.effects.scale > 0, 0.3, 0.0), sensors=sensors)
 
     def value(variances: Floats) -> float:
-        return deviance(gram, linear.effects, variances, restricted=restricted)
+        return scored_deviance(gram, linear.effects, variances, restricted=restricted)[0]
 
     _, slope, _ = scored_deviance(gram, linear.effects, variances, restricted=restricted)
     steps = 1e-5 * np.eye(len(variances))
