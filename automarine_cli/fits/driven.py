@@ -527,10 +527,6 @@ def judged_of(worth: Sequence[ForecastScore]) -> ForecastScore | None:
     return max((score for score in worth if score.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
 
 
-def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tuple[Predicted, ...]]:
-    return {n: left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0] for n, fit in fits.items()}
-
-
 def prefer_driven(
     fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
 ) -> Preference | None:

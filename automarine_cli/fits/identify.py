@@ -191,17 +191,6 @@ WILD_GAIN = 0.25  # scatter of the thrust from run to run beyond what batteries 
 SURE = 3.0  # standard errors
 
 
-def step_warnings(seed: VelocityErrorFit, dof: Dof) -> list[str]:
-    if seed.steady:
-        return []
-    return [
-        f"{dof.words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
-        f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
-        f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model; trust the maximum "
-        "likelihood, which needs no tail."
-    ]
-
-
 def warned_of(cautions: Sequence[Caution], preference: Preference) -> list[str]:
     """The cautions that are warnings: grave ones, and those on every model or on the preferred one; the others only
     stand below the tables."""
@@ -306,10 +295,6 @@ class YawFit(Shown):
         return self.output_error[self.preference.number]
 
     @property
-    def inertial_turn_angle(self) -> Estimate | None:
-        return self.preferred.inertial_turn_angle
-
-    @property
     def read(self) -> Sequence[Run]:
         return self.runs or [turn.step.run for turn in self.turns]
 
@@ -317,7 +302,7 @@ class YawFit(Shown):
         return json_document(f"{self.dof.name}_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
-        fit, turn, dof = self.preferred, self.inertial_turn_angle, self.dof
+        fit, turn, dof = self.preferred, self.preferred.inertial_turn_angle, self.dof
         ends = [end for run in self.runs for end in (run.command.min(), run.command.max())]
         return {
             **model_head(dof, self.moment_unit),
@@ -527,8 +512,14 @@ def _fit_steps(
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
     noise = float(np.median([turn.step.run.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
     listed = (*design_cautions([turn.moment for turn in turns], unit, dof), *fit_cautions(fits))
+    unsteady = (
+        f"{dof.words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
+        f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
+        f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model; trust the maximum "
+        "likelihood, which needs no tail."
+    )
     warnings = (
-        *step_warnings(seed, dof),
+        *([] if seed.steady else [unsteady]),
         *fit_warnings(fits, preference, data.names, noise),
         *warned_of(listed, preference),
     )
@@ -589,7 +580,8 @@ def _fit_whole(
         how = "by output error, for the evidence asks for no disturbance"
     else:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
-        ahead = driven.left_out(course, fits)
+        problems = {number: driven.driven_problem(fit.model, course) for number, fit in fits.items()}
+        ahead = {number: driven.left_out_predictions(problems[number], fit.mixed)[0] for number, fit in fits.items()}
         preference = driven.prefer_driven(fits, ahead, dof) or whole_runs.prefer(fits)
         number = preference.number
         fits[number], proposed = driven.widened(course, fits[number])
