@@ -250,8 +250,7 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
 
 @sections.register
 def _(fit: PlanarFit) -> Sections:
-    disturbed = (f"Warning: {line}" for line in fit.disturbed)
-    first = (fit.use.sentence(YAW), *disturbed, *filter(None, [fit.choice.because]))
+    first = (fit.use.sentence(YAW), *(f"Warning: {line}" for line in fit.disturbed), fit.choice.because)
     details = list(planar_sentences(fit))
     tables = [parameter_table(fit), prediction_table(fit.use), structure_table(fit)]
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
@@ -269,8 +268,7 @@ def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     noises = fit.found.fit.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
-    above = (*fit.use.warnings(YAW), *fit.disturbed)
-    yield from (warning for warning in fit.warnings if warning not in above)
+    yield from (line for line in fit.warnings if line not in (*fit.use.warnings(YAW), *fit.disturbed))
 
 
 def prediction_table(use: Judgement) -> Table:
