@@ -21,10 +21,10 @@ from automarine_cli.models.store import units
 from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Content, Sections, document, forms_of, numbers, sections
-from automarine_cli.report.tables import Table, number
+from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
 
-MODELS = ("1", "2", "3")
+MODELS = {"1": "linear", "2": "linear and quadratic", "3": "quadratic"}  # drag
 LIKELIEST = ", maximum likelihood"
 WORDS = {
     "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",
@@ -110,7 +110,7 @@ def _signs(dof: Dof) -> tuple[str, ...]:
     )
 
 
-def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
+def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and mean at each moment below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     of_model = {} if fit.seed_method is None else fit.seed_method.inertia
@@ -124,7 +124,7 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
     for way in dof.words.ways if dof.directional else ():
         far = {m: of.ways.distance.get(way) for m, of in ml.items() if of.ways}
         rows.append(_row(f"{ratio} {way}{LIKELIEST}", far))
-    levels = sorted({level for table in of_model.values() for level in table.per_moment}) if means else []
+    levels = sorted({level for table in of_model.values() for level in table.per_moment})
     rules = (1, len(rows)) if levels else (1,)
     for level in levels:
         mean = {m: table.per_moment[level] for m, table in of_model.items()}
@@ -135,21 +135,28 @@ def inertia_table(fit: YawFit, notes: Sequence[str], means: bool) -> Table:
     return Table.of(title, rows, (of_units, *notes), rules).without_empty_rows()
 
 
-def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
-    """Make tables 1 and 2 with what must be known of their parameters below; `short`, for the terminal, leaves that to
-    the warnings, and leaves out the means at each moment."""
+def tables(fit: YawFit) -> tuple[Table, Table]:
+    """Make tables 1 and 2 with what must be known of their parameters below."""
     seed = fit.seed_method
     why = f"{fit.why_no_seed_method}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
-    cautions = () if short else fit.cautions
-    drag = (caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters))
-    inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)
-    return drag_table(fit, (why, *drag)), inertia_table(fit, (why, *inertia), not short)
+    drag = (caution.sentence for caution in fit.cautions if set(DRAG) & set(caution.parameters))
+    inertia = (caution.sentence for caution in fit.cautions if INERTIA in caution.parameters)
+    return drag_table(fit, (why, *drag)), inertia_table(fit, (why, *inertia))
 
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
-    """Say what a person should read beside the tables: is it of use, choice, scatter and noise, warnings."""
+    """Say what a person should read: the parameters, or that nobody should use them; choice, scatter, warnings."""
     preferred, mixed, dof, words = fit.preferred, fit.preferred.mixed, fit.dof, fit.dof.words
-    lines = [*([] if fit.use is None else [fit.use.sentence(dof)]), fit.preference.because, *fit.told_of_known]
+    symbols, used = dof.symbols, len(fit.read)
+    main = (symbols.inertia, symbols.linear, symbols.quadratic)
+    values = ", ".join(_valued(name, e) for name, e in preferred.estimates.items() if name in main)
+    model, runs = f"{MODELS[preferred.number]} drag (model {preferred.number})", used + len(fit.set_aside)
+    lines = [f"{dof.name.capitalize()}: {model} from {used} of {runs} runs: {values}."]
+    if fit.use is not None:
+        lines.insert(int(fit.use.of_use), fit.use.sentence(dof))
+    if fit.inertial_turn_angle is not None:
+        lines.append(_valued(f"{symbols.inertia}/{symbols.quadratic_print}", fit.inertial_turn_angle) + ".")
+    lines += [fit.preference.because, *fit.told_of_known]
     noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
     if preferred.noise is not None:
         bound = " (at its bound)" * channel_noises(mixed, dof)[dof.position].at_bound
@@ -172,18 +179,23 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
 
 
+def _valued(name: str, estimate: Estimate) -> str:
+    return f"{name} {interval(estimate)} {estimate.unit}"
+
+
 @sections.register
 def _(fit: YawFit) -> Sections:
     model = f"{fit.dof.name}_model.json"
     files: dict[str, Content] = {model: fit.to_json()}
-    for name, table in zip(("table1", "table2"), tables(fit)):
+    both = tables(fit)
+    for name, table in zip(("table1", "table2"), both):
         files |= forms_of(name, table)
     sink = pa.BufferOutputStream()
     pq.write_table(pa.Table.from_pylist(run_rows(fit)), sink, compression="zstd")
     files["runs.parquet"] = sink.getvalue().to_pybytes()
     drawings = _drawings(fit)
     listed = (model, "table1 and table2 (.csv, .md, .tex)", "runs.parquet", *(f"{name}.png" for name in drawings))
-    return Sections((*tables(fit, short=True), *sentences(fit)), files, drawings, listed, tuple(_numbers(fit)))
+    return Sections(sentences(fit), files, drawings, listed, tuple(_numbers(fit)), details=both)
 
 
 def _drawings(fit: YawFit) -> dict[str, Draw]:
@@ -258,7 +270,7 @@ def _(fit: PlanarFit) -> Sections:
     files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
     drawings = {"planar_runs": partial(figures.driven_runs_figure, fit, fit.use)}
     listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
-    return Sections([*first, *tables, *details], files, drawings, listed, rows)
+    return Sections([*first, tables[0]], files, drawings, listed, rows, details=[*tables[1:], *details])
 
 
 def planar_sentences(fit: PlanarFit) -> Iterator[str]:

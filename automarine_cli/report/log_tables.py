@@ -1,7 +1,7 @@
 """What is shown of logs without a fit: the runs and thruster tests that `check` lists, and those that `slice` cuts."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -51,9 +51,18 @@ def _(result: Check) -> Sections:
     by_dof = {dof: [run for run in result.runs if run.dof is dof] for dof in DOFS.values()}
     tables = [_run_table(runs, dof) for dof, runs in by_dof.items() if runs]
     tables += [_test_table(result.tests)] if result.tests else []
+    usable = [
+        f"{sum(not run.why for run in runs)} of {len(runs)} {dof.name} runs have a usable {dof.words.step}"
+        for dof, runs in by_dof.items()
+        if runs
+    ]
+    usable += [counted(len(result.tests), "thruster test")] * bool(result.tests)
+    answer, notes = "; ".join(usable) + ".", [note for table in tables for note in table.notes]
+    details = [replace(table, notes=()) for table in tables]
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
-    return Sections(tables, {"check.json": result.to_json(), "check.md": document(*tables)}, rows=rows)
+    files: dict[str, Content] = {"check.json": result.to_json(), "check.md": document(*tables)}
+    return Sections(notes, files, rows=rows, answer=answer, details=details)
 
 
 def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:

@@ -25,14 +25,17 @@ def _(plan: Plan) -> Sections:
     specified, rehearsal = specification(plan)
     if specified:
         rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
-    tables = [_sheet_table(plan), _interval_table(plan), *([_split_table(plan)] if plan.splits else [])]
+    sheet, intervals = _sheet_table(plan), _interval_table(plan)
+    splits = [_split_table(plan)] if plan.splits else []
     files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
-    files |= {"plan.md": _page(plan, rehearsal, tables), "plan.csv": _sheet_rows(plan).to_csv()}
+    files |= {"plan.md": _page(plan, rehearsal, [sheet, intervals, *splits]), "plan.csv": _sheet_rows(plan).to_csv()}
     files[PLAN.file] = plan.to_json()
     for slot in plan.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest_s, unit, plan.drive, plan.columns)
-    sentences = (_totals(plan), f"Planned for: {plan.fit_command}", *plan.notes)
-    return Sections([*sentences, *tables], files, {"plan": partial(plan_figure, plan)}, FILES, plan.runs())
+    return Sections(
+        [_totals(plan), f"Planned for: {plan.fit_command}", *plan.notes, intervals],
+        files, {"plan": partial(plan_figure, plan)}, FILES, plan.runs(), details=[sheet, *splits],
+    )  # fmt: skip
 
 
 def _totals(plan: Plan) -> str:

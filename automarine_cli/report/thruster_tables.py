@@ -32,7 +32,8 @@ def _(fit: ThrusterFit) -> Sections:
         )
         for (name, side), value in values.items()
     ]  # fmt: skip
-    return Sections([*maps, *lines], files, {"thrusters": partial(thruster_figure, fit)}, rows=rows)
+    printed, figures = [table for table in maps if table != forms(fit)], {"thrusters": partial(thruster_figure, fit)}
+    return Sections([*lines, *printed], files, figures, rows=rows, details=[forms(fit)])
 
 
 def cells(value: Parameter | Estimate) -> dict[str, object]:

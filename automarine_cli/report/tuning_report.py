@@ -35,7 +35,11 @@ def _(tuning: Tuning) -> Sections:
         listed.insert(0, designed.target.file)
         files[designed.target.file] = tuning.target_text()
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
-    return Sections((verdict, *more, *designed.notes, *tables), files, figures, listed, rows)
+    for label, *cells in tables[1].rows if tables else ():
+        if label.startswith(("settles after", "largest error")):  # the gain and its price
+            values = (f"{name} {cell}" for name, cell in zip(tables[1].header[1:], cells))
+            more.append(f"{label[0].upper()}{label[1:]}: {', '.join(values)}.")
+    return Sections([verdict, *more, *designed.notes, *tables[:1]], files, figures, listed, rows, details=tables[1:])
 
 
 def _sentences(designed: Designed) -> list[str]:

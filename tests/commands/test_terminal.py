@@ -22,7 +22,7 @@ STEPS = SAMPLE_RUNS / "hidden_one"
 @pytest.mark.parametrize(("columns", "least", "most"), [(60, 40, 60), (200, 100, 200), (0, 61, 80)])
 def test_tables_fit_the_terminal(columns: int, least: int, most: int) -> None:
     """One that tells no width has 80 columns."""
-    status, printed = on_terminal("check", STEPS, columns=columns, NO_COLOR="1")
+    status, printed = on_terminal("check", "-v", STEPS, columns=columns, NO_COLOR="1")
     printed = without_bars(printed)
     assert status == 0 and ESCAPE not in printed
     assert least <= max(map(len, printed.splitlines())) <= most
@@ -31,16 +31,16 @@ def test_tables_fit_the_terminal(columns: int, least: int, most: int) -> None:
 
 
 def test_a_table_in_a_pipe_is_as_wide_as_it_is(run: Run) -> None:
-    result = run("check", STEPS)
+    result = run("check", "-v", STEPS)
     assert max(map(len, result.stdout.splitlines())) > 100
     assert ESCAPE not in result.stdout
 
 
 @pytest.mark.slow
 def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
-    assert without_bars(on_terminal("check", STEPS)[1]).startswith(f"{ESCAPE}1mYaw runs{ESCAPE}0m\n")
-    plain = without_bars(on_terminal("check", STEPS, TERM="dumb")[1])
-    assert plain.startswith("Yaw runs\n") and ESCAPE not in plain
+    assert f"\n{ESCAPE}1mYaw runs{ESCAPE}0m\n" in without_bars(on_terminal("check", "-v", STEPS)[1])
+    plain = without_bars(on_terminal("check", "-v", STEPS, TERM="dumb")[1])
+    assert "\nYaw runs\n" in plain and ESCAPE not in plain
     status, refused = on_terminal("check", tmp_path)
     head, refused = f"{ESCAPE}31m{ESCAPE}1mError:{ESCAPE}0m ", without_bars(refused)
     assert status == 1 and refused.startswith(head)

@@ -123,4 +123,3 @@ def test_cautions_stand_below_the_table_of_their_parameter_and_warnings_on_the_t
     for form in ("to_markdown", "to_latex", "to_text"):
         assert "On drag." in getattr(first, form)() and "On drag." not in getattr(second, form)()
     assert fit.to_json()["warnings"] == ["On both."] and "Warning: On both." in fit_report.sentences(fit)
-    assert not any("On drag." in table.to_text() for table in fit_report.tables(fit, short=True))
