@@ -29,9 +29,12 @@ from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 FILES = ("report.html", "report.md")
 REPORT = "report"
 MOST_FIGURES = 12  # of a step that are in the page; all are in its folder
-MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
 MOST_NAMED = 12  # campaigns whose folders are named at the end
 SAME_VOLTAGE = 1.03  # voltages that differ by less are one, as in the thruster fit
+MADE = (
+    "The `manifest.json` of each folder holds the command, every setting, the seed and the SHA-256 of every input; "
+    "`automarine verify` says whether anything in the folder has changed."
+)
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 CAPTIONS = {
     "thrusters": "thrust of one thruster against its control signal: measured points, fitted curves, residuals below",
@@ -433,10 +436,7 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
 def _logs(steps: Steps) -> list[str]:
     if "check" not in steps:
         return []
-    text = steps["check"].markdown()
-    if text.count("\n") > MOST_ROWS:
-        return ["## Logs", "Every run: see `check/check.md`."]
-    return ["## Logs", "<details><summary>Every run</summary>", text, "</details>"]
+    return ["## Logs", "<details><summary>Every run</summary>", steps["check"].markdown(), "</details>"]
 
 
 def _set_aside(steps: Steps) -> list[str]:
@@ -452,25 +452,6 @@ def _set_aside(steps: Steps) -> list[str]:
 
 
 def _manifests(steps: Steps) -> list[str]:
-    manifests = {folder: result.manifest for folder, result in steps.items() if result.manifest}
-    if not manifests:
-        return []
-    rows, versions = [], set()
-    for folder, manifest in manifests.items():
-        settings = [
-            f"{key} {value}" for key, value in manifest.options.items()
-            if key != "figures" and isinstance(value, str | int | float) and value not in (False, "", "auto")
-        ]  # fmt: skip
-        rows.append({
-            "folder": folder, "command": f"automarine {manifest.command}",
-            "non-default settings": ", ".join(settings) or "none",
-            "seed": "" if manifest.seed is None else manifest.seed, "inputs": len(manifest.inputs),
-        })  # fmt: skip
-        versions.add(", ".join(map(" ".join, [("automarine", manifest.automarine), *manifest.libraries.items()])))
-    return [
-        "## How this was made",
-        Table.of("", rows).to_markdown(),
-        *(f"Versions: {escape(line)}." for line in sorted(versions)),
-        "The `manifest.json` of each folder holds every setting and the SHA-256 of every input; `automarine verify` "
-        "says whether anything in the folder has changed.",
-    ]
+    manifests = [result.manifest for result in steps.values() if result.manifest]
+    versions = {", ".join(map(" ".join, [("automarine", of.automarine), *of.libraries.items()])) for of in manifests}
+    return ["## How this was made", *(f"Versions: {escape(line)}." for line in sorted(versions)), MADE] * bool(versions)

@@ -91,23 +91,18 @@ def _signs(dof: Dof) -> tuple[str, ...]:
     if dof.wraps:
         return ()
     (first, second), sym, force = dof.words.ways, dof.symbols, dof.words.force
-    constant = (
-        f"; the constant {force} is weight less buoyancy, positive {first}: that of a vehicle that floats {second} is "
-        "negative"
-    ) * dof.has_constant
     v, quadratic = sym.velocity, sym.quadratic_print
+    constant = f"; the constant {force} is weight less buoyancy, positive {first}" * dof.has_constant
     signs = (
         f"{first.capitalize()} is positive. {sym.linear} and {quadratic} are positive where drag brakes, as in "
         f"{force} = {sym.inertia} d{v}/dt + {sym.linear} {v} + {quadratic} |{v}| {v}; Fossen's derivatives of these "
         f"names are their negatives. {sym.inertia} is {dof.words.full_inertia}{constant}."
     )
-    if not dof.directional:
-        return (signs,)
-    return (
-        signs,
+    ways = (
         f"The drag of one way is {sym.linear} in model 1, else {quadratic}. Where {first} and {second} do not differ "
-        "(p above 0.05) they are fitted as one; where they do, the value above is their mean.",
+        "(p above 0.05) they are fitted as one; where they do, the value above is their mean."
     )
+    return (signs, ways) if dof.directional else (signs,)
 
 
 def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
@@ -154,8 +149,10 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines = [f"{dof.name.capitalize()}: {model} from {used} of {runs} runs: {values}."]
     if fit.use is not None:
         lines.insert(int(fit.use.of_use), fit.use.sentence(dof))
-    if fit.inertial_turn_angle is not None:
-        lines.append(_valued(f"{symbols.inertia}/{symbols.quadratic_print}", fit.inertial_turn_angle) + ".")
+    derived = {f"{symbols.inertia}/{symbols.quadratic_print}": fit.inertial_turn_angle}
+    derived |= {f"drag {way}": e for way, e in preferred.ways.drag.items()} if preferred.ways else {}
+    if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
+        lines.append(f"{text}.")
     lines += [fit.preference.because, *fit.told_of_known]
     noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
     if preferred.noise is not None:
@@ -232,11 +229,10 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
         for i, run in enumerate(fit.runs):
             row = {"run": run.name, "file": run.source, "samples": len(run), "duration_s": run.time[-1] - run.time[0]}
             if use is not None and mixed.driven:  # what was predicted of it when it was left out of the fit
-                squares = {ahead.horizon: ahead.by_run(ahead.error, len(fit.runs))[i] for ahead in use.predictions}
-                row |= {"gain": gains[i]} | {
-                    f"rmse_{horizon:g}_s_ahead_{key}": float(dof.shown(np.sqrt(square)))
-                    for horizon, square in squares.items()
-                }
+                row["gain"] = gains[i]
+                for ahead in use.predictions:
+                    error = np.sqrt(ahead.by_run(ahead.error, len(fit.runs))[i])
+                    row[f"rmse_{ahead.horizon:g}_s_ahead_{key}"] = float(dof.shown(error))
             else:
                 off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
                 row[f"start_{words.speed}_{rate_key}"] = float(dof.shown(mixed.own(START_VELOCITY)[i, 0]))

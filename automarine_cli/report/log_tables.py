@@ -13,7 +13,6 @@ from automarine_cli.runs.run import SetAside, runs_json
 
 MOST_NAMED = 3  # runs that share a note
 MOST_LEVELS = 6  # written out
-MOST_BETWEEN = 20  # intervals between the runs that a table lists
 RUNS, MOVING = "runs", "moving"  # folders of what was cut
 
 
@@ -191,18 +190,17 @@ def _(result: Slices) -> Sections:
          "from s": _seconds(cut.from_s), "to s": _seconds(cut.to_s), "lasts s": number(cut.to_s - cut.from_s, 3)}
         for cut in result.cuts
     ]  # fmt: skip
-    moving, gaps = sum(cut.moving for cut in result.cuts), result.between
-    notes = [f"{moving} of {len(rows)} begin while another command moves the vehicle: in the folder {MOVING}"]
-    notes = notes * bool(moving) + [f"{source.file}: {note}" for source in result.sources for note in source.notes]
-    notes += [
-        f"{gap.source}, {_seconds(gap.from_s)} to {_seconds(gap.to_s)} s: {gap.why}" for gap in gaps[:MOST_BETWEEN]
-    ]
-    notes += [f"and {len(gaps) - MOST_BETWEEN} more"] * (len(gaps) > MOST_BETWEEN)
+    moving, logs = sum(cut.moving for cut in result.cuts), counted(len(result.sources), "log")
+    answer = f"{counted(len(rows), 'run')} cut from {logs} by {result.by}"
+    answer += f", of which {moving} begin in motion, in the folder {MOVING}" * bool(moving)
+    notes = [f"{source.file}: {note}" for source in result.sources for note in source.notes]
+    notes += [f"{gap.source}, {_seconds(gap.from_s)} to {_seconds(gap.to_s)} s: {gap.why}" for gap in result.between]
     table, content = Table.of("Runs", rows, notes), result.to_json()
     files: dict[str, Content] = dict(zip(result.files, (log for source in result.sources for log in source.contents)))
     files |= {"slices.json": content, "slices.md": table.to_markdown()}
     folders = dict.fromkeys(file.partition("/")[0] + "/" for file in result.files)
-    return Sections([table], files, listed=("slices.json", "slices.md", *folders), rows=content["slices"])
+    listed = ("slices.json", "slices.md", *folders)
+    return Sections([f"{answer}.", table], files, listed=listed, rows=content["slices"])
 
 
 def _seconds(value: float) -> str:

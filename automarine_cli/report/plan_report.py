@@ -16,6 +16,12 @@ from automarine_cli.report.sections import Content, Sections, bullets, document,
 from automarine_cli.report.tables import MISSING, Table, counted, interval, number
 
 CERTAIN = 1000.0
+SHEET = {
+    "number": "run", "begins_min": "begin at min", "start_heading_deg": "start heading deg",
+    "turn_there_deg": "turn there by deg", "do": "after the rest", "wait_s": "then wait s",
+    "battery_left_percent": "battery left %", "why": "what for",
+}  # fmt: skip
+"""What of plan.csv people have in hand."""
 FILES = ("plan.md", "plan.csv", PLAN.file, "plan.toml", "plan.png", "commands/")
 
 
@@ -68,19 +74,13 @@ def _sheet_rows(plan: Plan) -> Table:
 
 
 def _sheet_table(plan: Plan) -> Table:
-    rows = [
-        {
-            "run": slot.number, "begin at min:s": "{}:{:02d}".format(*divmod(round(slot.begins), 60)),
-            "start heading deg": f"{slot.candidate.start_heading:g}", "turn there by deg": f"{slot.turn_there:+.0f}",
-            "after the rest": in_words(slot.candidate, plan.fitting.model.moment_unit),
-            "then wait s": f"{slot.wait:g}",
-            "battery left %": f"{100.0 * slot.left / plan.limits.battery.charge_Ah:.0f}",
-            "what for": slot.why,
-        }
-        for slot in plan.slots
-    ]  # fmt: skip
+    rows = _sheet_rows(plan)
+    columns = {title: rows.header.index(name) for name, title in SHEET.items()}
     idle = f"{plan.limits.runs.rest_before_s:g} s"
-    return Table.of("Run sheet", rows, [f"Every log begins with {idle} at rest, thrusters idle."])
+    return Table(
+        "Run sheet", tuple(columns), tuple(tuple(row[i] for i in columns.values()) for row in rows.rows),
+        notes=(f"Every log begins with {idle} at rest, thrusters idle.",),
+    )  # fmt: skip
 
 
 def _interval_table(plan: Plan) -> Table:

@@ -246,9 +246,3 @@ def test_a_browser_shows_it_without_a_word_to_anybody(tab: tuple[Tab, Path], wid
         for one in ("backgroundColor", "color")
     )
     assert (paper < 100 and ink > 600) if dark else (paper > 700 and ink < 150)
-
-
-def test_very_long_tables_stay_in_their_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("automarine_cli.report.campaign.MOST_ROWS", 3)
-    text = make_report(folder).files["report.md"]
-    assert "Every run: see `check/check.md`." in text and "<details>" not in text
