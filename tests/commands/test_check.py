@@ -88,7 +88,7 @@ def test_thruster_commands_count_by_their_difference_and_spikes_are_dropped(tmp_
     assert checked.moment_unit == "n_port - n_stbd" and checked.levels == [0, 100]
     assert checked.half_turn is not None and checked.half_turn[checked.dof.words.force] == 100
     assert checked.counts["glitches"] == 1
-    assert "run: 1 heading spike dropped" in sections(result).printed[0].to_text()
+    assert "run: 1 heading spike dropped" in sections(result).text()
 
 
 def test_what_runs_share_is_said_once(tmp_path: Path, run: Callable[..., Result]) -> None:

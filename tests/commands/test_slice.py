@@ -52,7 +52,7 @@ def test_a_command_right_after_another_is_told_apart(tmp_path: Path) -> None:
     assert [cut.moving for cut in result.cuts] == [False, True, True, False]
     assert [file.partition("/")[0] for file in result.files] == ["runs", "moving", "moving", "runs"]
     assert sorted(path.name for path in (tmp_path / "out/moving").iterdir()) == ["day_2_-0.8.csv", "day_3_+0.4.csv"]
-    assert "2 of 4 begin while another command moves" in repr(am.slice_log(tmp_path / "day.csv", by="moment"))
+    assert "of which 2 begin in motion" in repr(am.slice_log(tmp_path / "day.csv", by="moment"))
 
 
 def test_modes_and_arming_of_a_table(tmp_path: Path) -> None:

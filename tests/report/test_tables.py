@@ -59,13 +59,6 @@ def test_latex_is_booktabs_and_escaped() -> None:
     ]  # fmt: skip
 
 
-def test_latex_numbers_its_tables_itself_and_keeps_symbols() -> None:
-    table = Table("Table 1. Identified yaw models: drag [nu]", ("", "1"), (("I_r/k_r|r| [rad], 95 %", "1.2"),))
-    lines = table.to_latex().splitlines()
-    assert lines[2:4] == [r"\caption{Identified yaw models: drag [nu]}", r"\label{tab:identified-yaw-models-drag}"]
-    assert r"$I_{r}$/$k_{r|r|}$ [rad], 95 \% & 1.2 \\" in lines
-
-
 def test_text_stands_in_columns() -> None:
     rows = (("1", "1.2", "x"), ("both", "-10.25", ""))
     table = Table("Drag", ("model", "k", "why"), rows, rules=(1,), notes=("N.",))

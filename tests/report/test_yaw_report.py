@@ -1,7 +1,5 @@
-"""Tables laid out as the paper's, and figures by their structure."""
+"""Figures of a fit by their structure; `tests/golden` has its tables."""
 
-import csv
-import io
 import re
 from dataclasses import replace
 
@@ -12,7 +10,6 @@ from made_campaigns import both_ways, campaign, moving_run
 from matplotlib.figure import Figure
 
 from automarine_cli.fits.identify import YawFit
-from automarine_cli.report import fit_report
 from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.report.sections import sections
@@ -29,42 +26,6 @@ def fit() -> YawFit:
 @pytest.fixture(scope="module")
 def whole() -> YawFit:
     return identify([moving_run(seed, length=15.0)[0] for seed in range(2)], "whole-runs")
-
-
-def rows_of(fit: YawFit, number: int) -> list[list[str]]:
-    return list(csv.reader(io.StringIO(fit_report.tables(fit)[number].to_csv())))
-
-
-def test_table_1_has_the_papers_layout(fit: YawFit) -> None:
-    """Models across; k_r|r|, k_r, SSE down; ours below the rule."""
-    rows = rows_of(fit, 0)
-    assert rows[0] == ["Model", "1", "2", "3"]
-    assert [row[0] for row in rows[1:4]] == ["k_r|r|", "k_r", "SSE"]
-    assert fit.seed_method is not None
-    drag = fit.seed_method.drag
-    assert float(rows[1][3]) == pytest.approx(drag["3"].estimates["k_rr"].value, rel=1e-3)
-    assert float(rows[2][1]) == pytest.approx(drag["1"].estimates["k_r"].value, rel=1e-3)
-    assert [float(cell) for cell in rows[3][1:]] == pytest.approx([drag[m].sse for m in "123"], rel=1e-3)
-    assert rows[1][1] == rows[2][3] == ""  # model 1 has no k_r|r|, model 3 no k_r
-
-
-def test_table_2_has_the_papers_layout_and_the_mean_at_each_moment(fit: YawFit) -> None:
-    rows = rows_of(fit, 1)
-    assert rows[0] == ["Model", "1", "2", "3"] and rows[1][0] == "I_r"
-    assert fit.seed_method is not None
-    table = fit.seed_method.inertia["3"]
-    assert float(rows[1][3]) == pytest.approx(table.overall.value, rel=1e-3)
-    means = {row[0]: row[3] for row in rows if row[0].startswith("mean at")}
-    assert list(means) == [f"mean at {m:+.4g} nu" for m in sorted(both_ways(SIZES))]
-    assert float(means["mean at +0.5 nu"]) == pytest.approx(table.per_moment[0.5], rel=1e-3)
-
-
-def test_tables_of_whole_runs_leave_out_steady_rates_and_say_why(whole: YawFit) -> None:
-    assert all("whole runs were fitted by output error" in table.to_markdown() for table in fit_report.tables(whole))
-    rows = {row[0]: row for row in rows_of(whole, 0)}
-    assert not {"SSE", "AICc", "k_r, 95 %"} & set(rows)
-    value = whole.output_error["3"].estimates["k_rr"].value
-    assert float(rows["k_r|r|, maximum likelihood"][3].split()[0]) == pytest.approx(value, rel=1e-3)
 
 
 def is_complete(figure: Figure) -> None:
