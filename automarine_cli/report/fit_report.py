@@ -149,7 +149,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines = [f"{dof.name.capitalize()}: {model} from {used} of {runs} runs: {values}."]
     if fit.use is not None:
         lines.insert(int(fit.use.of_use), fit.use.sentence(dof))
-    derived = {f"{symbols.inertia}/{symbols.quadratic_print}": fit.inertial_turn_angle}
+    derived = {f"{symbols.inertia}/{symbols.quadratic_print}": preferred.inertial_turn_angle}
     derived |= {f"drag {way}": e for way, e in preferred.ways.drag.items()} if preferred.ways else {}
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
         lines.append(f"{text}.")
@@ -258,7 +258,9 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
 
 @sections.register
 def _(fit: PlanarFit) -> Sections:
-    first = (fit.use.sentence(YAW), *(f"Warning: {line}" for line in fit.disturbed), fit.choice.because)
+    warnings = [line for line in fit.warnings if line not in (*fit.use.warnings(YAW), *fit.disturbed)]
+    disturbed = [f"Warning: {line}" for line in fit.disturbed]
+    first = [fit.use.sentence(YAW), *disturbed, fit.choice.because, *warnings]
     details = list(planar_sentences(fit))
     tables = [parameter_table(fit), prediction_table(fit.use), structure_table(fit)]
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
@@ -276,7 +278,6 @@ def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     noises = fit.found.fit.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
-    yield from (line for line in fit.warnings if line not in (*fit.use.warnings(YAW), *fit.disturbed))
 
 
 def prediction_table(use: Judgement) -> Table:
