@@ -50,12 +50,10 @@ def _(result: Check) -> Sections:
     by_dof = {dof: [run for run in result.runs if run.dof is dof] for dof in DOFS.values()}
     tables = [_run_table(runs, dof) for dof, runs in by_dof.items() if runs]
     tables += [_test_table(result.tests)] if result.tests else []
-    usable = [
-        f"{sum(not run.why for run in runs)} of {len(runs)} {dof.name} runs have a usable {dof.words.step}"
-        for dof, runs in by_dof.items()
-        if runs
-    ]
-    usable += [counted(len(result.tests), "thruster test")] * bool(result.tests)
+    usable = [counted(len(result.tests), "thruster test")] * bool(result.tests)
+    for dof, runs in reversed(by_dof.items()):
+        step = f"{sum(not run.why for run in runs)} of {len(runs)} {dof.name} runs have a usable {dof.words.step}"
+        usable[:0] = [step] * bool(runs)
     answer, notes = "; ".join(usable) + ".", [note for table in tables for note in table.notes]
     details = [replace(table, notes=()) for table in tables]
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]

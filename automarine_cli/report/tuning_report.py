@@ -75,7 +75,10 @@ def _promised_table(tuning: Tuning) -> Table:
     columns = dict[str, dict[str, str]]()
     for name, outcome in tuning.outcomes():
         bands = margins_of(outcome) | promises(outcome, designed)
-        columns[name] = {key: "never" if of is None else _band(of.value, *of.ci95) for key, of in bands.items()}
+        columns[name] = {
+            key: "never" if of is None else "{} [{}, {}]".format(*map(_or_never, (of.value, *of.ci95)))
+            for key, of in bands.items()
+        }
         columns[name]["settles"] = f"{np.mean(outcome.scores.settles):.0%}"
         columns[name]["keeps"] = f"{outcome.share_with(task.margin):.0%}"
     rows = [{"": label} | {name: cells[key] for name, cells in columns.items()} for key, label in words.items()]
@@ -84,11 +87,6 @@ def _promised_table(tuning: Tuning) -> Table:
         f"Median and the band of 95 % of {count} vehicles that the model allows; a step of {dof.logged(task.step):g} "
         f"{dof.units.log}, settled within {dof.shown(task.band):g} {dof.units.shown}, flights of {task.seconds:.0f} s.",
     ])  # fmt: skip
-
-
-def _band(*values: float) -> str:
-    """Write `12 [11, 14]`, with "never" for what never happens."""
-    return "{} [{}, {}]".format(*map(_or_never, values))
 
 
 def _or_never(value: float) -> str:
