@@ -11,7 +11,7 @@ from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.learned_curve import curve_of, learn, sentence
-from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions, Where, find_where
+from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions, find_where
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.search import (
     MOST_EFFECTS,
@@ -290,7 +290,7 @@ class Verdict:
 
 
 def verdict_of(
-    study: DiagnosisProblem, result: SearchResult, where: Where, held_out: DiagnosisProblem | None,
+    study: DiagnosisProblem, result: SearchResult, where: ResidualRegions, held_out: DiagnosisProblem | None,
     ahead: ForecastGain | None,
 ) -> Verdict:  # fmt: skip
     """The verdict on a search over the runs of `study`, whose base model has its gap at `where`.
@@ -368,7 +368,7 @@ def _beyond_doubt(gained: Floats) -> bool:
     return len(gained) > 1 and clear(np.clip(gained, -LOUDEST, LOUDEST), errors)
 
 
-def _unexplained(study: DiagnosisProblem, result: SearchResult, where: Where, holdout: Gap | None) -> str:
+def _unexplained(study: DiagnosisProblem, result: SearchResult, where: ResidualRegions, holdout: Gap | None) -> str:
     """Why runs that are simulated whole hold something that nothing in the library explains; empty if that is not so.
 
     So are runs whose residuals stand well above the floor and hang together in time, when what was added closes less
@@ -394,7 +394,7 @@ def _unexplained(study: DiagnosisProblem, result: SearchResult, where: Where, ho
     return ""
 
 
-def _beside(where: Where) -> str:
+def _beside(where: ResidualRegions) -> str:
     return f", most clearly {stretch(where.regions[0])}" if where.regions else ""
 
 
@@ -482,7 +482,7 @@ class Diagnosis:
     study: DiagnosisProblem
     conclusion: Verdict
     effects: tuple[NamedEffect, ...]
-    where: Where
+    where: ResidualRegions
     gap: Gap
     held_out: DiagnosisProblem | None
     held_out_gap: Gap | None

@@ -29,7 +29,7 @@ from automarine_cli.diagnosis.diagnose import (
 from automarine_cli.diagnosis.residual_regions import (
     Column,
     ResidualGrid,
-    Where,
+    ResidualRegions,
     find_regions,
     last_side,
     of_run_or_sample,
@@ -194,7 +194,7 @@ class PlanarDiagnosis(Shown):
     fitted: int
     forecasts: tuple[Sequence[Predicted], Sequence[Predicted]]
     density: tuple[Floats, Floats]
-    where: Where | None = None
+    where: ResidualRegions | None = None
     set_aside: tuple[SetAside, ...] = ()
     parent_sha256: str = ""
 
@@ -416,7 +416,7 @@ def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Sequence[Pre
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
 
 
-def find_planar_where(search: PlanarDiagnosis, seed: int) -> Where | None:
+def find_planar_where(search: PlanarDiagnosis, seed: int) -> ResidualRegions | None:
     """Look at the gap of the model before anything was added against every variable; `seed` draws the signs. None where
     all runs are too short for predictions."""
     every, before = search.every, search.before
@@ -446,11 +446,7 @@ def find_planar_where(search: PlanarDiagnosis, seed: int) -> Where | None:
         observed=part, gain=100.0 * states[places.gain, :, -1][r], floor=floor, convert=YAW.shown,
     )  # fmt: skip
     inside = [replace(column, values=np.where(part, column.values[r], np.nan)) for column in columns]
-    looked = find_regions(inside, {name: (unit, part * x[r]) for name, (unit, x) in kinds.items()}, gap, seed)
-    return Where(
-        **vars(looked), ahead=prediction.horizon, residual=residual, observed=observed, floor=floor, time=course.time,
-        mean_moment=np.array([float(run.command.mean()) for run in runs]), moment_unit=course.moment_unit, dof=YAW,
-    )  # fmt: skip
+    return find_regions(inside, {name: (unit, part * x[r]) for name, (unit, x) in kinds.items()}, gap, seed)
 
 
 def judged(predictions: Sequence[Predicted]) -> Predicted:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.search import CandidateFit
-from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, missed, shortest
-from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, missed
+from automarine_cli.dofs import DOFS
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits import linear_mixed
@@ -325,21 +325,6 @@ class ResidualRegions:
     regions: tuple[Region, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Where(ResidualRegions):
-    """The same with what a map of the gap needs: residuals, times and what was observed, (R, N) each. The gap is that
-    of predictions so many seconds `ahead`, or of whole simulated runs where that is 0."""
-
-    ahead: float
-    residual: Floats
-    observed: NDArray[np.bool_]
-    floor: float
-    time: Floats
-    mean_moment: Floats
-    moment_unit: str
-    dof: Dof
-
-
 def find_regions(
     of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: ResidualGrid, seed: int
 ) -> ResidualRegions:
@@ -360,17 +345,16 @@ def find_regions(
     return ResidualRegions(variables=variables, regions=tuple(regions))
 
 
-def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
+def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> ResidualRegions:
     """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
     batch, dof, fit = study.batch, study.base.dof, base.fit
     side = last_side(np.nan_to_num(at_samples(study, [run.command for run in study.runs])))
     if fit.driven:  # what is known as a prediction begins is independent of its error by chance
         residual = missed(study, base.model, fit, begun=True)
-        ahead = shortest(study.predictions(base.model, fit)).horizon
         fitted, rate, moment = filtered(study, base.model, fit)
         raw, variables = residual, columns(study, fitted, rate)
     else:
-        residual, moment, ahead = study.residual(fit.fitted), pushes(study, base.model, fit), 0.0
+        residual, moment = study.residual(fit.fitted), pushes(study, base.model, fit)
         same_thrust = fit.run_effects.copy()
         fit.effects.of(same_thrust, GAIN)[...] = 0.0
         raw = study.residual(study.problem(base.model).readings(fit.phi, same_thrust))
@@ -384,13 +368,7 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Where:
         names=batch.names, residual=residual, raw=raw, sign=np.where(batch.seen, side, 0.0), observed=batch.seen,
         gain=100.0 * base.fit.own(GAIN)[:, 0], floor=study.floor, convert=dof.shown,
     )  # fmt: skip
-    looked = find_regions(variables, kinds, gap, seed)
-    pushed = [run.command[run.command != 0] for run in study.runs]
-    return Where(
-        **vars(looked), ahead=ahead, residual=residual, observed=batch.seen, floor=study.floor, time=study.time,
-        mean_moment=np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]),
-        moment_unit=study.base.moment_unit, dof=dof,
-    )  # fmt: skip
+    return find_regions(variables, kinds, gap, seed)
 
 
 def pushes(study: DiagnosisProblem, model: YawModel, fit: MixedFit) -> Floats:

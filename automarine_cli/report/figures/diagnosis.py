@@ -33,7 +33,7 @@ def where_figure(where: ResidualRegions) -> Figure:
     for ax, variable in zip(axes.flat, drawn):
         _bins(ax, variable)
     style.legend_below(figure, axes.flat[0])
-    rest = dict.fromkeys(variable.column.name for variable in variables if variable not in out)
+    rest = dict.fromkeys(variable.column.name for variable in variables if not variable.stands_out.any())
     figure.suptitle(fill(f"Within chance: {', '.join(rest) or 'none'}", LONGEST_LINE), parse_math=False)
     return figure
 
