@@ -270,6 +270,45 @@ class MixedFit(Outcome):
         return scored_deviance(self.gram, self.effects, variances, restricted=True)[0]
 
 
+def without_fixed(problem: Problem, fixed: NDArray[np.bool_]) -> Problem:
+    """The problem without the parameters that are held: their direction may be that of others (the moment at which a
+    loss is told, and the loss), and would take the search with it."""
+    values = problem.bounds[:, 0]
+
+    def response(theta: Floats, b: Floats) -> Floats:
+        full = np.tile(values, (len(theta), 1))
+        full[:, ~fixed] = theta
+        return problem.response(full, b)
+
+    names = tuple(name for name, h in zip(problem.names, fixed) if not h)
+    priors = {name: prior for name, prior in problem.priors.items() if name in names}
+    smooth = None if problem.smooth is None else problem.smooth[np.ix_(~fixed, ~fixed)]
+    return replace(
+        problem, response=response, bounds=problem.bounds[~fixed], positive=problem.positive[~fixed], names=names,
+        priors=priors, smooth=smooth,
+    )  # fmt: skip
+
+
+def with_fixed(fit: MixedFit, problem: Problem, fixed: NDArray[np.bool_]) -> MixedFit:
+    """The fit with the held parameters put back, without any spread."""
+    free = np.flatnonzero(~fixed)
+    phi, left_out = problem.search(problem.bounds[:, 0]), np.zeros((len(fit.left_out), len(fixed)))
+    phi[free] = fit.phi
+    left_out[:] = phi
+    left_out[:, free] = fit.left_out
+    covariance = np.zeros((len(fixed), len(fixed)))
+    covariance[np.ix_(free, free)] = fit.covariance
+    information = np.zeros((len(left_out), len(fixed), len(fixed)))
+    information[:, free[:, None], free] = fit.information
+    theta = problem.bounds[:, 0].copy()
+    theta[free] = fit.theta
+    at_bound = tuple(sorted([*np.flatnonzero(fixed).tolist(), *(int(free[i]) for i in fit.at_bound)]))
+    return replace(
+        fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
+        left_out=left_out, at_bound=at_bound, priors=problem.priors, information=information,
+    )  # fmt: skip
+
+
 PHI_STEP = 1e-6
 """Step of the one-sided differences by phi, as a share of it or of a tenth: truncation and rounding are then both some
 1e-6 of the derivative."""
@@ -301,13 +340,15 @@ def fit_mixed(
     Parameters whose bounds are one value are held there; they count as `at_bound`. Raises FitError when there are no
     more samples than parameters or the response is not finite at the start.
     """
-    fixed, held = problem.bounds[:, 0] == problem.bounds[:, 1], problem.bounds[:, 0]
-    if fixed.any():  # nothing depends on these, else their direction would take that of others with it
-        respond = problem.response
-        problem = replace(problem, response=lambda theta, b: respond(np.where(fixed, held, theta), b))
-    if problem.count.sum() <= (~fixed).sum() + 1:
-        few = f"{problem.count.sum()} samples cannot carry {(~fixed).sum()} parameters"
-        raise FitError(f"{few}; give more or longer runs")
+    fixed = problem.bounds[:, 0] == problem.bounds[:, 1]
+    if fixed.any():
+        free = fit_mixed(
+            without_fixed(problem, fixed), theta[~fixed], noise=noise, factors=factors, run_effects=run_effects,
+            iterations=iterations, settled=settled,
+        )  # fmt: skip
+        return with_fixed(free, problem, fixed)
+    if problem.count.sum() <= len(theta) + 1:
+        raise FitError(f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
@@ -462,7 +503,7 @@ def _report(
     quantities, channels = [slot.name for slot in problem.counted], len(problem.counted)
     return MixedFit(
         names=problem.names,
-        theta=np.where(problem.bounds[:, 0] == problem.bounds[:, 1], problem.bounds[:, 0], problem.natural(phi)),
+        theta=problem.natural(phi),
         phi=phi,
         positive=problem.positive,
         covariance=covariance,
