@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.records import Record, Shown, to_mapping
@@ -67,8 +68,9 @@ def _(result: Simulation) -> Sections:
         rows.append({"folder": bollard.folder, "kind": "bollard test", "runs": 1, "files": 1, "samples": readings,
                      "faulty on purpose": 0})  # fmt: skip
     folders = sorted({f"{row['folder']}/" for row in rows if row["folder"]})
-    table = Table.of("Simulated campaign", rows, [comment, f"The truth is in {TRUTH}."])
-    return Sections([table], files | {TRUTH: truth}, listed=(*folders, TRUTH), rows=truth["made"])  # type: ignore[arg-type]
+    made: Any = truth["made"]
+    printed: list[Table | str] = [Table.of("Simulated campaign", rows), f"The truth is in {TRUTH}."]
+    return Sections(printed, files | {TRUTH: truth}, listed=(*folders, TRUTH), rows=made, answer=comment)
 
 
 def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> dict[str, object]:

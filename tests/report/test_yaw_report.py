@@ -10,6 +10,7 @@ from made_campaigns import both_ways, campaign, moving_run
 from matplotlib.figure import Figure
 
 from automarine_cli.fits.identify import YawFit
+from automarine_cli.report import fit_report  # noqa: F401  registers what a fit shows
 from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.report.sections import sections
