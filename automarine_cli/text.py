@@ -31,6 +31,10 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(shown[:MOST_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
+def plural(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def in_words(place: Place) -> str:
     """Return `models.3.k_rr: `, or nothing at the top; a long path is shortened."""
     parts = [f"[{part}]" if isinstance(part, int) else f".{printable(str(part)[:LONGEST])}" for part in place]

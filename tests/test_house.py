@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MOST_LINES = {
-    "fits": 5388, "report": 3957, "logs": 3942, "diagnosis": 3764, "commands": 3243, "runs": 2721, "thrusters":
+    "fits": 5376, "report": 3959, "logs": 3943, "diagnosis": 3764, "commands": 3239, "runs": 2718, "thrusters":
     2566, "link": 2539, "control": 2224, "effects": 2014, "planning": 1829, "simulation": 1725, "exports": 1652,
-    "comparison": 1172, "models": 1168, "filters": 986, "pipeline": 800, "dofs": 495, "top": 291, "guide": 192,
+    "comparison": 1172, "models": 1168, "filters": 969, "pipeline": 800, "dofs": 495, "top": 295, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 42668
+MOST_LINES_IN_ALL = 42639
 MOST_FILES = 214
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -27,8 +27,8 @@ def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> 
     """A pool campaign with known truth, made from a specification.
 
     The specification says what vehicle is tested, what acts on it that a model may not know of, what the logger
-    loses, and which runs are made: steps, coast-downs, reversals, sequences, bollard tests. The same
-    specification and seed give identical files. truth.json, beside the logs, holds the true values.
+    loses, and which runs are made: steps, coast-downs, reversals, sequences, ramps, rests, bollard tests. The
+    same specification and seed give identical files. truth.json, beside the logs, holds the true values.
 
     \b
     Example:

@@ -130,13 +130,9 @@ def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> 
 def verbosity(function: Callable[..., Any]) -> Callable[..., Any]:
     """-v and -q; kept in the context (see `verbosity_level`), not handed to the command."""
     quiet = click.option(
-        "-q",
-        "--quiet",
-        count=True,
-        expose_value=False,
-        callback=_count_verbosity,
+        "-q", "--quiet", count=True, expose_value=False, callback=_count_verbosity,
         help="Print the answer alone; -qq prints errors only.",
-    )
+    )  # fmt: skip
     verbose = click.option(
         "-v", "--verbose", count=True, expose_value=False, callback=_count_verbosity,
         help="Print more details; -vv adds tracebacks.",

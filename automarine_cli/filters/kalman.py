@@ -519,23 +519,6 @@ def shown_channel(course: Course, channel: int = 0) -> Channel:
     return replace(of, quantity=position, velocity=False, values=summed, counts=False)
 
 
-def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, channel: int = 0) -> Floats:
-    """A channel of each run simulated from its first filtered state on, (R, K + 1), with the logged commands and no
-    further reading; not a number before that."""
-    followed = follow(model, course.unthinned, theta[None], noises, keep=True)
-    assert followed.states is not None
-    of, time = shown_channel(course, channel), course.time
-    late = of.seen & (time >= SETTLING)
-    run = np.flatnonzero(late.any(axis=1))
-    origin = late[run].argmax(axis=1)
-    last = late.shape[1] - 1 - late[run, ::-1].argmax(axis=1)
-    path = carried(model, course, theta[None], noises, followed.states[:, 0], (of,), run, origin, last)[0, 0]
-    out = np.full(late.shape, np.nan)
-    for r, begin, end, values in zip(run, origin, last, path):
-        out[r, begin : end + 1] = values[: end - begin + 1]
-    return out
-
-
 def targets_of(
     observed: NDArray[np.bool_], time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64], horizon: float
 ) -> NDArray[np.int64]:

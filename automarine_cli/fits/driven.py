@@ -13,7 +13,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import Followed, Predicted, free_run, predict
+from automarine_cli.filters.kalman import Followed, Predicted, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.known import Prior
@@ -434,15 +434,13 @@ class Judgement:
     positions of one motion, or of heading and either place on the water or speeds. `proposed` is what the evidence
     would add (the deviance gained, by effect), `large` a sentence where the disturbance is as large as the commands.
 
-    For people to look at, where a filter followed the runs: `predictions` of the position on the nodes of the `course`,
-    and the `free` run of each from its first filtered state on (R, K + 1), not a number before that.
+    For people to look at, where a filter followed the runs: `predictions` of the position on the nodes of the `course`.
     """
 
     worth: Mapping[str, tuple[ForecastScore, ...]]
     runs: int
     predictions: tuple[Predicted, ...] = field(default=(), repr=False)
     course: Course | None = field(default=None, repr=False)
-    free: Floats | None = field(default=None, repr=False)
     proposed: Mapping[str, float] = field(default_factory=dict)
     large: str = ""
 
@@ -586,7 +584,5 @@ def use_of(
     course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
 ) -> Judgement:
     """Judge a fit of driven runs on each run by the others; `proposed` is what it lacks."""
-    noises = driven_problem(fit.model, course).noises(fit.mixed.theta[None])
-    free = free_run(fit.model, course, fit.mixed.of_model, noises)
     worth = {fit.model.dof.position: worth_of(predictions)}
-    return Judgement(worth, len(course.names), predictions, course, free, proposed, large_disturbance(course, fit))
+    return Judgement(worth, len(course.names), predictions, course, proposed, large_disturbance(course, fit))

@@ -37,10 +37,10 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
-from automarine_cli.runs.load import counted
 from automarine_cli.runs.run import Run, SetAside, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
+from automarine_cli.text import plural
 
 
 def covariance_json(
@@ -474,14 +474,14 @@ def identify_turns(
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
     enough = len(turns) >= FEWEST_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
-        steps = f"{counted(len(turns), dof.words.step)} at {counted(sizes, 'size')} of {dof.words.force} are usable"
+        steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {FEWEST_STEPS} at 2 are needed; {remedy}")
     if not with_effects and (fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)):
         return _fit_steps(turns, set_aside, prior, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
-            f"{counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
+            f"{plural(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
     return _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects)
@@ -564,7 +564,7 @@ def _fit_whole(
     short += undriven + stuck + contrary
     if not moving:
         raise RunError(
-            f"none of {counted(len(runs), 'run')} can be fitted; {_reasons(short)}look at them with `automarine check`"
+            f"none of {plural(len(runs), 'run')} can be fitted; {_reasons(short)}look at them with `automarine check`"
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])

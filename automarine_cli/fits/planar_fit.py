@@ -14,7 +14,6 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import free_run
 from automarine_cli.fits.driven import PLACE, ForecastScore, Judgement, left_out_predictions, starts_near, worth_of
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import (
@@ -47,11 +46,6 @@ def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = Fals
         if placed:
             worth = {PLACE: _distances(list(worth.values()))}
         return Judgement({YAW.position: worth_of(heading), **worth}, len(problem.course.names), heading, problem.course)
-
-
-def with_free_run(problem: DrivenProblem, fit: InnovationsFit, use: Judgement) -> Judgement:
-    course, heading = problem.course, [of.quantity for of in problem.course.channels].index(YAW.position)
-    return replace(use, free=free_run(problem.model, course, fit.of_model, problem.noises(fit.theta[None]), heading))
 
 
 def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
@@ -395,9 +389,7 @@ class PlanarLikelihood:
                         fitted.append((replace(trial, estimated=estimated), way, judged))
         best = min(fitted, key=lambda candidate: candidate[2].score)
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
-        estimated = chosen[0].estimated
-        use = with_free_run(self.problem(estimated.model), estimated.fit, chosen[2])
-        return Choice(chosen[0], chosen[1], use, _because(chosen, fitted))
+        return Choice(*chosen, _because(chosen, fitted))
 
     def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated

@@ -20,7 +20,7 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs import formats
 from automarine_cli.logs.columns import RUN, ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.text import quoted
+from automarine_cli.text import plural, quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
 SAMPLE_LINES = 6
@@ -178,7 +178,7 @@ def _no_table(
             )
         if error is not None and (cells := len(_cells(text, delimiter))) != expected:
             return LogError(
-                f"{name}, row {row + 1}: found {cells} cell{'s' * (cells != 1)}, expected {expected} as in the header "
+                f"{name}, row {row + 1}: found {plural(cells, 'cell')}, expected {expected} as in the header "
                 f"(row {rows[0] + 1}); the row is {quoted(text)}. Complete or delete this row"
             )
     return LogError(f"{name}: not a table of cells ({quoted(str(error))}); check its quotes and line ends")

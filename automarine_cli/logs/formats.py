@@ -24,6 +24,7 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.pipeline.records import Document, Source
 from automarine_cli.quantities import Floats
+from automarine_cli.text import plural
 
 MOST_COLUMNS = 30_000
 MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
@@ -119,7 +120,7 @@ def refuse_empty(content: object, source: str, what: str) -> None:
 
 def skipped(count: int, thing: str, why: str) -> tuple[str, ...]:
     """The note on what of a file was not read, none for nothing."""
-    return (f"{count} {thing}{'s' * (count != 1)} skipped: {why}",) if count else ()
+    return (f"{plural(count, thing)} skipped: {why}",) if count else ()
 
 
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--")

@@ -23,7 +23,7 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import CANONICAL, VELOCITIES, ColumnMap, Join, motion_of, names_of, quantities_of
 from automarine_cli.logs.formats import LOGGED, Origin, RawLog, decoded
 from automarine_cli.quantities import Floats
-from automarine_cli.text import listed, printable
+from automarine_cli.text import listed, plural, printable
 
 
 def needed(module: str, extra: str, source: str, what: str) -> ModuleType:
@@ -234,7 +234,7 @@ def _age(stream: Stream, master: Stream, held: NDArray[np.int64], interpolated: 
         return f"{name} begins only after the last row"
     age = np.abs(master.time[valid] - stream.time[held[valid]])
     late = len(held) - int(np.count_nonzero(valid))
-    lacking = f", none in {late} row{'s' * (late != 1)}" if late else ""
+    lacking = f", none in {plural(late, 'row')}" if late else ""
     how = ", interpolated" * interpolated
     return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{lacking}{how}"
 

@@ -23,7 +23,8 @@ from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_mani
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, sections
-from automarine_cli.report.tables import MISSING, Table, counted, escape, interval, number
+from automarine_cli.report.tables import MISSING, Table, escape, interval, number
+from automarine_cli.text import plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 FILES = ("report.html", "report.md")
@@ -341,7 +342,7 @@ def _headline(result: StepResult, steps: Steps) -> str:
         case CheckFile():
             idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
             aside = len(file.runs.set_aside)
-            parts = [counted(file.logs, "log"), counted(file.runs.used, "run")]
+            parts = [plural(file.logs, "log"), plural(file.runs.used, "run")]
             parts += [f"{idle} without a half-turn"] * bool(idle) + [f"{aside} set aside"] * bool(aside)
             return ", ".join(parts)
         case ThrusterFile():
@@ -384,7 +385,7 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
     fitted = f" ({again} logs were fitted)" if again else " not fitted" if logs else ""
     band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
     error = f"{number(score.rmse, 3)}{band} {dof.units.key} free run"
-    over = f"over {counted(file.runs.used, 'run')}{fitted}"
+    over = f"over {plural(file.runs.used, 'run')}{fitted}"
     if planar:
         return f"heading {error} {over}"
     added, _ = _added_by(steps, dof)

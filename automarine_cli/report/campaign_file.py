@@ -1,8 +1,8 @@
 """The commented campaign file that `init` writes: what was seen beside every value, a question where it is not sure."""
 
+import contextlib
 import json
 import os
-import re
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of,
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, to_mapping
 from automarine_cli.report.sections import Sections, sections, toml_line, toml_value
-from automarine_cli.report.tables import Table, counted, number
+from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.look import Placed, Survey
 from automarine_cli.runs.run import runs_json
-from automarine_cli.text import in_words, listed, printable
+from automarine_cli.text import in_words, listed, plural, printable
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
@@ -82,7 +82,7 @@ def _(result: NewCampaign) -> Sections:
          "values": column.evidence, "sure or asked": column.open or "sure"}
         for column in look.columns
     ]  # fmt: skip
-    to_answer = f"{counted(len(questions), 'question')} to answer: {', '.join(questions)}."
+    to_answer = f"{plural(len(questions), 'question')} to answer: {', '.join(questions)}."
     return Sections([
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
         Table.of("Columns", columns),
@@ -105,14 +105,14 @@ def new_campaign(look: Survey, files: Sequence[LogFile], place: Path, ask: Ask |
         for kind, members in placed.items():
             places = places_of([inner[file] for file in members], list(inner.values()))
             entries = [entry if base == "." else f"{base}/{entry}" for entry in places]
-            seen = counted(len(members), "log") if motion == PLANAR.name else _seen(look, members)
+            seen = plural(len(members), "log") if motion == PLANAR.name else _seen(look, members)
             yield kind, entries, f"{DOFS.get(motion, YAW).fill(SAY[kind])}: {seen}"
 
     arm_m, arm = look.maps.user_map.defaults.get("arm_m"), "metres from the centre line to each thruster"
     drive = look.thrusters_drive
     moment = "logged, or thrusters: made of n_port and n_stbd by a thruster map and vehicle.arm_m"
     lines: list[Line] = [
-        f"# A campaign of {counted(look.count, 'log')}, written by `automarine init` for `automarine run`.",
+        f"# A campaign of {plural(look.count, 'log')}, written by `automarine init` for `automarine run`.",
         f'# Check this file. A value "{OPEN}" is a question; `run` refuses the file until it is answered.',
         "",
         ("schema", SCHEMA, ""),
@@ -163,19 +163,20 @@ def _written(key: str, value: object, comment: str, ask: Ask | None) -> str:
 
 
 def _answer(value: object, key: str, comment: str, ask: Ask | None) -> object:
-    """A number, true and false as they stand, anything else as text."""
+    """A number, a list, true and false as they stand, anything else as text."""
     answer = ask(key, comment).strip() if ask and value == OPEN else ""
-    if re.fullmatch(r"-?(0|[1-9]\d*)(\.\d+)?|true|false", answer):
-        return json.loads(answer)
+    with contextlib.suppress(ValueError):
+        plain = json.loads(answer, parse_constant=str)
+        return answer if plain is None or isinstance(plain, dict | str) else plain
     return answer or value
 
 
 def _seen(look: Survey, files: Sequence[LogFile]) -> str:
     """`2 logs, 18 runs, -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
-    text, runs = counted(len(files), "log"), [run for file in files for run in look.runs.get(file, ())]
+    text, runs = plural(len(files), "log"), [run for file in files for run in look.runs.get(file, ())]
     if runs:
         low, high = min(run.low for run in runs), max(run.high for run in runs)
-        text += f", {counted(len(runs), 'run')}, {number(low, 3)} to {number(high, 3)} {runs[0].unit}"
+        text += f", {plural(len(runs), 'run')}, {number(low, 3)} to {number(high, 3)} {runs[0].unit}"
     unread = len({*look.unread} & {*files})
     return f"{text}; {unread} of them show what they are once the questions are answered" if unread else text
 

@@ -26,6 +26,7 @@ from automarine_cli.report.sections import Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, number
 from automarine_cli.report.thruster_tables import cells, parameter_cell
 from automarine_cli.runs.run import command_warnings
+from automarine_cli.text import plural
 from automarine_cli.thrusters.family import ALPHA
 
 MORE = {"p_value": "p", "cv_rmse_N": "cross-validated error [N]"}  # of candidates
@@ -217,7 +218,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     dof, gap, outlook, of = study.base.dof, diagnosis.gap, diagnosis.outlook, ""
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
         gap, outlook, count = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
-        of = f" of the {count} run{'s' * (count > 1)} held out"
+        of = f" of the {plural(count, 'run')} held out"
     sizes = [f"{dof.shown(x):.2f}" for x in (gap.before, gap.after)]
     level = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
     if judged := outlook and outlook.judged:

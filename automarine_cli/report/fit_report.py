@@ -199,7 +199,7 @@ def _drawings(fit: YawFit) -> dict[str, Draw]:
     seed, data, use = fit.seed_method, fit.data, fit.use
     if seed is None or data is None:
         if use is not None and fit.preferred.mixed.driven:
-            return {"whole_runs": partial(figures.driven_runs_figure, fit, use)}
+            return {"whole_runs": partial(figures.driven_runs_figure, fit.runs, use, fit.preferred.noise or 0.0)}
         return {"whole_runs": partial(figures.whole_runs_figure, fit)}
     return {
         fit.dof.steps_key: partial(figures.half_turns_figure, fit),
@@ -266,7 +266,8 @@ def _(fit: PlanarFit) -> Sections:
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
     files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
     files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
-    drawings = {"planar_runs": partial(figures.driven_runs_figure, fit, fit.use)}
+    noise = fit.found.fit.noise_of.get(YAW.position, 0.0)
+    drawings = {"planar_runs": partial(figures.driven_runs_figure, fit.runs, fit.use, noise)}
     listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
     return Sections([*first, tables[0]], files, drawings, listed, rows, details=[*tables[1:], *details])
 

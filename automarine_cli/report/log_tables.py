@@ -7,9 +7,10 @@ from typing import Any
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown
 from automarine_cli.report.sections import Content, Sections, document, file_stems, sections
-from automarine_cli.report.tables import MISSING, Table, counted, number
+from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import SetAside, runs_json
+from automarine_cli.text import plural
 
 MOST_NAMED = 3  # runs that share a note
 MOST_LEVELS = 6  # written out
@@ -50,7 +51,7 @@ def _(result: Check) -> Sections:
     by_dof = {dof: [run for run in result.runs if run.dof is dof] for dof in DOFS.values()}
     tables = [_run_table(runs, dof) for dof, runs in by_dof.items() if runs]
     tables += [_test_table(result.tests)] if result.tests else []
-    usable = [counted(len(result.tests), "thruster test")] * bool(result.tests)
+    usable = [plural(len(result.tests), "thruster test")] * bool(result.tests)
     for dof, runs in reversed(by_dof.items()):
         step = f"{sum(not run.why for run in runs)} of {len(runs)} {dof.name} runs have a usable {dof.words.step}"
         usable[:0] = [step] * bool(runs)
@@ -79,7 +80,7 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             "cut by": turn and turn["cut_by"],
             f"no {dof.words.step} because": run.why and run.why.split(":")[0],
         })  # fmt: skip
-        remarks = [f"{counted(n, word)} dropped" for word, n in dropped.items() if n]
+        remarks = [f"{plural(n, word)} dropped" for word, n in dropped.items() if n]
         for note in dict.fromkeys([*remarks, *run.notes, *filter(None, [run.why])]):
             notes.setdefault(note, []).append(run.run)
     lines = []
@@ -188,8 +189,8 @@ def _(result: Slices) -> Sections:
          "from s": _seconds(cut.from_s), "to s": _seconds(cut.to_s), "lasts s": number(cut.to_s - cut.from_s, 3)}
         for cut in result.cuts
     ]  # fmt: skip
-    moving, logs = sum(cut.moving for cut in result.cuts), counted(len(result.sources), "log")
-    answer = f"{counted(len(rows), 'run')} cut from {logs} by {result.by}"
+    moving, logs = sum(cut.moving for cut in result.cuts), plural(len(result.sources), "log")
+    answer = f"{plural(len(rows), 'run')} cut from {logs} by {result.by}"
     answer += f", of which {moving} begin in motion, in the folder {MOVING}" * bool(moving)
     notes = [f"{source.file}: {note}" for source in result.sources for note in source.notes]
     notes += [f"{gap.source}, {_seconds(gap.from_s)} to {_seconds(gap.to_s)} s: {gap.why}" for gap in result.between]

@@ -13,7 +13,8 @@ from automarine_cli.planning.campaign import Plan, command_path, specification
 from automarine_cli.planning.candidates import PLAN, command_file, in_words
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
-from automarine_cli.report.tables import MISSING, Table, counted, interval, number
+from automarine_cli.report.tables import MISSING, Table, interval, number
+from automarine_cli.text import plural
 
 CERTAIN = 1000.0
 SHEET = {
@@ -47,7 +48,7 @@ def _(plan: Plan) -> Sections:
 def _totals(plan: Plan) -> str:
     last, limits = plan.slots[-1], plan.limits
     kinds = Counter(run.kind for run in plan.candidates)
-    counts = ", ".join(counted(count, kind) for kind, count in kinds.items())
+    counts = ", ".join(plural(count, kind) for kind, count in kinds.items())
     return (
         f"{kinds.total()} runs ({counts}): {last.ends(limits.runs.rest_before_s) / 60.0:.1f} of "
         f"{limits.pool.minutes:g} minutes in the pool, {plan.motion:.0f} s of motion, "

@@ -185,10 +185,6 @@ def number(x: float | None, digits: int = 4) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
-def counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'s' * (count != 1)}"
-
-
 def interval(estimate: Estimate | None) -> str:
     """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need; marked where it
     was known before the fit; a value at its bound has no interval."""

@@ -8,8 +8,9 @@ from automarine_cli.models.store import StoredPlanar
 from automarine_cli.report.figures.runs import planar_figure, validation_figure
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Content, Sections, document, file_stems, forms_of, sections
-from automarine_cli.report.tables import MISSING, Table, counted, number
+from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.run import command_warnings
+from automarine_cli.text import plural
 
 LISTED = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
 DIVERGED = "diverged"
@@ -29,7 +30,6 @@ def _(result: Validation) -> Sections:
         files |= forms_of("validation", table)
         return Sections([table], files, figures, LISTED, score_rows(result), answer=_answer(result, ""))
     headline = [] if ahead is None else [ahead.sentence]
-    answer = _answer(result, f"; the {dof.position} noise is {number(result.floor, 3)} {dof.units.shown}")
     tables = [*([] if ahead is None else [ahead_table(ahead)]), overall_table(result), run_table(result)]
     sensors = sentences_of(sensors_of(result.channels, measured_noises(runs, dof)), dof)
     figures = {name: partial(validation_figure, *of_run) for name, of_run in zip(names, zip(free, result.floors))}
@@ -37,7 +37,8 @@ def _(result: Validation) -> Sections:
     files |= {"validation.csv": score_table(result).to_csv(), "validation.md": document(*headline, *tables, *sensors)}
     warnings = (f"Warning: {warning}" for warning in command_warnings(runs))
     printed: list[Table | str] = [*warnings, *tables, *sensors]
-    answer = ahead.sentence if ahead else answer
+    over_all = _answer(result, f"; the {dof.position} noise is {number(result.floor, 3)} {dof.units.shown}")
+    answer = ahead.sentence if ahead else over_all
     return Sections(printed, files, figures, LISTED, score_rows(result), answer=answer)
 
 
@@ -48,7 +49,7 @@ def _answer(result: Validation, more: str) -> str:
     name, of = next(iter(result.models[result.best].overall.items()))  # the positions' root mean square stands first
     interval = "" if of.ci95 is None else " [{}, {}]".format(*(number(end, 3) for end in of.ci95))
     unit = result.dof.fill(result.scores[name].heading).rpartition(" ")[2]
-    runs, position = counted(len(result.runs), "whole run"), result.dof.position
+    runs, position = plural(len(result.runs), "whole run"), result.dof.position
     model = "the planar model" if isinstance(result.stored, StoredPlanar) else f"model {result.best}"
     return f"Over {runs} the {position} of {model} is off by {number(of.value, 3)}{interval} {unit}{more}."
 
@@ -73,7 +74,7 @@ def planar_table(result: Validation) -> Table:
 
 
 def _title(result: Validation) -> str:
-    return f"Validation over {len(result.runs)} run{'s' * (len(result.runs) != 1)}"
+    return f"Validation over {plural(len(result.runs), 'run')}"
 
 
 def overall_table(result: Validation) -> Table:

@@ -22,7 +22,7 @@ from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.pipeline.records import FILLER, to_mapping
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED, Run, SetAside, median
-from automarine_cli.text import listed
+from automarine_cli.text import listed, plural
 
 FEWEST_SAMPLES = 8
 LEAST_STUCK = 20  # samples of one exact position
@@ -43,7 +43,7 @@ def clock_trouble(time: Floats) -> str | None:
         still = f"units look wrong: the clock stands still at {time[0]:.10g} s in all {count} rows"
         return f"{still}; expected a rising clock. Look at the time column, or map another with --columns"
     if count < FEWEST_SAMPLES:
-        few = f"only {count} sample{'s' * (count != 1)} left; at least {FEWEST_SAMPLES} are needed"
+        few = f"only {plural(count, 'sample')} left; at least {FEWEST_SAMPLES} are needed"
         return f"{few}. Check that the log was not cut short"
     period = median(np.diff(time))
     if FASTEST <= period < SLOWEST:

@@ -26,6 +26,7 @@ from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs import checks
 from automarine_cli.runs.run import NORMAL, Run, SetAside, fresh_readings, median, named_apart, own_name, slope, summed
+from automarine_cli.text import plural
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -142,15 +143,15 @@ def _bridged(run: Run) -> tuple[Run, ...]:
     if (jumps := np.setdiff1d(find_jumps(run.time, run.position, dof), gaps)).size:
         sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
         notes += (
-            f"split at {counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
+            f"split at {plural(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
             f"next, which no vehicle makes: samples are missing there, or the {words.sensor} slipped",
         )
     if broken:
         lost = f"across which the {words.position} cannot be followed"
-        notes += (f"split at {counted(len(broken), 'gap')} of up to {widest}, {lost}",)
+        notes += (f"split at {plural(len(broken), 'gap')} of up to {widest}, {lost}",)
     elif gaps.size:
         bridged = f", bridged by the {words.speed}s beside them" if dof.wraps else ""
-        notes += (f"{counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
+        notes += (f"{plural(gaps.size, 'gap')} of up to {widest}{bridged}",)
     edges = [0, *(int(i) + 1 for i in sorted({*broken, *jumps})), len(run)]
     run, parts = replace(run, position=position, notes=notes), []
     for number, (start, stop) in enumerate(pairwise(edges), 1):
@@ -166,10 +167,6 @@ def _too_short(part: Run) -> str | None:
     left = f"only {np.ptp(part.time):.2g} s are left beside a jump of the {part.dof.position}"
     short = part.counts["jumps"] and np.ptp(part.time) < SHORTEST_PART
     return f"{left}; at least {SHORTEST_PART:g} s are needed" if short else None
-
-
-def counted(number: int, thing: str) -> str:
-    return f"{number} {thing}{'s' * (number != 1)}"
 
 
 MIN_STANDSTILL = 5  # Samples of a standstill
@@ -408,7 +405,7 @@ def _refuse_other_units(
     turn = checks.RADIANS_AS_DEGREES if radians else dof.turn
     alike = sum(0.5 * turn < span <= ANGLE_SLACK * turn if radians else span > ANGLE_SLACK * turn for span in spans)
     if alike > 0.5 * len(spans):
-        many = f"{alike} other log{'s' * (alike != 1)}"
+        many = f"{plural(alike, 'other log')}"
         raise RunError(
             f"{proof.file}, run {proof.run!r}: {proof.why}. The same column of {many} looks so too, and nothing "
             "was used; where only one log differs, give it a map of its own under [[columns_of]]"
@@ -429,7 +426,7 @@ def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
     first = {run.why: run.file for run in reversed(aside)}
     reasons = [f"{file}: {why}" for why, file in reversed(first.items())][:MOST_REASONS]
     more = f" (and {len(aside) - len(reasons)} more)" * (len(aside) > len(reasons))
-    return RunError(f"no usable run in {files} log{'s' * (files != 1)}: {'; '.join(reasons)}{more}")
+    return RunError(f"no usable run in {plural(files, 'log')}: {'; '.join(reasons)}{more}")
 
 
 @contextlib.contextmanager

@@ -335,7 +335,6 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> Choice:
         model = each.model(rough_sizes(runs))
         tried.append(Tried(each, Estimated(model, np.eye(len(model.free)), fit_of(model))))
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
-    monkeypatch.setattr(planar_fit, "with_free_run", lambda *_: use_of(heading=0.5))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
     monkeypatch.setattr(PlanarLikelihood, "by_forecasts", lambda self, near: replace(near))
     return PlanarLikelihood(runs, seen).choose(tried)

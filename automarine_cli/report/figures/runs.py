@@ -15,7 +15,6 @@ from automarine_cli.fits.driven import COMPARED, Judgement
 from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
-from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.models.yaw_model import response, steady_rate
 from automarine_cli.quantities import Floats
@@ -118,15 +117,15 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     return style.residuals_figure(residuals, labels, dof.units.shown, noise, f"What is left of {len(residuals)} runs")
 
 
-def driven_runs_figure(fit: YawFit | PlanarFit, use: Judgement) -> Figure:
-    """Draw errors of positions that the model fitted to the other runs predicts from filtered states."""
+def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Figure:
+    """Draw errors of positions that the model fitted to the other runs predicts from filtered states, beside the
+    `noise` of the position's sensor."""
     assert use.course is not None
-    dof, time, residuals = fit.runs[0].dof, use.course.time, list[style.Residuals]()
+    dof, time, residuals = runs[0].dof, use.course.time, list[style.Residuals]()
     ahead = sorted((p for p in use.predictions if p.horizon in COMPARED), key=lambda p: -p.horizon)
-    for i, run in enumerate(fit.runs):
+    for i, run in enumerate(runs):
         lines = [(time[i][p.target[p.run == i]], np.asarray(dof.shown(p.error[p.run == i]))) for p in ahead]
         residuals.append((run.name, lines))
-    noise = fit.found.fit.noise_of.get(dof.position, 0.0) if isinstance(fit, PlanarFit) else fit.preferred.noise or 0.0
     labels = [f"predicted {p.horizon:g} s ahead" for p in ahead]
     title = f"{dof.words.position.capitalize()} from filtered states" + ", runs left out of the fit" * (use.runs > 1)
     return style.residuals_figure(residuals, labels, dof.units.shown, float(dof.shown(noise)), title)
