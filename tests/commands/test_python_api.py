@@ -160,10 +160,7 @@ def test_settings_of_a_wrong_kind_are_refused(
 
 @pytest.mark.parametrize(
     ("page", "heading", "least"),
-    [
-        ("README.md", "Your own logs", 2),
-        ("automarine_cli/guide/python.md", "A session", 6),
-    ],
+    [("README.md", "Your own logs", 2), ("automarine_cli/guide/python.md", "A session", 6)],
 )
 def test_sections_do_what_they_show(page: str, heading: str, least: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
