@@ -31,7 +31,7 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.log_tables import Check
-    from automarine_cli.runs.load import none_left, refused_by_strict
+    from automarine_cli.runs.load import require_usable
     from automarine_cli.runs.look import look_at_log, with_limits
     from automarine_cli.runs.run import NAMED_APART, names_apart
 
@@ -40,10 +40,7 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
     runs = [run for of_log, _, _ in contents for run in of_log]
     tests = tuple(test for _, of_log, _ in contents for test in of_log)
     set_aside = tuple(run for _, _, of_log in contents for run in of_log)
-    if strict and set_aside:
-        raise refused_by_strict(set_aside[0])
-    if not runs and not tests:
-        raise none_left(len(logs), set_aside)
+    require_usable([*runs, *tests], set_aside, len(logs), strict)
     names = names_apart([(run.run, run.file) for run in runs])
     distinct = tuple(
         run if run.run == name else replace(run, run=name, notes=[*run.notes, NAMED_APART])

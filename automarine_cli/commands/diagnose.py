@@ -67,7 +67,7 @@ def _of_a_motion(
     from automarine_cli.runs.channels import wanted_channels
     from automarine_cli.runs.checks import without_stuck
     from automarine_cli.runs.half_turn import without_contrary
-    from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
+    from automarine_cli.runs.load import load_runs, require_usable, told_beside
     from automarine_cli.runs.run import Run, SetAside, command_warnings
     from automarine_cli.thrusters.map import moment_maker
 
@@ -85,8 +85,7 @@ def _of_a_motion(
         moving, stuck = without_stuck(driven)
         sound, contrary = without_contrary(moving)
         aside.extend((*campaign.set_aside, *left_out, *stuck, *contrary))
-        if strict and aside:
-            raise refused_by_strict(aside[0])
+        require_usable(sound, aside, len(files), strict)
         return sound
 
     runs, held_out = usable(logs), usable(hold_out) if hold_out else None

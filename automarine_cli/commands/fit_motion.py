@@ -86,7 +86,7 @@ def _fit(
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.runs.half_turn import half_turns
-    from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
+    from automarine_cli.runs.load import load_runs, require_usable, told_beside
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import moment_maker
 
@@ -118,8 +118,7 @@ def _fit(
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
     warnings = [*command_warnings(runs), *limits, *fit.warnings]
     fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=tuple(warnings))
-    if strict and fit.set_aside:
-        raise refused_by_strict(fit.set_aside[0])
+    require_usable(runs, fit.set_aside, len(campaign.inputs), strict)
     return fit
 
 

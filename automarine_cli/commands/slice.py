@@ -59,7 +59,7 @@ def slice_log(
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.log_tables import SlicedLog, Slices
-    from automarine_cli.runs.load import none_left, refused_by_strict
+    from automarine_cli.runs.load import require_usable
     from automarine_cli.runs.run import SetAside
 
     if keep and by != "mode":
@@ -68,11 +68,8 @@ def slice_log(
     cut = partial(_cut, columns=given_columns(columns), **sliced)
     results = ordered_map(cut, logs, jobs, progress=progress, stage="cutting logs")
     set_aside = tuple(result for result in results if isinstance(result, SetAside))
-    if strict and set_aside:
-        raise refused_by_strict(set_aside[0])
     sources = tuple(result for result in results if isinstance(result, SlicedLog))
-    if not sources:
-        raise none_left(len(logs), set_aside)
+    require_usable(sources, set_aside, len(logs), strict)
     if not any(source.cuts for source in sources):
         why = list(dict.fromkeys(gap.why for source in sources for gap in source.between))
         raise RunError(

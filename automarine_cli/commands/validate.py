@@ -42,7 +42,7 @@ def validate(
     from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, load_yaw_models
     from automarine_cli.pipeline.records import schema_in
     from automarine_cli.runs.channels import AUTO, choose_channels, wanted_channels
-    from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
+    from automarine_cli.runs.load import load_runs, require_usable
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar, moment_maker
 
@@ -65,11 +65,8 @@ def validate(
     drive = moment_maker(thrusters, arm, names, stored.dof)
     campaign = load_runs(logs, names, dof=stored.dof, **execution)
     runs, aside = usable_runs(campaign.runs, stored, drive)
-    if strict and aside:
-        raise refused_by_strict(aside[0])
     left_out = (*campaign.set_aside, *aside)
-    if not runs:
-        raise none_left(len(campaign.inputs), left_out)
+    require_usable(runs, left_out, len(campaign.inputs), strict)
     command_warnings(runs)  # refused where they cannot be of this map
     believed = choose_channels(runs, stored.dof, channels, late_position=True)
     runs = [believed.believed(run) for run in runs]

@@ -175,8 +175,9 @@ def _seen(look: Survey, files: Sequence[LogFile]) -> str:
     """`2 logs, 18 runs, -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
     text, runs = plural(len(files), "log"), [run for file in files for run in look.runs.get(file, ())]
     if runs:
-        low, high = min(run.low for run in runs), max(run.high for run in runs)
-        text += f", {plural(len(runs), 'run')}, {number(low, 3)} to {number(high, 3)} {runs[0].unit}"
+        text += f", {plural(len(runs), 'run')}"
+        if levels := [level for run in runs for level in run.levels or ()]:
+            text += f", {number(min(levels), 3)} to {number(max(levels), 3)} {runs[0].moment_unit}"
     unread = len({*look.unread} & {*files})
     return f"{text}; {unread} of them show what they are once the questions are answered" if unread else text
 

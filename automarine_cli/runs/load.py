@@ -8,7 +8,7 @@ reading of its own.
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -374,10 +374,7 @@ def load_runs(
     for good, bad in ordered_map(work, files, jobs, progress=progress, stage="reading logs"):
         runs += good
         aside += bad
-    if strict and aside:
-        raise refused_by_strict(aside[0])
-    if not runs:
-        raise none_left(len(files), aside)
+    require_usable(runs, aside, len(files), strict)
     _refuse_other_units(aside, files, columns, dof)
     runs = named_apart(runs)
     _refuse_two_units(runs)
@@ -417,16 +414,17 @@ def has_bytes(file: LogFile) -> bool:
     return file.content is not None or (file.path.is_file() and os.access(file.path, os.R_OK))
 
 
-def refused_by_strict(first: SetAside) -> RunError:
-    return RunError(f"{first.file}, run {first.run!r}: {first.why} (refused because of --strict)")
-
-
-def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
-    """The refusal of a campaign of which nothing is left, with the first reasons."""
-    first = {run.why: run.file for run in reversed(aside)}
-    reasons = [f"{file}: {why}" for why, file in reversed(first.items())][:MOST_REASONS]
-    more = f" (and {len(aside) - len(reasons)} more)" * (len(aside) > len(reasons))
-    return RunError(f"no usable run in {plural(files, 'log')}: {'; '.join(reasons)}{more}")
+def require_usable(usable: Sized, aside: Sequence[SetAside], logs: int, strict: bool) -> None:
+    """Raise RunError for the first of those set aside if `strict`; with the first reasons, if of so many logs nothing
+    is usable."""
+    if strict and aside:
+        first = aside[0]
+        raise RunError(f"{first.file}, run {first.run!r}: {first.why} (refused because of --strict)")
+    if not usable:
+        files = {run.why: run.file for run in reversed(aside)}
+        reasons = [f"{file}: {why}" for why, file in reversed(files.items())][:MOST_REASONS]
+        more = f" (and {len(aside) - len(reasons)} more)" * (len(aside) > len(reasons))
+        raise RunError(f"no usable run in {plural(logs, 'log')}: {'; '.join(reasons)}{more}")
 
 
 @contextlib.contextmanager

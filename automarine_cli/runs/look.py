@@ -18,8 +18,8 @@ from automarine_cli.logs.columns import driven, names_of, quantities_of
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
-from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, find_steps, segments, why_none
-from automarine_cli.runs.load import read_runs, rows_of_runs, runs_of_table, unreadable
+from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, segments, why_none
+from automarine_cli.runs.load import rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.run import CommandRange, Run, SetAside, misfit_of, position_noise, undirected
 
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
@@ -51,6 +51,20 @@ class RunSeen:
     notes: list[str]
     commanded: list[Commanded] = field(default_factory=list, repr=False)
     limits: list[AllocationLimit] = field(default_factory=list)
+
+    @property
+    def kind(self) -> Literal["step", "manoeuvre", "idle"]:
+        """A step has one constant command, whether or not it serves, an idle run none at all."""
+        count = 2 if self.levels is None else np.count_nonzero(self.levels)
+        return "manoeuvre" if count > 1 else "step" if count else "idle"
+
+    @property
+    def ways(self) -> list[bool]:
+        """Of each stretch from rest that moved whether it went with the sign of its command."""
+        force, gone = self.dof.words.force, f"{self.dof.words.gone_key}_{self.dof.units.key}"
+        least = self.dof.shown(self.dof.limits.unmoved)
+        moved = (step for step in self.steps if step["from_rest"] and abs(step[gone]) > least)
+        return [step[force] * step[gone] > 0 for step in moved]
 
     def to_json(self) -> dict[str, object]:
         words, dof = self.dof.words, self.dof
@@ -166,36 +180,6 @@ def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[SetAsid
     return tests, aside
 
 
-@dataclass(frozen=True)
-class RunKind:
-    """One run: a `step` has one constant command, whether or not it serves; `idle` none at all; else a manoeuvre.
-
-    `with_moment` and `against` count the stretches from rest that went with and against the sign of their
-    command; `low` and `high` are the smallest and the largest one [`unit`].
-    """
-
-    name: str
-    kind: Literal["step", "manoeuvre", "idle"]
-    unit: str
-    low: float
-    high: float
-    with_moment: int
-    against: int
-
-
-def kind_of(run: Run) -> RunKind:
-    """The kind of one run. Thruster commands without a moment count as they add up."""
-    driven = run.as_commanded()
-    levels = {moment for _, _, moment in segments(driven.command) if moment != 0}
-    steps = [step for step in find_steps(driven) if step.from_rest]
-    ways = [(step.moment, driven.position[step.stop - 1] - driven.position[step.first]) for step in steps]
-    moved = [float(moment * way) for moment, way in ways if abs(way) > run.dof.limits.unmoved]
-    kind: Literal["step", "manoeuvre", "idle"] = ("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre"
-    low, high = float(driven.command.min()), float(driven.command.max())
-    followed, against = sum(way > 0 for way in moved), sum(way < 0 for way in moved)
-    return RunKind(run.name, kind, driven.moment_unit, low, high, followed, against)
-
-
 HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
 VALIDATION = "_validation"  # and how they may end
 TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
@@ -214,7 +198,7 @@ class Survey:
     folder: Path
     layouts: tuple[Layout, ...]
     maps: Maps
-    runs: Mapping[LogFile, tuple[RunKind, ...]]
+    runs: Mapping[LogFile, list[RunSeen]]
     set_aside: tuple[SetAside, ...]
     placed: Placed
     forces: Mapping[str, Placed]
@@ -259,8 +243,8 @@ class Survey:
     def turns(self) -> tuple[int, int]:
         """How many steps of yaw went with and against their moment."""
         elsewhere = {file for kinds in self.forces.values() for files in kinds.values() for file in files}
-        runs = [run for file, runs in self.runs.items() if file not in elsewhere for run in runs]
-        return sum(run.with_moment for run in runs), sum(run.against for run in runs)
+        ways = [way for file, runs in self.runs.items() if file not in elsewhere for run in runs for way in run.ways]
+        return ways.count(True), ways.count(False)
 
     @property
     def turned_round(self) -> bool:
@@ -277,22 +261,22 @@ def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int
     then its runs by what the columns are taken for, then its kind."""
     logs, layouts, maps, errors = layouts_of(folder, files, columns, jobs, progress)
     layout_of = {file: layout for layout in layouts for file in layout.files}
-    readable = [(file, layout_of[file]) for file in logs if file in layout_of]
-    look = partial(_look, taken_for=maps.columns(), columns=columns)
-    work = [(file, layout.bollard, layout.dof) for file, layout in readable]
-    looks = ordered_map(look, work, jobs, progress=progress, stage="looking at runs")
+    readable = [file for file in logs if file in layout_of]
+    look = partial(look_at_log, columns=maps.columns())
+    looks = ordered_map(look, readable, jobs, progress=progress, stage="looking at runs")
     headed = any(YAW.position not in layout.lacking for layout in layouts if not layout.bollard)
     aside = [unreadable(file, error) for file, error in errors.items()]
     unread: list[LogFile] = []
     logs_of: dict[str, dict[str, list[LogFile]]] = {"": {kind: [] for kind in KINDS}}  # by motion; "" is yaw
-    for (file, layout), (runs, bad) in zip(readable, looks):
+    for file, (runs, tests, bad) in zip(readable, looks):
+        layout = layout_of[file]
         questions = layout.lacking or any(column.open for column in layout.columns)
         unclear = questions and not (runs or layout.bollard) and not (headed and YAW.position in layout.lacking)
         if unclear:  # it shows what it is once a question is answered
             unread.append(file)
         else:
             aside += bad
-        kind = _kind_of(file, runs, unclear) if not layout.bollard else "" if bad else "thrusters"
+        kind = _kind_of(file, runs, unclear) if not layout.bollard else "thrusters" if tests else ""
         if not kind:
             continue
         motion, kinds = "", list(KINDS)
@@ -303,28 +287,13 @@ def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int
         logs_of.setdefault(motion, {kind: [] for kind in kinds})[kind].append(file)
     placed = {motion: {kind: tuple(of_kind) for kind, of_kind in kinds.items()} for motion, kinds in logs_of.items()}
     return Survey(
-        folder, layouts, maps, {file: runs for (file, _), (runs, _) in zip(readable, looks)}, tuple(aside),
+        folder, layouts, maps, {file: runs for file, (runs, _, _) in zip(readable, looks)}, tuple(aside),
         placed[""], {motion: placed[motion] for motion in (*DOFS, PLANAR.name) if motion in placed},
         tuple(unread), tuple(file for file in logs if file not in layout_of and file not in errors),
     )  # fmt: skip
 
 
-def _look(
-    log: tuple[LogFile, bool, Dof], taken_for: ColumnMap, columns: ColumnMap
-) -> tuple[tuple[RunKind, ...], list[SetAside]]:
-    """The kinds of the runs of a log, none of a bollard test, and what of it cannot be used."""
-    file, bollard, dof = log
-    try:
-        if bollard:
-            require_thruster(read_log(file, taken_for, dof=YAW))
-            return (), []
-        runs, aside = read_runs(replace(file, named=False), taken_for if dof.wraps else columns, dof=dof)
-    except LogError as error:  # a guess that does not fit this log
-        return (), [unreadable(file, error)]
-    return tuple(kind_of(run) for run in runs), aside
-
-
-def _kind_of(file: LogFile, runs: Sequence[RunKind], unread: bool = False) -> str:
+def _kind_of(file: LogFile, runs: Sequence[RunSeen], unread: bool = False) -> str:
     """The kind of test that a log of runs holds, "" where nothing is commanded; steps where only an answer tells."""
     kinds = Counter(run.kind for run in runs)
     if not unread and (not kinds or set(kinds) == {"idle"}):

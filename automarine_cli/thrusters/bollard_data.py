@@ -16,7 +16,7 @@ from automarine_cli.logs.columns import BY
 from automarine_cli.logs.table import Labels, splitting
 from automarine_cli.pipeline.parallel import Progress, counted, silent
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
+from automarine_cli.runs.load import has_bytes, require_usable, unreadable
 from automarine_cli.runs.run import SetAside
 from automarine_cli.text import listed, quoted
 
@@ -111,10 +111,7 @@ def load_thruster_logs(
         units.add(table.units.get("n", ""))
         missing += incomplete
         set_aside += idle
-    if strict and set_aside:
-        raise refused_by_strict(set_aside[0])
-    if not records:
-        raise none_left(len(files), set_aside)
+    require_usable(records, set_aside, len(files), strict)
     by = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
     unit = units.pop() if len(units) == 1 else ""
     used = tuple(filter(has_bytes, files))

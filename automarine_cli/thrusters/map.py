@@ -26,7 +26,7 @@ from automarine_cli.models.store import number_at
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, keyed, read_plain
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.load import Campaign, load_runs, none_left, read_planar, refused_by_strict
+from automarine_cli.runs.load import Campaign, load_runs, read_planar, require_usable
 from automarine_cli.runs.run import CommandRange, Run, SetAside
 from automarine_cli.simulation.specification import Bollard, levels_of, normal, uniform
 from automarine_cli.text import Place, printable, told
@@ -473,11 +473,9 @@ def load_planar(
     drive = map_and_arm(thrusters, arm, columns, YAW)
     campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=read_planar)
     good, aside = driven_by(campaign.runs, lambda run: driven(run if drive is None else by_two_thrusters(run, *drive)))
-    if strict and aside:
-        raise refused_by_strict(aside[0])
-    if not good:
-        raise none_left(len(campaign.inputs), (*campaign.set_aside, *aside))
-    return replace(campaign, runs=tuple(good), set_aside=(*campaign.set_aside, *aside))
+    aside = [*campaign.set_aside, *aside]
+    require_usable(good, aside, len(campaign.inputs), strict)
+    return replace(campaign, runs=tuple(good), set_aside=tuple(aside))
 
 
 def driven_by(runs: Sequence[Run], drive: Callable[[Run], Run]) -> tuple[list[Run], list[SetAside]]:
