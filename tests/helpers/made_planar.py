@@ -1,8 +1,5 @@
-"""Planar motion of known truth, written without the package: momentum in earth axes, and a published craft.
-
-`solved` integrates any vehicle by its momentum, linear in earth axes and angular about its own origin, in which no
-Coriolis force appears; `otter_rates` writes the Otter's equations with Coriolis matrices and velocities over ground.
-"""
+"""Planar motion of known truth, written without the package: `solved` integrates any vehicle by its momentum, linear
+in earth axes and angular about its own origin, in which no Coriolis force appears."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -159,50 +156,6 @@ def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
     path = folder / f"{name or run.name}.csv"
     pd.DataFrame({key: column for key, column in table.items() if column is not None}).to_csv(path, index=False)
     return path
-
-
-class Otter:
-    """The Otter USV in surge, sway and yaw with its published numbers: Fossen (2021), chapters 3 and 6, and the MSS and
-    Python Vehicle Simulator (otter), payload 25 kg; no strips of cross flow, speeds of propellers in rad/s."""
-
-    hull, payload, length = 55.0, 25.0, 2.0
-    mass = hull + payload
-    x_g = hull * 0.2 / mass  # hull's centre of gravity 0.2 m ahead, payload amidships
-    inertia_z = hull * (0.25 * length) ** 2 + hull * x_g**2
-    added = (0.1 * hull, 1.5 * hull, 1.7 * inertia_z)  # -X_u', -Y_v', -N_r'
-    arm, k_ahead, k_astern = 0.395, 0.02216 / 2, 0.01289 / 2
-    X_u = -24.4 * 9.81 / (6 * 0.5144)
-    Y_v = -(mass + added[1]) / 1.0  # time constants of one second
-    N_r = -(inertia_z + mass * x_g**2 + added[2]) / 1.0
-
-    @classmethod
-    def thrust(cls, speed: Floats) -> Floats:
-        """Force [N] of a propeller."""
-        return np.where(speed > 0, cls.k_ahead, cls.k_astern) * speed * np.abs(speed)
-
-    @classmethod
-    def rates(cls, current: Floats) -> Callable[[float, Floats, Floats], Floats]:
-        """Rates of (north, east, heading, u, v, r) under (X, Y, N) as the simulators write them: M nu_r' =
-        tau + tau_damp - (C_RB + C_A) nu_r, nu' = nu_r' + nu_c'."""
-        m, x_g = cls.mass, cls.x_g
-        rigid = np.array([[m, 0, 0], [0, m, m * x_g], [0, m * x_g, cls.inertia_z + m * x_g**2]])
-        inverse = np.linalg.inv(rigid + np.diag(cls.added))
-        speed, course = np.hypot(*current), np.arctan2(current[1], current[0])
-
-        def right_hand_side(_: float, state: Floats, tau: Floats) -> Floats:
-            psi, u, v, r = state[2:]
-            u_c, v_c = speed * np.cos(course - psi), speed * np.sin(course - psi)
-            flow = np.array([u - u_c, v - v_c, r])
-            a1, a2 = -cls.added[0] * flow[0], -cls.added[1] * flow[1]
-            c_rigid = np.array([[0, -m * r, -m * x_g * r], [m * r, 0, 0], [m * x_g * r, 0, 0]])
-            c_added = np.array([[0, 0, a2], [0, 0, -a1], [-a2, a1, 0]])
-            damped = np.array([cls.X_u, cls.Y_v, cls.N_r * (1 + 10 * abs(r))]) * flow
-            through = inverse @ (tau + damped - (c_rigid + c_added) @ flow)
-            water = np.array([r * v_c, -r * u_c, 0.0])  # how the current's part in body axes changes
-            north, east = turned(psi) @ [u, v]
-            return np.array([north, east, r, *(through + water)])
-
-        return right_hand_side
 
 
 FULL = PlanarModel(

@@ -1,4 +1,7 @@
-"""`report`: one page of a campaign that stands alone, whatever the names in the logs; and its Markdown."""
+"""`report`: one page of a campaign that stands alone, whatever the names in the logs; and its Markdown.
+
+What logs call their runs and columns means nothing to LaTeX, Markdown and HTML either, and drives no terminal.
+"""
 
 import base64
 import json
@@ -12,7 +15,9 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from broken_logs.make import csv_of, good_table
 from click.testing import Result
+from made_sequences import model_file
 from small_campaign import make_small_campaign
 
 import automarine_cli as am
@@ -20,30 +25,43 @@ from automarine_cli.commands.report import report
 from automarine_cli.errors import OutputError
 from automarine_cli.report.campaign import headlines, make_report, read_steps
 from automarine_cli.report.page import figure, to_html
+from automarine_cli.text import printable
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
 HOSTILE = (
-    "<script>alert(1)</script>", "\"quoted' `tick` & &lt; $x_1$", "<img src=x onerror=alert(1)>",
-    "[a](#b) **bold** | bar ![p](q.png)", "</svg></figure><script>alert(2)</script>", "$\\frac{1}{0}$ {{ 7*7 }} \\",
+    "<script>alert(1)</script> \\input{/etc/passwd}%c", "\"quoted' `tick` & &lt; $x_1$ &lt;b&gt;",
+    "../../escape <!-- {{7*7}} # h",
+    "[a](#b) **bold** | bar ![p](q.png) ~~gone~~", "</svg></figure><script>alert(2)</script> =1+1 {}#&^~ \t\"d\"",
+    "$\\frac{1}{0}$ {{ 7*7 }} \\", "* _em_ `rm -rf ~` two\nlines \x1b[31mred\x07 Größe_タンク $\\foo_{bar",
 )  # fmt: skip
+"""A run column may hold any of these; in Parquet a line feed too."""
+SHOWN = [" ".join(printable(name).split()) for name in HOSTILE]
+TEX = (
+    "begin end centering caption toprule midrule bottomrule par smallskip footnotesize textbackslash textasciicircum "
+    "textasciitilde textless textgreater textbar textquotedbl label times pm cdot circ tau psi mathrm left right "
+    "textbf leq geq approx"
+)
 TITLE = "Pool day <2> & more"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Step folders of a small campaign in which every run has a hostile name."""
+    """Step folders of a small campaign in which every run, log and column has a hostile name."""
     place = tmp_path_factory.mktemp("campaign")
     logs = make_small_campaign(place / "logs").parent
     for kind in ("steps", "validation"):
         for name, path in zip(HOSTILE, sorted((logs / kind).glob("*.csv"))):
-            pd.read_csv(path, comment="#").assign(run=name).to_csv(path, index=False)
+            table = pd.read_csv(path, comment="#").assign(run=name)
+            table["$\\frac{|<b>`_x_\x1b[31m\x07"] = table["time_s"] % 7
+            table.to_parquet(path.with_name(f"$x$ `|` <b> \\input{{a}}{path.stem}.parquet"))
+            path.unlink()
     out, svg = place / "results", ("svg",)
     am.check([logs / "steps", logs / "thrusters"], out=out / "check")
     am.fit_thrusters(logs / "thrusters", thrusters_per_test=2, out=out / "thrusters", figure_formats=("png", "svg"))
     am.fit_yaw(logs / "steps", out=out / "yaw", figure_formats=svg)
     model, thrusters = out / "yaw" / "yaw_model.json", out / "thrusters" / "thrusters.json"
     am.validate(logs / "validation", model=model, out=out / "validation", figure_formats=svg)
-    am.diagnose(logs / "thrusters", model=thrusters, out=out / "diagnosis", figure_formats=svg)
+    am.diagnose(logs / "thrusters", model=thrusters, out=out / "diagnosis", figure_formats=("png", "svg"))
     return out
 
 
@@ -97,7 +115,43 @@ def test_no_name_becomes_markup_and_nothing_is_fetched(files: dict[str, str], pa
     assert [e for e in page.elements if any(key.startswith("on") for key in e[1])] == []
     assert {tag for tag, _ in page.elements} & {"iframe", "object", "embed", "form", "base", "foreignobject"} == set()
     everything = " ".join([page.text, *(image["alt"] for image in page.all("img"))])
-    assert [name for name in (*HOSTILE, TITLE) if " ".join(name.split()) not in everything] == []
+    assert [name for name in (*SHOWN, TITLE) if name not in " ".join(everything.split())] == []
+
+
+def test_names_are_kept_in_data_and_files_stay_in_their_folder(folder: Path) -> None:
+    names = {
+        run["run"] for run in json.loads((folder / "check" / "check.json").read_text(encoding="utf-8"))["yaw_runs"]
+    }
+    assert names == set(map(printable, HOSTILE))
+    for path in folder.rglob("*"):
+        assert re.fullmatch(r"[\w.+-]+", path.name) and path.stat().st_size > 0
+
+
+def test_markdown_shows_the_names_and_obeys_none(folder: Path) -> None:
+    pages = list(folder.glob("*/*.md"))
+    assert len(pages) >= 4
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        plain = re.sub(r"`[^`\n]*`|\\[!-/:-@\[-`{-~]", "", text)  # without code spans and escaped characters
+        assert "<" not in plain and "$" not in plain and "`" not in plain and "~~" not in plain, page
+        assert not re.search(r"&#?\w+;", plain.replace("&amp;", "")), page
+        assert not re.search(r"(?<![A-Za-z0-9])_[^_\n]+_(?![A-Za-z0-9])", plain), page
+        pictures = re.findall(r"!\[[^\]]*\]\(([^)]*)\)", plain)
+        assert all((page.parent / picture).is_file() for picture in pictures), page
+        for table in re.findall(r"(?:^\|.*\n)+", plain, flags=re.MULTILINE):
+            assert len({row.count("|") for row in table.splitlines()}) == 1, page  # as many cells in each row
+
+
+def test_latex_shows_the_names_and_obeys_none(folder: Path) -> None:
+    pages = list(folder.glob("*/*.tex"))
+    assert len(pages) >= 3
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        plain = re.sub(r"\\[{}$&#%_\\]", "", text.replace(r"\\", ""))
+        assert set(re.findall(r"\\([A-Za-z]+)", plain)) <= set(TEX.split()), page
+        assert plain.count("{") == plain.count("}") and plain.count("$") % 2 == 0, page
+        assert "%" not in plain and "#" not in plain and "~" not in plain, page
+        assert not re.search(r"(?m)^[\[*]", text), page  # after a row's \\ these would be options
 
 
 def test_links_lead_somewhere_and_ids_are_unique(page: Elements) -> None:
@@ -210,6 +264,29 @@ def test_markdown_is_text_whatever_it_holds() -> None:
     assert '<th scope="row">|</th><td class="n">1</td>' in body
 
 
+def test_file_names_of_any_bytes(run: Callable[..., Result], tmp_path: Path) -> None:
+    """Names that are not UTF-8, or that would drive a terminal, for every file that is no log."""
+    log, out = tmp_path / "a.csv", tmp_path / "out"
+    log.write_bytes(csv_of(good_table()))
+    model, other = model_file(tmp_path / "yaw\x1b[31m\nmodel.json"), tmp_path / "m\udcff.json"
+    try:
+        other.write_bytes(model.read_bytes())
+    except OSError:
+        pytest.skip("this file system takes UTF-8 names only")
+    columns = tmp_path / "c\udcff\x1b.toml"
+    columns.write_text('[columns]\ntau = "tau"\n')
+    for name in (model, other):
+        result = run("validate", log, "--model", name, "--columns", columns, "-o", out, "--overwrite")
+        assert result.exit_code == 0, result.stderr
+        assert "\x1b" not in result.stdout
+        inputs = json.loads((out / "manifest.json").read_text(encoding="utf-8"))["inputs"]
+        assert printable(name.name) in [entry["file"] for entry in inputs]
+    broken = tmp_path / "b\udcff\x1b\n.json"
+    broken.write_text("{}")
+    result = run("validate", log, "--model", broken)
+    assert result.exit_code == 1 and result.stderr.startswith(r"Error: b\xff\x1b\n.json: schema: found nothing")
+
+
 LOOK = """<iframe src="report.html" width="{width}" height="900" style="border: 0"></iframe><script>
 onload = () => {{
   const page = document.querySelector("iframe").contentDocument, style = getComputedStyle(page.body);
@@ -242,7 +319,7 @@ def test_a_browser_shows_it_without_a_word_to_anybody(
     assert "CONSOLE" not in shown.stderr  # not even that the page's own policy kept something out
     seen = json.loads(unescape(re.sub("<[^>]*>", "", shown.stdout)))
     assert seen["asked"] == [] and seen["width"] <= width
-    for words in ("Thruster map", "Table 1. Identified yaw models: drag", "never moved", HOSTILE[0], HOSTILE[4]):
+    for words in ("Thruster map", "Table 1. Identified yaw models: drag", "never moved", SHOWN[0], SHOWN[4]):
         assert words in seen["text"]
     paper, ink = (sum(map(int, re.findall(r"\d+", seen[name]))) for name in ("paper", "ink"))
     assert (paper < 100 and ink > 600) if dark else (paper > 700 and ink < 150)
