@@ -24,7 +24,7 @@ import figures
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import HealthCheck, settings
-from small_campaign import made_once, make_small_campaign
+from small_campaign import make_small_campaign
 
 from automarine_cli.commands import automarine
 from automarine_cli.commands.run import run_campaign
@@ -83,11 +83,9 @@ def drawn_figures() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def small_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small campaign in `pool`, and its results as far as the yaw model in `out`; to be read, and copied."""
-
-    def make(folder: Path) -> None:
-        run_campaign(make_small_campaign(folder / "pool"), out=folder / "out", until="fit-yaw")
-
-    return made_once(tmp_path_factory, "small_day", make)
+    folder = tmp_path_factory.mktemp("small_day")
+    run_campaign(make_small_campaign(folder / "pool"), out=folder / "out", until="fit-yaw")
+    return folder
 
 
 @pytest.fixture

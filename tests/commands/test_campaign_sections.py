@@ -16,7 +16,7 @@ from automarine_cli.commands.init import init
 from automarine_cli.commands.report import report
 from automarine_cli.commands.run import run_campaign, why_made_again
 from automarine_cli.control import tuning
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.parallel import silent
 from automarine_cli.report.campaign import STEPS, headlines, make_report, read_steps
 
@@ -115,13 +115,16 @@ def test_a_section_has_the_settings_of_its_command(tmp_path: Path) -> None:
     (f"{YAW}[tune]\nfull = 1", r"^campaign\.toml: tune\.target is missing"),
     (f'{YAW}[tune]\ntarget = "pid"\nfull = -1', r"tune\.full is -1; -1\.0 is not in the range x>0"),
     (f'{YAW}[tune]\ntarget = "pid"\nthrusters = 1', r"tune\.thrusters: found 1, expected true or false"),
+    ('[thrusters]\nper_test = "?"', "^campaign.toml: 1 question is still open: thrusters.per_test; write"),
+    (f"{YAW}[columns]\nheading = 'yaw'", "^campaign.toml: columns.heading: no column"),
+    ('[', "^campaign.toml: not valid TOML: "),
     (f'{YAW}[tune]\ntarget = "pid"\npresent = "no.param"', r"tune\.present: there is no file no\.param"),
 ])  # fmt: skip
 def test_what_makes_no_sense_is_refused_with_its_key(tmp_path: Path, line: str, why: str) -> None:
     """A line takes the place of that of HEAVE with its key; a section stands alone."""
     others = "\n".join(other for other in HEAVE.splitlines() if not other.startswith(line.partition(" ")[0]))
     file = campaign_file(tmp_path, line if "[" in line[:1] else f"{others}\n{line}")
-    with pytest.raises(SettingError, match=why):
+    with pytest.raises(AutomarineError, match=why):
         run_campaign(file)
 
 

@@ -170,23 +170,6 @@ def test_too_few_runs_for_a_diagnosis_are_no_refusal(place: Path, run: Callable[
     assert "| diagnose | skipped: " in (place / "out" / "report.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "why"),
-    [
-        ("per_test = 2", 'per_test = "?"', "campaign.toml: 1 question is still open: thrusters.per_test; write"),
-        ("campaign/1", "campaign/9", "expected 'automarine/campaign/1'"),
-        ("[thrusters]", "[columns]\nheading = 'yaw'\n[thrusters]", "campaign.toml: columns.heading: no column"),
-    ],
-)
-def test_campaign_files_are_refused_by_key(
-    place: Path, run: Callable[..., Result], old: str, new: str, why: str
-) -> None:
-    edit(place, old, new)
-    result = run("run", place / "pool" / "campaign.toml", "-o", place / "out")
-    assert result.exit_code == 1
-    assert result.stderr.startswith("Error: ") and why in result.stderr and result.stderr.count("\n") == 1
-
-
 def test_other_results_are_not_replaced_unless_wanted(place: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="already holds results of fit-yaw; give --overwrite"):
         run_campaign(place / "pool" / "campaign.toml", out=place / "out" / "yaw", until="check")

@@ -1,8 +1,8 @@
-"""The guide: every page is listed and shown, options come from the commands, and a wheel would hold all of it."""
+"""The guide: every page is listed and shown, options come from the commands, and terminals page them."""
 
+import json
 import re
 import sys
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +10,6 @@ import pytest
 from click.shell_completion import ShellComplete
 from click.testing import Result
 from pseudo_terminal import ESCAPE, on_terminal
-from repository import ROOT
 from test_readme import commands, flags_of
 
 from automarine_cli import guide
@@ -28,13 +27,7 @@ def test_the_list_has_every_page_and_each_says_what_it_is_about(run: Run) -> Non
     for topic in TOPICS:
         (about,) = re.findall(rf"^{topic}  +(.+)$", found.stdout, flags=re.MULTILINE)
         assert len(about) >= 20
-    assert [one["topic"] for one in found_json(run)["topics"]] == list(TOPICS)
-
-
-def found_json(run: Run) -> dict[str, list[dict[str, str]]]:
-    import json
-
-    return json.loads(run("guide", "--json").stdout)  # type: ignore[no-any-return]
+    assert [one["topic"] for one in json.loads(run("guide", "--json").stdout)["topics"]] == list(TOPICS)
 
 
 @pytest.mark.parametrize("topic", TOPICS)
@@ -107,11 +100,3 @@ def test_formulas_stand_in_letters() -> None:
     assert to_text("with $r_\\infty$ and\n\n```math\n\\delta = 1\n```\n", 80).split() == [
         "with", "r_∞", "and", "δ", "=", "1",
     ]  # fmt: skip
-
-
-def test_a_wheel_holds_every_page() -> None:
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
-    data = settings["package-data"]
-    held = {path for glob in data["automarine_cli.guide"] for path in guide.FOLDER.glob(glob)}
-    assert held == set(guide.FOLDER.rglob("*.md")) and data["automarine_cli"] == ["py.typed"]
-    assert (ROOT / "automarine_cli" / "py.typed").is_file()

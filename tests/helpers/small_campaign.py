@@ -1,15 +1,8 @@
-"""A campaign that is quick to make and to fit: steps, manoeuvres, a validation run, a bollard test, a campaign file;
-and results made once in a test run, however many processes run it."""
+"""A campaign that is quick to make and to fit: steps, manoeuvres, a validation run, a bollard test, a campaign file."""
 
-import os
-import time
-from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
 from automarine_cli.commands.simulate import simulate
-from automarine_cli.link.store import HeldElsewhereError, held
 
 SPECIFICATION = """
 schema = "automarine/simulation/1"
@@ -86,21 +79,3 @@ def make_small_campaign(folder: Path) -> Path:
     campaign = folder / "campaign.toml"
     campaign.write_text(CAMPAIGN, encoding="utf-8")
     return campaign
-
-
-def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
-    """The folder `name` as `make(folder)` left it; tests read it, and copy what they change."""
-    shared = factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:  # each process has a folder of its own in that of the run
-        shared = shared.parent
-    made, begun = shared / name, shared / f"{name}.begun"
-    while True:
-        try:
-            with held(shared / f"{name}.lock"):
-                if not made.exists():
-                    begun.mkdir(exist_ok=True)
-                    make(begun)
-                    begun.rename(made)
-                return made
-        except HeldElsewhereError:
-            time.sleep(0.1)

