@@ -1,33 +1,30 @@
 """`make circle`: plan, serve, a link that is cut, collect, run, tune, and the gains flown on the same vehicle.
 
-The vehicle is one of tuning_truth.py, whose laws are not the library's; a first rough model is of eight steps. It is
-served by a process of its own, and reached only through a link that resets, stalls, forgets and crawls. Fails unless
-the logs are whole, the effect is named, and the vehicle settles with the gains.
+The vehicle is one of tuning_truth.py, whose laws are not the library's; a first rough model is of its steps. It is
+reached only through a link that resets, stalls, forgets and crawls. Fails unless the logs are whole, the effect is
+named, and the vehicle settles with the gains.
 
 Usage: python tests/benchmarks/circle.py [--out DIR]
 """
 
 import json
-import multiprocessing
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import arguments
 import numpy as np
-from made_link import CuttingProxy
+from made_link import TOKEN, CuttingProxy, vehicle_at
 from tuning import NOISE_DEG, flown, values_of, within
-from tuning_truth import STEP, Truth, Vehicle
+from tuning_truth import STEP, Truth, Vehicle, write_logs
 
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import present_gains
-from automarine_cli.link.document import LinkCampaign, PlannedRun
-from automarine_cli.link.server import serve
+from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.base import Halted, Pace
 from automarine_cli.report.tables import Table, number
 
@@ -35,7 +32,6 @@ TRUTH = Truth(inertia=0.85, quadratic=1.05, linear=0.0, hidden={"delay": 0.15, "
 WAYS = ("reset", "reset", "stall", "half-open", "slow", "none")
 """What becomes of a connection, drawn for each."""
 SEED, SPEED = 0, 200.0
-HEADER = "time_s,heading_deg,tau\n"
 
 
 @dataclass(frozen=True)
@@ -46,40 +42,22 @@ class Hidden:
         """Everything can be driven."""
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
-        yield HEADER
-        pace, random = Pace(SPEED), np.random.default_rng([SEED, number])
-        for since, heading, moment in driven(campaign.runs[number], campaign.rate_hz, campaign.rest_s, random):
+        """Rows of the run: time by the campaign's clock [s], heading as read [degrees], the moment commanded."""
+        yield "time_s,heading_deg,tau\n"
+        run, pace, random = campaign.runs[number], Pace(SPEED), np.random.default_rng([SEED, number])
+        vehicle = Vehicle(TRUTH, np.exp(TRUTH.scatter * random.standard_normal(1)))
+        changes = np.cumsum([campaign.rest_s, *(seconds for _, seconds in run.commands)])
+        moments = [0.0, *(moment for moment, _ in run.commands), 0.0]
+        for i in range(int(changes[-1] * campaign.rate_hz) + 1):
+            since = i / campaign.rate_hz
             pace.until(since)
             if halted():
                 return
-            yield f"{campaign.begins(number) + since:.3f},{heading:.3f},{moment:g}\n"
-
-
-def driven(
-    run: PlannedRun, rate_hz: float, rest_s: float, random: np.random.Generator
-) -> Iterator[tuple[float, float, float]]:
-    """Time since the run's beginning [s], heading as read [degrees] and the moment commanded."""
-    vehicle = Vehicle(TRUTH, np.exp(TRUTH.scatter * random.standard_normal(1)))
-    changes = np.cumsum([rest_s, *(seconds for _, seconds in run.commands)])
-    moments = [0.0, *(moment for moment, _ in run.commands), 0.0]
-    for i in range(int(changes[-1] * rate_hz) + 1):
-        since = i / rate_hz
-        moment = moments[int(np.searchsorted(changes, since + 1e-9, side="right"))]
-        read = run.start_heading_deg + np.rad2deg(vehicle.shown[0]) + NOISE_DEG * random.standard_normal()
-        yield since, float(read) % 360.0, moment
-        for _ in range(round(1.0 / rate_hz / STEP)):
-            vehicle.advance(np.array([moment]))
-
-
-def serving(folder: Path, address: Any) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-
-    def ready(event: Any) -> None:
-        if not isinstance(event, str):
-            address.put((port, event.token))
-
-    serve(folder, Hidden(), ("127.0.0.1", port), SPEED, ready)
+            moment = moments[int(np.searchsorted(changes, since + 1e-9, side="right"))]
+            read = run.start_heading_deg + np.rad2deg(vehicle.shown[0]) + NOISE_DEG * random.standard_normal()
+            yield f"{campaign.begins(number) + since:.3f},{float(read) % 360.0:.3f},{moment:g}\n"
+            for _ in range(round(1.0 / campaign.rate_hz / STEP)):
+                vehicle.advance(np.array([moment]))
 
 
 class Circle:
@@ -101,13 +79,8 @@ class Circle:
         return json.loads(self.out.joinpath(*path).read_text())
 
     def fit_yaw(self) -> str:
-        """A first day of eight steps, from which a rough model comes."""
-        (self.out / "first").mkdir(parents=True)
-        for turn, moment in enumerate((0.3, -0.3, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)):
-            step = PlannedRun(f"step_{moment:+g}", ((moment, 6.0),))
-            rows = driven(step, 10.0, 2.0, np.random.default_rng([SEED, 100 + turn]))
-            lines = [f"{since:.3f},{heading:.3f},{moment:g}\n" for since, heading, moment in rows]
-            (self.out / "first" / f"{step.name}.csv").write_text("".join([HEADER, *lines]))
+        """A first day of steps, from which a rough model comes."""
+        write_logs(TRUTH, self.out / "first", np.random.default_rng([SEED, 100]), NOISE_DEG, steps=True)
         self.run("fit-yaw", self.out / "first", "-o", self.out / "rough", "-q")
         model = self.read("rough", "yaw_model.json")
         inertia = model["models"][model["preferred"]]["I_r"]
@@ -120,21 +93,13 @@ class Circle:
 
     def collect(self) -> str:
         """The campaign driven by itself, its logs over a link that is cut, and their analysis."""
-        context = multiprocessing.get_context("spawn")
-        address = context.Queue()
-        vehicle = context.Process(target=serving, args=(self.out / "vehicle", address))
-        vehicle.start()
-        try:
-            port, token = address.get(timeout=60)
-            proxy = CuttingProxy(port, WAYS, 20_000, SEED)
+        with vehicle_at(self.out / "vehicle", SPEED, Hidden()) as vehicle:
+            proxy = CuttingProxy(vehicle.port, WAYS, 20_000, SEED)
             with proxy.running() as url:
                 collected = json.loads(self.run(
-                    "collect", url, "--token", token, "-o", self.out / "pool", "--campaign", self.out / "day",
+                    "collect", url, "--token", TOKEN, "-o", self.out / "pool", "--campaign", self.out / "day",
                     "--wait", 120, "--then", "run", "--jobs", 2, "--json",
                 ))  # fmt: skip
-        finally:
-            vehicle.terminate()
-            vehicle.join()
         logs = {path.name: path.read_bytes() for path in (self.out / "vehicle" / "runs").glob("*.csv")}
         if {path.name: path.read_bytes() for path in (self.out / "pool").glob("*.csv")} != logs:
             sys.exit("the logs that came are not those of the vehicle")

@@ -30,20 +30,21 @@ def files(season: Path) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def results(season: Path) -> Path:
-    run_campaign(files(season), out=season.parent / "out", until="fit-yaw")
+    run_campaign(files(season), out=season.parent / "out", until="fit-thrusters")
     return season.parent / "out"
 
 
 def test_each_campaign_is_done_as_if_alone_and_a_refused_one_stops_nothing(small_day: Path, results: Path) -> None:
     for day in ("monday", "tuesday"):
-        assert tree(small_day / "out") == tree(results / day)
+        alone = {name: data for name, data in tree(small_day / "out").items() if not name.startswith("yaw/")}
+        assert alone == tree(results / day)
     overview = json.loads((results / "campaigns.json").read_text(encoding="utf-8"))
     assert overview["schema"] == "automarine/campaigns/1"
     by_name = {campaign["name"]: campaign for campaign in overview["campaigns"]}
     assert list(by_name) == ["monday", "tuesday", "lost"]
     assert by_name["monday"]["refused"] == [] and by_name["tuesday"]["title"] == "A small campaign"
     says = {step["step"]: step["says"] for step in by_name["tuesday"]["steps"]}
-    assert says["fit-yaw"].startswith("model 3: k_r|r| 1.")
+    assert "fit-thrusters" in says and says["check"]
     (why,) = by_name["lost"]["refused"]
     assert why.startswith("lost.toml: logs.steps: ") and "no such file" in why
     assert (results / "campaigns.csv").read_text(encoding="utf-8").count("\n") == 4

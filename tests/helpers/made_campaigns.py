@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from made_runs import INERTIA, K_RR
+from made_sequences import solved
 from numpy.typing import NDArray
-from scipy import integrate, optimize
+from scipy import optimize
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import response
@@ -107,12 +108,8 @@ def moving_run(seed: int, *, length: float = 25.0) -> tuple[Run, float, float]:
     levels = rng.uniform(-1.2, 1.2, len(edges) + 1)
     start, rate = rng.uniform(-1.0, 1.0), rng.uniform(0.2, 0.6) * rng.choice((-1.0, 1.0))
 
-    def slope(t: float, state: Floats) -> list[float]:
-        r = state[1]
-        return [r, (levels[np.searchsorted(edges, t, side="right")] - K_RR * abs(r) * r) / INERTIA]
-
     time = np.arange(0.0, length, period)
-    solved = integrate.solve_ivp(slope, (0.0, length), [start, rate], t_eval=time, max_step=0.05, rtol=1e-8, atol=1e-9)
-    heading = solved.y[0] + np.deg2rad(0.5) * rng.standard_normal(len(time))
+    truth = start + solved((0.0, *edges[edges < time[-1]]), levels, time, 0.0, K_RR, rate)
+    heading = truth + np.deg2rad(0.5) * rng.standard_normal(len(time))
     command = levels[np.searchsorted(edges, time, side="right")]
     return (Run(f"moving_{seed}", "moving.csv", 50.0 * seed + time, heading, command, "nu", dof=YAW), start, rate)
