@@ -37,7 +37,7 @@ def validate(
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine validate sample_runs/validation --model out/yaw/yaw_model.json -o out/validation
     """
-    from automarine_cli.comparison.validation import ahead_of, compare, usable_runs
+    from automarine_cli.comparison.validation import compare, predictions_of, usable_runs
     from automarine_cli.logs import given_columns
     from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, load_yaw_models
     from automarine_cli.pipeline.records import schema_in
@@ -71,8 +71,8 @@ def validate(
     believed = choose_channels(runs, stored.dof, channels, late_position=True)
     runs = [believed.believed(run) for run in runs]
     compared = compare(stored, runs, seed, progress)
-    ahead = ahead_of(stored, runs, believed.names)
-    return replace(compared, set_aside=left_out, channels=believed, ahead=ahead)
+    predictions = predictions_of(stored, runs, believed.names)
+    return replace(compared, set_aside=left_out, channels=believed, predictions=predictions)
 
 
 def _refuse_half_a_drive(thrusters: Any, arm: float | None, columns: Any) -> None:

@@ -6,7 +6,7 @@ own parameters are held; the sizes of what is random (disturbance, unsteady thru
 fitted on these very runs, for no file knows the weather of their day.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
@@ -29,7 +29,7 @@ from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import FitError, ModelError, RunError, SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.driven import STEPS, ForecastScore, base_starts, disturbed, driven_problem, judged_of, worth_of
+from automarine_cli.fits.driven import STEPS, Judgement, base_starts, disturbed, driven_problem, worth_of
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
@@ -205,49 +205,6 @@ class Scored:
         return [{name: pooled([errors], table[name]).value for name in self.overall} for errors in self.errors]
 
 
-@dataclass(frozen=True)
-class Ahead:
-    """What each model, by its number, predicts from the filtered states of the `runs`; `preferred` is the one that the
-    fit preferred: who has no more logs than these cannot know which does best on them."""
-
-    predicted: Mapping[str, tuple[Predicted, ...]]
-    preferred: str
-    runs: tuple[str, ...]
-    dof: Dof
-
-    @cached_property
-    def worth(self) -> dict[str, tuple[ForecastScore, ...]]:
-        return {number: worth_of(predicted) for number, predicted in self.predicted.items()}
-
-    @property
-    def of_use(self) -> bool:
-        """Whether the preferred model predicts better than constants do; what cannot be judged counts as of use."""
-        judged = judged_of(self.worth[self.preferred])
-        return judged is None or judged.of_use
-
-    @property
-    def sentence(self) -> str:
-        if (judged := judged_of(self.worth[self.preferred])) is None:
-            return "These runs are driven and disturbed, and too short to judge predictions."
-        model = f"Model {self.preferred}" + ", which the fit preferred," * (len(self.worth) > 1)
-        if judged.of_use:
-            return f"{model} predicts {judged.beside(self.dof)}."
-        return (
-            f"{model} is not usable on these runs: it predicts {judged.beside(self.dof)}. Do not simulate or control "
-            "with it; `automarine diagnose` looks for what it lacks."
-        )
-
-    def to_json(self) -> dict[str, list[dict[str, object]]]:
-        """By model and horizon, in the unit in which people see positions."""
-        by_model: dict[str, list[dict[str, object]]] = {number: [] for number in self.worth}
-        for number, scores in self.worth.items():
-            for worth, ahead in zip(scores, self.predicted[number]):
-                sizes = self.dof.shown(np.sqrt(ahead.by_run(ahead.error, len(self.runs))))
-                runs = {run: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
-                by_model[number].append(worth.to_json(self.dof) | {"runs": runs})
-        return by_model
-
-
 @dataclass(frozen=True, kw_only=True)
 class ScoreEntry:
     rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}", "heading_rmse_deg"))
@@ -288,8 +245,8 @@ class Validation(Shown):
 
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
     model diverged; `because` is the sentence that says so. `floors` are the noise of the runs' positions, in the unit
-    that people see, `channels` the sensors that count. Where the runs are driven there are predictions `ahead` from
-    filtered states."""
+    that people see, `channels` the sensors that count. Where the runs are driven there are `predictions` of each model
+    from filtered states."""
 
     stored: StoredModels | StoredPlanar
     models: Mapping[str, Scored]
@@ -299,7 +256,22 @@ class Validation(Shown):
     floors: tuple[float, ...] = ()
     set_aside: tuple[SetAside, ...] = ()
     channels: ChannelChoice = NOTHING_TO_CHOOSE
-    ahead: Ahead | None = None
+    predictions: Mapping[str, tuple[Predicted, ...]] = field(default_factory=dict)
+
+    @property
+    def use(self) -> Judgement | None:
+        """What the model that the fit preferred predicts: who has no more logs cannot know which does best on them."""
+        if isinstance(self.stored, StoredPlanar) or not self.predictions:
+            return None
+        return Judgement({self.dof.position: worth_of(self.predictions[self.stored.preferred])}, len(self.runs))
+
+    @property
+    def says(self) -> str:
+        """Say whether the preferred model is of use on driven runs; empty for others."""
+        if self.use is None or isinstance(self.stored, StoredPlanar):
+            return ""
+        model = f"Model {self.stored.preferred}" + ", which the fit preferred," * (len(self.models) > 1)
+        return self.use.sentence(self.dof, model, "on these runs")
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -344,13 +316,21 @@ class Validation(Shown):
                 f"noise_floor_{unit}": floor, "restarts": len(restarts.states), "restarted_at": restarts.rule,
                 "restarted_horizon_s": restarts.horizon,
             }  # fmt: skip
-        if (ahead := self.ahead) is not None:
-            data |= {"prediction": ahead.to_json(), "use": {"of_use": ahead.of_use, "says": ahead.sentence}}
+        if self.use is not None:
+            prediction = {number: list(self._ahead_json(predicted)) for number, predicted in self.predictions.items()}
+            data |= {"prediction": prediction, "use": {"of_use": self.use.of_use, "says": self.says}}
         return data | {
             f"noise_floor_{unit}": self.floor, "best_because": self.because, "preferred_by_fit": stored.preferred,
             "effects": list(stored.effects), f"{dof.words.force}_unit": stored.moment_unit,
             "switch_offset": stored.switch_offset, **channels_json(self.channels, measured_noises(runs, dof)),
         }  # fmt: skip
+
+    def _ahead_json(self, predicted: tuple[Predicted, ...]) -> Iterator[dict[str, object]]:
+        """By horizon, in the unit in which people see positions."""
+        for score, ahead in zip(worth_of(predicted), predicted):
+            sizes = self.dof.shown(np.sqrt(ahead.by_run(ahead.error, len(self.runs))))
+            runs = {run.name: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
+            yield score.to_json(self.dof) | {"runs": runs}
 
     def _model_json(self, scored: Scored) -> dict[str, object]:
         overall = {self.key(name): score for name, score in scored.overall.items()}
@@ -426,8 +406,10 @@ def _digits(gap: float | None) -> str:
     return f"{gap:.0f}" if abs(gap) >= 10 else f"{gap:.2g}"
 
 
-def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None) -> Ahead | None:
-    """Predict with every model of a file from the filtered states of `runs`; None where the runs are not driven, or
+def predictions_of(
+    stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None
+) -> dict[str, tuple[Predicted, ...]]:
+    """Predict with every model of a file from the filtered states of `runs`; none where the runs are not driven, or
     no filter follows them. `channels` names the quantities that count, None for positions."""
     at_rest = np.array([starts_at_rest(run) for run in runs])
     try:
@@ -436,11 +418,10 @@ def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...
         rough = stored.models[stored.preferred]
     try:
         if not disturbed(runs, rough, at_rest, channels):
-            return None
-        predicted = {number: _predicted(model, runs, at_rest, channels) for number, model in stored.models.items()}
+            return {}
+        return {number: _predicted(model, runs, at_rest, channels) for number, model in stored.models.items()}
     except FitError:  # what the free runs say has to do
-        return None
-    return Ahead(predicted, stored.preferred, tuple(run.name for run in runs), stored.dof)
+        return {}
 
 
 def _predicted(

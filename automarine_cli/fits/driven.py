@@ -23,7 +23,6 @@ from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
     Preference,
     by_way,
-    motion_fit,
     rough_model,
     run_covariance,
     run_dof,
@@ -136,7 +135,6 @@ COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
 """Seconds ahead over which estimators are compared, and the shares by which the second one has to be better, or may be
 worse."""
 PROPOSED = ("input-delay", "dead-band")  # effects with which models of driven logs may begin, if the evidence asks
-WIDENED = ("estimates", "inertial_turn_angle", "covariance")  # what of a fit shows its intervals
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,6 @@ def fit_driven(
     course: Course,
     rough: YawModel,
     number: str,
-    sided: bool = False,
     with_effects: Sequence[str] = (),
     priors: Mapping[str, Prior] | None = None,
 ) -> OutputErrorFit:
@@ -194,7 +191,7 @@ def fit_driven(
     problem = driven_problem(model, course).informed(priors or {})
     fit = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(fit.of_model), fit, course)
-    return _outcome(problem, fit, number, sided)
+    return OutputErrorFit(number, model.with_theta(fit.of_model), fit, run_covariance(fit))
 
 
 def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
@@ -237,13 +234,9 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:count]]
     bias = (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
     covariance[:count, :count] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
-    best = _outcome(problem, plain, likely.number, _is_sided(likely), covariance)
-    ways = None if likely.ways is None else ways_of(best, dof) if _is_sided(likely) else likely.ways
-    return replace(best, estimator=says, by_forecasts=True, ways=ways)
-
-
-def _is_sided(fit: OutputErrorFit) -> bool:
-    return fit.model.dof.symbols.difference in fit.estimates
+    model = likely.model.with_theta(plain.of_model)
+    best = replace(likely, model=model, mixed=plain, covariance=covariance, estimator=says, by_forecasts=True)
+    return replace(best, ways=ways_of(best)) if "difference" in best.roles else best
 
 
 def _start(name: str, course: Course) -> list[float]:
@@ -270,15 +263,6 @@ def _refuse_runaways(model: YawModel, fit: Fit, course: Course) -> None:
         "best without a controller in the loop, and check that the logged commands are those of this vehicle"
     )
     raise FitError(f"these runs do not determine the model: {reason}. {dof.fill(says)}")
-
-
-def _outcome(
-    problem: DrivenProblem, fit: Fit, number: str, sided: bool, covariance: Floats | None = None
-) -> OutputErrorFit:
-    base = problem.model
-    assert isinstance(base, YawModel)
-    covariance = run_covariance(fit) if covariance is None else covariance
-    return motion_fit(number, base, fit, covariance, sided)
 
 
 def left_out_predictions(
@@ -368,8 +352,7 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     covariance = fit.covariance.copy()
     shift = shifts[max(gains, key=lambda name: gains[name])]
     covariance[:count, :count] += np.outer(shift, shift)
-    wider_fit = _outcome(problem, narrow, fit.number, _is_sided(fit), covariance)
-    return replace(fit, **{name: getattr(wider_fit, name) for name in WIDENED}), gains
+    return replace(fit, covariance=covariance), gains
 
 
 LEAST_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways
@@ -409,7 +392,7 @@ def _fit_driven_model(
     batch, two_way = make_batch(runs, STEPS[0]), both_ways(runs)
 
     def fit(sided: bool) -> OutputErrorFit:
-        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, priors)
+        return fit_driven(course, rough_model(number, batch, sided), number, with_effects, priors)
 
     try:
         return beside_forecasts(course, by_way(fit, batch.dof, two_way)), ""
@@ -463,17 +446,18 @@ class Judgement:
         score = float(np.mean(np.log(np.maximum(shares, 1e-9)))) if shares else 0.0
         return score if np.isfinite(score) else np.inf
 
-    def sentence(self, dof: Dof) -> str:
+    def sentence(self, dof: Dof, model: str = "", on: str = "") -> str:
+        """Say how far off the `model` is ahead, `on` which runs; by default on those that its fit left out."""
         first, scores = next(iter(self.worth.items()))
         if (judged := judged_of(scores)) is None:
             return "The runs are too short to judge predictions."
         alone = self.runs == 1
-        of = "the run that was fitted: others may be predicted worse" if alone else "runs left out of the fit"
+        on = on or ("the run that was fitted: others may be predicted worse" if alone else "runs left out of the fit")
         if self.of_use:
-            return f"The model predicts {self._beside(first, judged, dof)} ({of})."
+            return f"{model or 'The model'} predicts {self._beside(first, judged, dof)} ({on})."
         worse = "; and ".join(self._beside(name, score, dof) for name, score in self.beaten.items())
         return (
-            f"This model is not usable: it predicts {worse} ({of}). Do not simulate or control with it; "
+            f"{model or 'This model'} is not usable: it predicts {worse} ({on}). Do not simulate or control with it; "
             "`automarine diagnose` looks for what it lacks."
         )
 

@@ -4,6 +4,7 @@ cannot show.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -286,13 +287,14 @@ def by_way(fit: "Callable[[bool], OutputErrorFit]", dof: Dof, two_way: bool) -> 
         apart = fit(True)
     except FitError:  # a model that is far off may run away with one way more than with both together
         return fit(False)
-    ways = ways_of(apart, dof)
+    ways = ways_of(apart)
     return replace(apart if ways.differ else fit(False), ways=ways)
 
 
-def ways_of(fit: "OutputErrorFit", dof: Dof) -> Ways:
+def ways_of(fit: "OutputErrorFit") -> Ways:
     """The drag of each way, and the test, from a fit of both: theta holds their middle and half their difference."""
-    names, symbols, role = list(fit.estimates), dof.symbols, main_drag(fit.number)
+    dof, names, role = fit.model.dof, list(fit.estimates), main_drag(fit.number)
+    symbols = dof.symbols
     main = dof.parameters[role]
     i, j, of_inertia = (names.index(name) for name in (main, symbols.difference, symbols.inertia))
     middle, half, covariance = fit.estimates[main].value, fit.estimates[symbols.difference].value, fit.covariance
@@ -319,32 +321,70 @@ ENOUGH_RUNS = 8
 """From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
 likelihood's."""
 
+AT_ONCE = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval")  # commands act in the middle of their intervals
 MOST_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
 
 
 @dataclass(frozen=True)
 class OutputErrorFit:
-    """One model fitted to headings by maximum likelihood.
+    """One model, with its values, fitted to positions by maximum likelihood, or to forecasts where `by_forecasts` says.
 
-    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
-    instant [sample intervals], `gain_scatter` run to run (relative), `noise` of the positions [rad] (None where they do
-    not count), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit; `ways` the drag
-    of each way where that was asked. `estimator` says by what the parameters were estimated, and of driven runs why;
-    `by_forecasts` is True where that is least squares of forecasts.
+    `covariance` (p, p) is that of phi with the run as the unit, `offset` the command's instant [sample intervals],
+    `scatters` whether the thrust may from run to run; `ways` the drag of each way where that was asked. `estimator`
+    says by what the parameters of driven runs were estimated and why.
     """
 
     number: str
     model: YawModel
-    estimates: Mapping[str, Estimate]
-    inertial_turn_angle: Estimate | None
-    offset: Estimate
-    gain_scatter: Estimate
-    noise: float | None
     mixed: Fit
     covariance: Floats
+    offset: Estimate = AT_ONCE
+    scatters: bool = True
     ways: Ways | None = None
     estimator: str = ""
     by_forecasts: bool = False
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """What the parameters of the motion's own equation are (see `Dof.parameters`)."""
+        return ("inertia", *(effects.get(term.name).role for term in self.model.terms if term.base))
+
+    @cached_property
+    def estimates(self) -> dict[str, Estimate]:
+        """Inertia, drag and constant force by their letters."""
+        dof, unit, drag = self.model.dof, self.model.moment_unit, main_drag(self.number)
+        units = {role: dof.unit_of(drag if role == "difference" else role, unit) for role in self.roles}
+        alone = spare(self.mixed)
+        return {
+            dof.parameters[role]: estimate_of(self.mixed, self.covariance, self._place(role), units[role], alone)
+            for role in self.roles
+        }
+
+    @cached_property
+    def inertial_turn_angle(self) -> Estimate | None:
+        """Inertia over quadratic drag [base unit]; None of a model without that, or where it stands at a bound."""
+        if "quadratic" not in self.roles:
+            return None
+        i, k, mixed = self._place("inertia"), self._place("quadratic"), self.mixed
+        if mixed.theta[k] <= 0 or (k in mixed.at_bound and mixed.names[k] not in mixed.priors):
+            return None
+        return ratio_of(mixed, self.covariance, i, k, self.model.dof.unit_of("ratio"), spare(mixed))
+
+    @cached_property
+    def gain_scatter(self) -> Estimate:
+        """By how much the thrust scatters from run to run, relative."""
+        mixed, name = self.mixed, "gain-scatter"
+        size, (low, high) = (mixed.factor(GAIN), mixed.factor_interval(GAIN)) if self.scatters else (0.0, (0.0, 0.0))
+        bound = name in mixed.names and mixed.names.index(name) in mixed.at_bound
+        return Estimate(size, (high - low) / 3.92, (low, high), "1", at_bound=bound)
+
+    @property
+    def noise(self) -> float | None:
+        """Of the positions [base unit]; None where they do not count."""
+        return self.mixed.noise_of.get(self.model.dof.position)
+
+    def _place(self, role: str) -> int:
+        return self.mixed.names.index(self.model.dof.parameter(role))
 
 
 @dataclass(frozen=True)
@@ -371,7 +411,7 @@ def fit_half_turns(
     problem = step_problem(data, number, prior, sided=sided)
     mixed = fit_mixed(problem, begin, noise=0.02, factors=np.array([0.03, 0.5]))
     model = YawModel.base(number, begin[0], begin[1:-1], moment_unit, data.dof)
-    return _simulated_fit(number, model, problem, mixed, sided, of_half_turns=True)
+    return _simulated_fit(number, model, problem, mixed, of_half_turns=True)
 
 
 def fit_whole_runs(
@@ -391,7 +431,7 @@ def fit_whole_runs(
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _simulated_fit(number, rough, pooled, only, sided, of_half_turns=False)
+        return _simulated_fit(number, rough, pooled, only, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     little = 0.2 if prior.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
@@ -401,7 +441,7 @@ def fit_whole_runs(
         factors=np.array([little if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
         run_effects=first.run_effects,
     )
-    return _simulated_fit(number, rough, problem, best, sided, of_half_turns=False)
+    return _simulated_fit(number, rough, problem, best, of_half_turns=False)
 
 
 def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
@@ -451,34 +491,10 @@ def ratio_of(mixed: Fit, covariance: Floats, i: int, k: int, unit: str, dof: flo
     return Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, dof or run_dof(mixed, direction), unit)
 
 
-def motion_fit(
-    number: str, model: YawModel, mixed: Fit, covariance: Floats, sided: bool, scatters: bool = True
-) -> OutputErrorFit:
-    """What a fit of model `number`, or with effects beside it, tells of the motion; `scatters`: whether its thrust may
-    from run to run."""
-    dof, unit, alone = model.dof, model.moment_unit, spare(mixed)
-    roles = base_roles(number, dof, sided)
-    at = {role: mixed.names.index(dof.parameter(role)) for role in roles}
-    like = {"difference": main_drag(number)}
-    estimates = {
-        dof.parameters[role]: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
-        for role in roles
-    }
-    turn, stuck = None, at.get("quadratic") in mixed.at_bound and dof.parameter("quadratic") not in mixed.priors
-    if "quadratic" in roles and mixed.theta[at["quadratic"]] > 0 and not stuck:
-        turn = ratio_of(mixed, covariance, at["inertia"], at["quadratic"], dof.unit_of("ratio"), alone)
-    size, (low, high) = (mixed.factor(GAIN), mixed.factor_interval(GAIN)) if scatters else (0.0, (0.0, 0.0))
-    bound = "gain-scatter" in mixed.names and mixed.names.index("gain-scatter") in mixed.at_bound
-    scatter = Estimate(size, (high - low) / 3.92, (low, high), "1", at_bound=bound)
-    offset, noise = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval"), mixed.noise_of.get(dof.position)
-    model = model.with_theta(mixed.of_model)
-    return OutputErrorFit(number, model, estimates, turn, offset, scatter, noise, mixed, covariance)
-
-
 def _simulated_fit(
-    number: str, model: YawModel, problem: Problem, mixed: MixedFit, sided: bool, of_half_turns: bool
+    number: str, model: YawModel, problem: Problem, mixed: MixedFit, of_half_turns: bool
 ) -> OutputErrorFit:
-    """The same of runs that were simulated, where the common instant of the switches is a parameter."""
+    """The result of runs that were simulated, where the common instant of the switches is a parameter."""
     covariance = run_covariance(mixed, left_out_changes(problem, mixed) if of_half_turns else None)
     scatters = bool(problem.effects.of(problem.effects.scale, GAIN).any())  # else known to be none, or one run alone
     offset = estimate_of(mixed, covariance, mixed.names.index(SWITCH), "sample interval", spare(mixed))
@@ -486,7 +502,7 @@ def _simulated_fit(
         value, low, high = instant(np.array([offset.value, *offset.ci95]))
         slope = float(density(np.array(offset.value)))
         offset = Estimate(float(value), slope * offset.stderr, (float(low), float(high)), offset.unit)
-    return replace(motion_fit(number, model, mixed, covariance, sided, scatters), offset=offset)
+    return OutputErrorFit(number, model.with_theta(mixed.of_model), mixed, covariance, offset, scatters)
 
 
 def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:

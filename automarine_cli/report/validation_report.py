@@ -2,7 +2,8 @@
 
 from functools import partial
 
-from automarine_cli.comparison.validation import Ahead, Overall, Validation
+from automarine_cli.comparison.validation import Overall, Validation
+from automarine_cli.fits.driven import worth_of
 from automarine_cli.fits.innovations import measured_noises, sensors_of, sentences_of
 from automarine_cli.models.store import StoredPlanar
 from automarine_cli.report.figures.runs import planar_figure, validation_figure
@@ -19,7 +20,7 @@ DIVERGED = "diverged"
 @sections.register
 def _(result: Validation) -> Sections:
     """Of driven runs predictions first, before all how commands do not fit their map."""
-    runs, dof, ahead = result.runs, result.dof, result.ahead
+    runs, dof, says = result.runs, result.dof, result.says
     free = [{model: scored.free[i] for model, scored in result.models.items()} for i in range(len(runs))]
     names = [f"validation_{stem}" for stem in file_stems([run.name for run in runs])]
     files: dict[str, Content] = {"validation.json": result.to_json()}
@@ -29,17 +30,16 @@ def _(result: Validation) -> Sections:
         figures = {name: partial(planar_figure, *of_run.values()) for name, of_run in zip(names, free)}
         files |= forms_of("validation", table)
         return Sections([table], files, figures, LISTED, score_rows(result), answer=_answer(result, ""))
-    headline = [] if ahead is None else [ahead.sentence]
-    tables = [*([] if ahead is None else [ahead_table(ahead)]), overall_table(result), run_table(result)]
+    tables = [*([ahead_table(result)] if says else []), overall_table(result), run_table(result)]
     sensors = sentences_of(sensors_of(result.channels, measured_noises(runs, dof)), dof)
     figures = {name: partial(validation_figure, *of_run) for name, of_run in zip(names, zip(free, result.floors))}
     files |= forms_of("validation", *tables)
-    files |= {"validation.csv": score_table(result).to_csv(), "validation.md": document(*headline, *tables, *sensors)}
+    text = document(*([says] if says else []), *tables, *sensors)
+    files |= {"validation.csv": score_table(result).to_csv(), "validation.md": text}
     warnings = (f"Warning: {warning}" for warning in command_warnings(runs))
     printed: list[Table | str] = [*warnings, *tables, *sensors]
     over_all = _answer(result, f"; the {dof.position} noise is {number(result.floor, 3)} {dof.units.shown}")
-    answer = ahead.sentence if ahead else over_all
-    return Sections(printed, files, figures, LISTED, score_rows(result), answer=answer)
+    return Sections(printed, files, figures, LISTED, score_rows(result), answer=says or over_all)
 
 
 def _answer(result: Validation, more: str) -> str:
@@ -106,11 +106,11 @@ def run_table(result: Validation) -> Table:
     )
 
 
-def ahead_table(ahead: Ahead) -> Table:
+def ahead_table(result: Validation) -> Table:
     """Lay out each model and horizon: its error beside those of somebody who expects no change."""
-    dof, unit, rows = ahead.dof, ahead.dof.units.shown, []
-    for model, horizons in ahead.worth.items():
-        for worth in horizons:
+    dof, unit, rows = result.dof, result.dof.units.shown, []
+    for model, predicted in result.predictions.items():
+        for worth in worth_of(predicted):
             sizes = (worth.error, worth.constant_rate, worth.constant)
             error, moving, constant = (number(float(dof.shown(size)), 3) for size in sizes)
             rows.append({

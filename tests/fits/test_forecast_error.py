@@ -10,7 +10,6 @@ import pytest
 from made_driven import Sea, steered
 
 from automarine_cli.dofs import YAW
-from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, follow, smoothed
 from automarine_cli.fits.driven import (
@@ -29,8 +28,6 @@ from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
-
-NOTHING = Estimate(0.0, 0.0, (0.0, 0.0), "1")
 
 
 def problem_of(runs: Sequence[Run]) -> DrivenProblem:
@@ -108,9 +105,7 @@ def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance
     found, (problem, _), run = complete(), forecasts(), np.arange(4)
     bases = {n: YawModel.base(n, 1.0, [1.0] * (1 + (n == "2")), "nu", YAW) for n in "123"}
     covariance = found.covariance  # one outcome: only the numbers of parameters count
-    models = {
-        n: OutputErrorFit(n, base, {}, None, NOTHING, NOTHING, None, found, covariance) for n, base in bases.items()
-    }
+    models = {n: OutputErrorFit(n, base, found, covariance) for n, base in bases.items()}
     sizes = {"1": [1.01, 1.02, 1.01, 1.02], "2": [1.0] * 4, "3": [0.9, 1.0, 1.0, 1.6]}
     errors = {number: np.array(row) for number, row in sizes.items()}
     ahead = {
