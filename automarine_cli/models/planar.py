@@ -56,18 +56,6 @@ class Inertia:
     m_ur: float = 0.0
     m_uv: float = 0.0
 
-    @classmethod
-    def rigid(cls, mass: float, inertia: float, x_g: float = 0.0, y_g: float = 0.0) -> "Inertia":
-        """Of a body of `mass` [kg] with `inertia` [kg m²] about its centre of gravity, which lies `x_g` ahead of the
-        origin and `y_g` to starboard of it [m]; Fossen (2021), chapter 3."""
-        turning = inertia + mass * (x_g**2 + y_g**2)
-        return cls(mass, mass, turning, m_vr=mass * x_g, m_ur=-mass * y_g)
-
-    def __add__(self, other: "Inertia") -> "Inertia":
-        """Of both, such as a rigid body and what the water adds: m_u = -X_u', m_v = -Y_v', I_r = -N_r',
-        m_vr = -Y_r' = -N_v'."""
-        return Inertia(*(a + b for a, b in zip(astuple(self), astuple(other))))
-
     @property
     def matrix(self) -> Floats:
         return _matrices(np.array([astuple(self)]))[0]

@@ -1,11 +1,12 @@
 """Runs of a vehicle whose truth is known: the closed-form response of model 3 with white noise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import response
@@ -17,7 +18,30 @@ INERTIA, K_RR = 1.018, 1.257  # the source paper's Tables 1 and 2
 
 def step_heading(time: Floats, moment: float, *, heading0: float = 0.7, rate0: float = 0.0) -> Floats:
     """True heading [rad] at `time` (N,) [s] after the step."""
-    return response(time, np.full(len(time), moment), INERTIA, 0.0, K_RR, heading0, rate0)[0]
+    if rate0:
+        return heading0 + solved((0.0,), (moment,), time, 0.0, K_RR, rate0)
+    return response(time, np.full(len(time), moment), INERTIA, 0.0, K_RR, heading0)[0]
+
+
+def solved(
+    switches: Sequence[float], moments: Sequence[float], time: Floats, k_r: float, k_rr: float, rate0: float
+) -> Floats:
+    """True heading [rad] at `time` (N,) for moments held from each of `switches` [s], by scipy's solver."""
+    state, heading = np.array([0.0, rate0]), np.empty(len(time))
+    bounds = [*switches, time[-1] + 1.0]
+    for begin, end, moment in zip(bounds[:-1], bounds[1:], moments):
+        here = (time >= begin) & (time < end)
+        found = solve_ivp(
+            lambda t, y, tau: [y[1], (tau - (k_r + k_rr * abs(y[1])) * y[1]) / INERTIA],
+            (begin, end),
+            state,
+            args=(moment,),
+            t_eval=np.append(time[here], end),
+            rtol=1e-9,
+            atol=1e-11,
+        )
+        heading[here], state = found.y[0, :-1], found.y[:, -1]
+    return heading
 
 
 def step_run(

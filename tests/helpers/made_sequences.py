@@ -6,36 +6,14 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from made_runs import INERTIA, K_RR
+from made_runs import INERTIA, K_RR, solved
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
 STEPS = (0.5, -0.8, 0.0, 0.3, -0.3, 1.0)
-
-
-def solved(
-    switches: Sequence[float], moments: Sequence[float], time: Floats, k_r: float, k_rr: float, rate0: float
-) -> Floats:
-    """True heading [rad] at `time` (N,) for moments held from each of `switches` [s], by scipy's solver."""
-    state, heading = np.array([0.0, rate0]), np.empty(len(time))
-    bounds = [*switches, time[-1] + 1.0]
-    for begin, end, moment in zip(bounds[:-1], bounds[1:], moments):
-        here = (time >= begin) & (time < end)
-        found = solve_ivp(
-            lambda t, y, tau: [y[1], (tau - (k_r + k_rr * abs(y[1])) * y[1]) / INERTIA],
-            (begin, end),
-            state,
-            args=(moment,),
-            t_eval=np.append(time[here], end),
-            rtol=1e-9,
-            atol=1e-11,
-        )
-        heading[here], state = found.y[0, :-1], found.y[:, -1]
-    return heading
 
 
 def sequence_run(

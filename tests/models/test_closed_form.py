@@ -1,7 +1,5 @@
 """The closed-form response of models 1 to 3 against scipy's solver, and the numbers that follow from it."""
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -13,31 +11,26 @@ INERTIA, K_RR, K_R = 1.018, 1.257, 0.9961  # the source paper's Tables 1 and 2
 DRAGS = {"1": (0.5, 0.0), "2": (0.3, 0.9), "3": (0.0, 1.257), "2, negative k_r": (-0.03, 1.29)}
 
 
-def integrated(time, moment, k_r, k_rr, rate0):  # type: ignore[no-untyped-def]
-    """Heading and rate by scipy's solver, one solution on either side of standstill where drag has a kink."""
+def integrated(time, moment, k_r, k_rr):  # type: ignore[no-untyped-def]
+    """Heading and rate by scipy's solver."""
 
     def slope(t, y):  # type: ignore[no-untyped-def]
         return [y[1], (moment - (k_r + k_rr * abs(y[1])) * y[1]) / INERTIA]
 
-    found = solve_ivp(slope, (0, time[-1]), [0.0, rate0], t_eval=time, rtol=1e-10, atol=1e-12, max_step=0.1)
+    found = solve_ivp(slope, (0, time[-1]), [0.0, 0.0], t_eval=time, rtol=1e-10, atol=1e-12, max_step=0.1)
     return found.y
 
 
 @pytest.mark.parametrize("drag", list(DRAGS.values()), ids=list(DRAGS))
-@pytest.mark.parametrize(("moment", "rate0"), list(itertools.product([-0.8, 0.0, 0.3], [-0.9, 0.0, 0.4])))
-def test_response_for_every_sign_of_moment_and_start_rate(
-    moment: float, rate0: float, drag: tuple[float, float]
-) -> None:
-    if drag[0] < 0 and moment == 0:
-        return  # drag that drives a coasting vehicle: no step, and no vehicle
+@pytest.mark.parametrize("moment", [-0.8, 0.0, 0.3])
+def test_response_for_every_sign_of_moment(moment: float, drag: tuple[float, float]) -> None:
     time = np.linspace(0.0, 9.0, 61)
-    heading, rate = response(time, moment, INERTIA, *drag, 0.0, rate0)
-    assert_close([heading, rate], integrated(time, moment, *drag, rate0), "solve_ivp")
-    mirrored = response(time, -moment, INERTIA, *drag, 0.0, -rate0)
+    heading, rate = response(time, moment, INERTIA, *drag)
+    assert_close([heading, rate], integrated(time, moment, *drag), "solve_ivp")
+    mirrored = response(time, -moment, INERTIA, *drag)
     assert_close(mirrored, [-heading, -rate], "same arithmetic")
-    heading, rate = response(np.array([-2.0, -1.0]), moment, INERTIA, *drag, 1.0, rate0)  # before the switch
-    assert_close(heading, 1.0 + rate0 * np.array([-2.0, -1.0]), "same arithmetic")
-    assert_close(rate, [rate0, rate0], "same arithmetic")
+    heading, rate = response(np.array([-2.0, -1.0]), moment, INERTIA, *drag, 1.0)  # before the switch
+    assert heading.tolist() == [1.0, 1.0] and rate.tolist() == [0.0, 0.0]
 
 
 def test_inputs_broadcast_and_the_start_heading_adds() -> None:
