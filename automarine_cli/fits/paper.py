@@ -24,6 +24,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.models.yaw_model import (
+    YawModel,
     base_roles,
     inertia_from_velocity_error,
     main_drag,
@@ -40,16 +41,17 @@ MOST_DILUTED = 0.5  # share of a sum that is taken off as noise at most: where m
 
 @dataclass(frozen=True)
 class DragFit:
-    """Least squares of one drag model of a motion: estimates by name; SSE [moment²], AICc and residuals (R,) [moment]
-    of the plain least squares.
+    """Least squares of one drag model, `curve` with any inertia: estimates by name; SSE [moment²], AICc and
+    residuals (R,) [moment] of the plain least squares.
 
     `variance` (R,) [rad²/s²] is that of the rates whose dilution was taken off, `dilution` by how much that moved each
     estimate from the plain least squares, `explained` [moment²] what of the moments' squares the model explains;
-    `influence` (R, p) is how far each run moves the estimates.
+    `influence` (R, p) is how far each run moves the estimates. `powers` are the regressors'.
     """
 
     model: str
-    dof: Dof
+    curve: YawModel
+    powers: Mapping[str, int]
     estimates: dict[str, Estimate]
     sse: float
     aicc: float
@@ -64,38 +66,23 @@ class DragFit:
     ) -> tuple[Floats, Floats | float, Floats | float]:
         """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on its way; with
         other `values` than those of the estimates, in their order."""
-        coefficients = {name: e.value for name, e in self.estimates.items()}
-        coefficients, symbols = coefficients if values is None else dict(zip(coefficients, values)), self.dof.symbols
-        linear, quadratic = coefficients.get(symbols.linear, 0.0), coefficients.get(symbols.quadratic, 0.0)
-        moment = moment + coefficients.get(symbols.constant, 0.0)
-        if not self.sided:
-            return moment, linear, quadratic
-        more = np.sign(moment) * coefficients[symbols.difference]
-        return (moment, linear + more, quadratic) if self.model == "1" else (moment, linear, quadratic + more)
+        return (self.curve if values is None else self.curve.with_theta([1.0, *values])).acting(moment)
 
     @property
     def drag(self) -> tuple[float, float]:
-        return self._value("linear"), self._value("quadratic")
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """The parameters by what they are, in the order of the regressors."""
-        return base_roles(self.model, self.dof, self.sided)[1:]
-
-    @property
-    def sided(self) -> bool:
-        return self.dof.symbols.difference in self.estimates
-
-    def _value(self, role: str) -> float:
-        name = self.dof.parameters[role]
-        return self.estimates[name].value if name in self.estimates else 0.0
+        return self.curve.drag()
 
 
-def regressors(rate: Floats, model: str, columns: Sequence[str]) -> Floats:
+def powers_of(model: str, dof: Dof, sided: bool = False) -> dict[str, int]:
+    """The power of the rate that each parameter of a drag model stands before, by what it is."""
+    powers = {"quadratic": 2, "linear": 1, "constant": 0, "difference": 1 if model == "1" else 2}
+    return {role: powers[role] for role in base_roles(model, dof, sided)[1:]}
+
+
+def regressors(rate: Floats, powers: Mapping[str, int]) -> Floats:
     """Regressor columns (R, p) of a drag model for steady rates (R,) [rad/s]."""
-    terms = {"quadratic": np.abs(rate) * rate, "linear": rate, "constant": -np.ones_like(rate)}
-    terms["difference"] = np.abs(rate) if model == "1" else rate**2
-    return np.stack([terms[name] for name in columns], axis=1)
+    signs = {"constant": -np.ones_like(rate), "difference": np.ones_like(rate)}
+    return np.stack([signs.get(role, np.sign(rate)) * np.abs(rate) ** power for role, power in powers.items()], axis=1)
 
 
 @dataclass(frozen=True)
@@ -112,12 +99,13 @@ class Sums:
         return inverse @ self.products.sum(axis=0), inverse
 
 
-def sums(moment: Floats, rate: Floats, variance: Floats | float, model: str, columns: Sequence[str]) -> Sums:
+def sums(moment: Floats, rate: Floats, variance: Floats | float, powers: Mapping[str, int]) -> Sums:
     """The normal equations of moments (R,) on the regressors of rates (R,) of that variance [rad²/s²]."""
-    powers = {"quadratic": 2, "linear": 1, "difference": 1 if model == "1" else 2}
-    power = np.array([powers.get(role, 0) for role in columns])
-    hermite = without_noise(rate, variance)
-    sign = np.sign(regressors(np.sign(rate), model, columns))
+    power, hermite, sign = (
+        np.array([*powers.values()]),
+        without_noise(rate, variance),
+        regressors(np.sign(rate), powers),
+    )
     products = sign * hermite[:, power] * moment[:, None]
     return Sums(sign[:, :, None] * sign[:, None, :] * hermite[:, power[:, None] + power], products)
 
@@ -155,8 +143,8 @@ def fit_drag(
 
     Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
     """
-    columns = base_roles(model, dof, sided)[1:]
-    x = regressors(rate, model, columns)
+    powers = powers_of(model, dof, sided)
+    x = regressors(rate, powers)
     points, count = x.shape
     if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
         sizes = len(np.unique(np.round(np.abs(moment), 9)))
@@ -164,9 +152,9 @@ def fit_drag(
             f"model {model} of Table 1 needs at least {count + 1} runs and as many sizes of {dof.words.force} as it "
             f"has drag terms ({count}); there are {points} at {sizes}: run more {dof.words.force}s"
         )
-    plain = sums(moment, rate, 0.0, model, columns)
-    variance = np.broadcast_to(variance, rate.shape) * _credible(plain, moment, rate, variance, model, columns)
-    corrected = sums(moment, rate, variance, model, columns)
+    plain = sums(moment, rate, 0.0, powers)
+    variance = np.broadcast_to(variance, rate.shape) * _credible(plain, sums(moment, rate, variance, powers))
+    corrected = sums(moment, rate, variance, powers)
     values, inverse = corrected.solve()
     without = plain.solve()[0]
     residuals = moment - x @ without
@@ -179,22 +167,21 @@ def fit_drag(
         dof.parameters[role]: Estimate.from_stderr(
             v, e, points - count, dof.unit_of(main_drag(model) if role == "difference" else role, moment_unit)
         )
-        for role, v, e in zip(columns, values, stderr)
+        for role, v, e in zip(powers, values, stderr)
     }
     dilution = dict(zip(estimates, (values - without).tolist()))
     explained = float(corrected.products.sum(axis=0) @ values)
     k = count + 1  # the noise variance is a parameter; corrected for few points (Hurvich and Tsai 1989)
     correction = 2.0 * k * (k + 1) / (points - k - 1) if points > k + 1 else np.inf
     aicc = float(points * np.log(max(sse, 1e-300) / points) + 2.0 * k + correction)
-    return DragFit(model, dof, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
+    curve = YawModel.base(model, 1.0, values, moment_unit, dof)
+    return DragFit(model, curve, powers, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
 
 
-def _credible(
-    plain: Sums, moment: Floats, rate: Floats, variance: Floats | float, model: str, columns: Sequence[str]
-) -> float:
+def _credible(plain: Sums, corrected: Sums) -> float:
     """The share of the variance whose dilution can be taken off: all, but where it would be most of some sum."""
     squares = plain.squares.sum(axis=0)
-    noise = squares - sums(moment, rate, variance, model, columns).squares.sum(axis=0)
+    noise = squares - corrected.squares.sum(axis=0)
     worst = float(np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max())
     return min(1.0, MOST_DILUTED / worst) if worst > 0 else 1.0
 
@@ -310,8 +297,8 @@ def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: 
 
 def _without_each(moment: Floats, tails: TailLines, drag: DragFit) -> Floats:
     """Mean inertia (R,) without each run in turn, by the drag refitted without it: from its normal equations."""
-    unit = np.abs(regressors(tails.rate, drag.model, drag.columns)).max(axis=0)
-    every = sums(moment, tails.rate, drag.variance, drag.model, drag.columns)
+    unit = np.abs(regressors(tails.rate, drag.powers)).max(axis=0)
+    every = sums(moment, tails.rate, drag.variance, drag.powers)
     squares, products = every.squares / (unit[:, None] * unit), every.products / unit
     refitted = solve_scaled(squares.sum(axis=0) - squares, products.sum(axis=0) - products) / unit
     means = []
@@ -352,21 +339,26 @@ class Reference:
         moment, k_r, k_rr = self.acting
         return replace(self, inertia=inertia * self.inertia, acting=(moment, drag * k_r, drag * k_rr))
 
+    def told_by(self, rate: Floats, error: Floats) -> tuple[Floats, Floats, Floats]:
+        """What steady rates and velocity errors (R, A) tell: the factor of this drag (A,) by least squares of the
+        moment, each run's inertia (R, A), and how the logarithm of its mean moves with that of the factor (A,)."""
+        moment, k_r, k_rr = (np.broadcast_to(x, len(rate))[:, None] for x in self.acting)
+        drag, _ = self.balance(rate)
+        factor = (moment * drag).sum(axis=0) / (drag**2).sum(axis=0)
+        inertias, more = (
+            inertia_from_velocity_error(error, moment, scale * k_r, scale * k_rr)
+            for scale in (factor, factor * (1.0 + STEP))
+        )
+        return factor, inertias, (more.mean(axis=0) / inertias.mean(axis=0) - 1.0) / STEP
+
     def read(self, tails: TailLines) -> tuple[Floats, Floats]:
         """Logarithms of inertia and the drag's factor by the tails, and each run's influence on them (R, 2)."""
-        drag, _ = (x[:, 0] for x in self.balance(tails.rate[:, None]))
-        moment, k_r, k_rr = self.acting
-        squares = drag @ drag
-        factor = float(drag @ moment / squares)
-
-        def inertia(drag: float) -> Floats:
-            return inertia_from_velocity_error(tails.error, moment, drag * k_r, drag * k_rr)
-
-        inertias = inertia(factor)
-        by_drag = (inertia(factor * (1.0 + STEP)).mean() / inertias.mean() - 1.0) / STEP
-        of_drag = drag * (moment - factor * drag) / (factor * squares)
-        of_inertia = (inertias / inertias.mean() - 1.0) / len(inertias) + by_drag * of_drag
-        return np.log([inertias.mean(), factor]), np.stack([of_inertia, of_drag], axis=1)
+        rate, moment = tails.rate[:, None], self.acting[0]
+        (factor,), inertias, by_drag = self.told_by(rate, tails.error[:, None])
+        drag, mean = self.balance(rate)[0][:, 0], inertias.mean()
+        of_drag = drag * (moment - factor * drag) / (factor * (drag @ drag))
+        of_inertia = (inertias[:, 0] / mean - 1.0) / len(inertias) + by_drag * of_drag
+        return np.log([mean, factor]), np.stack([of_inertia, of_drag], axis=1)
 
     def thrust_scatter(self, rate: Floats, variance: Floats) -> float:
         """Relative scatter of the moment from run to run that the rates (R,), of this variance by themselves, show."""
@@ -386,7 +378,7 @@ class Reference:
 
     def steady(self, tails: TailLines, time: Floats) -> TailLines:
         """The tails less what is not steady yet: what a line through as much of the noise-free turn lacks."""
-        lines = tail_lines(time, self.answer(time), np.zeros(len(time)), tails.used, self.fit.dof)
+        lines = tail_lines(time, self.answer(time), np.zeros(len(time)), tails.used, self.fit.curve.dof)
         rate = tails.rate * steady_rate(*self.acting) / lines.rate
         moment, *drag = self.acting
         error = tails.error + velocity_error(moment, self.inertia, *drag) - lines.error
@@ -472,18 +464,9 @@ def expected(time: Floats, data: StepData, model: Reference, noise: float, thrus
     lines = [tail_lines(time, exact, nothing, used, data.dof) for used in ends]
     names = ("rate", "error", "count", "mean", "spread")
     rate, error, count, middle, spread = (np.stack([getattr(line, name) for line in lines], axis=1) for name in names)
-    moment, k_r, k_rr = (np.asarray(x)[..., None] for x in model.acting)
-    drag, slope = model.balance(rate)
-    squares = (drag**2).sum(axis=0)
-    factor = (moment * drag).sum(axis=0) / squares
-
-    def inertia(more: float) -> Floats:
-        scaled = factor * (1.0 + more)
-        return np.asarray(inertia_from_velocity_error(error, moment, scaled * k_r, scaled * k_rr))
-
-    inertias = inertia(0.0)
-    mean = inertias.mean(axis=0)
-    by_drag = (inertia(STEP).mean(axis=0) / mean - 1.0) / STEP
+    moment, (drag, slope) = model.acting[0][:, None], model.balance(rate)
+    factor, inertias, by_drag = model.told_by(rate, error)
+    squares, mean = (drag**2).sum(axis=0), inertias.mean(axis=0)
     resting = np.sum(data.observed & (time < 0), axis=1, keepdims=True)  # tells the start; without, that is known
     of_start = np.where(resting > 0, noise**2 / np.maximum(resting, 1), 0.0)
     of_error = noise**2 * (1.0 / count + middle**2 / spread) + rate**2 * data.interval[:, None] ** 2 / 12.0 + of_start
@@ -537,7 +520,7 @@ class Feedback:
 
     @staticmethod
     def _values(moment: Floats, fit: DragFit, tails: TailLines) -> Floats:
-        return sums(moment, tails.rate, fit.variance, fit.model, fit.columns).solve()[0]
+        return sums(moment, tails.rate, fit.variance, fit.powers).solve()[0]
 
 
 def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:

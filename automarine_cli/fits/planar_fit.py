@@ -64,7 +64,6 @@ def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastSc
 FULLY = 3  # neighbours of a structure that are fitted, at most
 LIKELIHOOD, FORECASTS = "innovations", "forecasts"
 WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts over 5 s"}  # how a structure is fitted
-DISTURBANCE_KEYS = {"size": "disturbance", "time_s": "disturbance-time", "thrust_noise": "thrust-noise"}
 AS_LARGE = 0.5  # share of the commands from which on a disturbance may answer for what they do
 
 
@@ -251,11 +250,6 @@ class PlanarFit(Shown):
             "estimated_because": self.choice.because,
             "assumptions": [asdict(assumption) for assumption in self.structure.assumptions],
             "channels": list(self.observed.channels),
-            "noises": dict(fit.noise_of),
-            "disturbance": {
-                dof.name: {key: fit.of_chance[f"{dof.name}.{name}"] for key, name in DISTURBANCE_KEYS.items()}
-                for dof in self.observed.dofs
-            },
             "random": self.found.random,
             "prediction": self.use.to_json(YAW),
             "log_likelihood": fit.log_likelihood,

@@ -218,6 +218,7 @@ def response(
     decayed = np.expm1(-2 * delta * t)
     with np.errstate(divide="ignore", invalid="ignore"):
         final = np.where(a > 0, a / (delta + b / 2), 0.0)
+        final = np.where((b < 0) & (c > 0), (delta - b / 2) / c, final)  # the same, where that would cancel
         # (1 - exp(-2 delta t))/(2 delta), and t where delta is zero (no moment, and quadratic drag alone)
         mean_decay = decayed * (-0.5 / delta) if np.all(delta > 0) else np.where(delta > 0, decayed / (-2 * delta), t)
     z = final * mean_decay

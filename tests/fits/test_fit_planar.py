@@ -19,7 +19,6 @@ from automarine_cli.fits.driven import ForecastScore, Judgement
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import search_of
 from automarine_cli.fits.planar_fit import (
-    DISTURBANCE_KEYS,
     FORECASTS,
     LIKELIHOOD,
     Choice,
@@ -55,6 +54,9 @@ TRUTH = {
 ALL = ("heading", "surge", "sway", "north", "east")
 
 
+RANDOM = ("disturbance", "disturbance-time", "thrust-noise")
+
+
 def made(seed: int, channels: Sequence[str] = ALL, length: float = 16.0) -> Run:
     """A run of the craft with these channels, from rest."""
     run, rng = driven(seed, length, 0.2), np.random.default_rng(100 + seed)
@@ -67,7 +69,7 @@ def made(seed: int, channels: Sequence[str] = ALL, length: float = 16.0) -> Run:
 def fit_of(model: Tied, runs: int = 3, log_likelihood: float = 0.0, disturbance: float = 0.01) -> InnovationsFit:
     """A fit of a model, whose last parameter stands at a bound; runs left out move the second by a tenth."""
     free = len(model.free)
-    names = (*model.free, *(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in DISTURBANCE_KEYS.values()))
+    names = (*model.free, *(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in RANDOM))
     theta = np.array([*model.theta, *[disturbance] * (len(names) - free)])
     positive = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in names])
     phi = search_of(theta, positive)

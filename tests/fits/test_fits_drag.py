@@ -13,7 +13,6 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.fits import paper
 from automarine_cli.fits.paper import DragFit, nested_test, without_noise
-from automarine_cli.models.yaw_model import base_roles
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +33,7 @@ def identity_gap(rate: Floats, k3: float, k2: float, k_r: float, variance: Float
 
 
 def regressors(rate: Floats, model: str) -> Floats:
-    return paper.regressors(rate, model, base_roles(model, YAW)[1:])
+    return paper.regressors(rate, paper.powers_of(model, YAW))
 
 
 def points(seed: int = 0, k_r: float = 0.1, k_rr: float = 1.2, noise: float = 0.05) -> tuple[Floats, Floats]:
