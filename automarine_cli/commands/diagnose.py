@@ -8,7 +8,7 @@ from automarine_cli.commands.command import command
 from automarine_cli.errors import RunError, SettingError
 
 if TYPE_CHECKING:
-    from automarine_cli.diagnosis.diagnose import MotionDiagnosis
+    from automarine_cli.diagnosis.diagnose import Diagnosis
     from automarine_cli.diagnosis.planar import PlanarDiagnosis
     from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
     from automarine_cli.pipeline.parallel import Progress
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def diagnose(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], columns: Any, thrusters: Any, arm: float | None,
     channels: str, strict: bool, seed: int, jobs: int, map_fn: Any, progress: Any,
-) -> "MotionDiagnosis | PlanarDiagnosis | ThrusterDiagnosis":  # fmt: skip
+) -> "Diagnosis | PlanarDiagnosis | ThrusterDiagnosis":  # fmt: skip
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
     Every effect of the library is tried on whole runs with everything refitted; an effect counts if it gains more
@@ -58,10 +58,12 @@ def diagnose(
 def _of_a_motion(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], names: Any, thrusters: Any, arm: float | None,
     channels: str, seed: int, jobs: int, map_fn: Any, *, strict: bool, progress: Any,
-) -> "MotionDiagnosis":  # fmt: skip
+) -> "Diagnosis":  # fmt: skip
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
+    from dataclasses import replace
+
     from automarine_cli.comparison.validation import usable_runs
-    from automarine_cli.diagnosis.diagnose import MotionDiagnosis, diagnose_runs, expected_seconds
+    from automarine_cli.diagnosis.diagnose import diagnose_runs, expected_seconds
     from automarine_cli.models.store import load_yaw_models
     from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.runs.channels import wanted_channels
@@ -94,7 +96,9 @@ def _of_a_motion(
         diagnosis = diagnose_runs(
             runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels
         )
-    return MotionDiagnosis(diagnosis, stored, sha256(model), tuple(aside))
+    return replace(
+        diagnosis, number=stored.preferred, parent=stored.source, parent_sha256=sha256(model), set_aside=tuple(aside)
+    )
 
 
 def foretell(progress: "Progress", what: str, seconds: float) -> None:

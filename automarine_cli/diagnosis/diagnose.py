@@ -40,7 +40,7 @@ from automarine_cli.fits.innovations import channel_noises, channels_json, rando
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
-from automarine_cli.models.store import DIAGNOSIS, StoredModels, effects_json, model_head
+from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
@@ -197,11 +197,6 @@ def detectable(study: DiagnosisProblem, result: SearchResult) -> dict[str, float
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 
 
-def in_few_words(verdict: str, effects: Iterable[str]) -> str:
-    names = " and ".join(effects)
-    return {NAMED: names, SUSPECTED: f"suspected {names}"}.get(verdict, verdict.replace("-", " "))
-
-
 WELL_ABOVE = 0.05
 FLOOR_ERROR = 1.5
 """Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the
@@ -258,7 +253,7 @@ def listed_rivals(rivals: Sequence[NamedRival], share: float = 1.0) -> tuple[flo
 
 
 def diagnosis_json(
-    of: Mapping[str, object], why: str, effects: Iterable[NamedEffect], where: ResidualRegions | None,
+    of: Mapping[str, object], why: str, effects: Iterable[NamedEffect], where: ResidualRegions,
     gaps: Mapping[str, Gap | None], unit: str, convert: Callable[[float], float] = float,
 ) -> dict[str, object]:  # fmt: skip
     """What the diagnosis.json of any family says, after what it is `of`: why, effects, regions and gaps in `unit`."""
@@ -267,7 +262,7 @@ def diagnosis_json(
         **of,
         **({"why": why} if why else {}),
         "effects": [effect.to_json() for effect in effects],
-        "where": [region.to_json(unit) for region in where.regions] if where else [],
+        "where": [region.to_json(unit) for region in where.regions],
         "gap": {name: gap and gap.to_json(unit, convert) for name, gap in gaps.items()},
     }
 
@@ -304,7 +299,7 @@ def verdict_of(
     if not study.driven:
         reason = _unexplained(study, result, where, holdout if last is result else None)
         if reason:
-            without_effects = replace(result, final=result.base, p_values={}, rivals=(), doubtful=None)
+            without_effects = replace(result, final=result.base, p_values={}, rivals={}, doubtful=None)
             return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, result)}")
     doubt = "" if last is None else _borne_out(study, last, held_out, holdout, ahead)
     if last is None or (last is not result and doubt):
@@ -472,12 +467,14 @@ FEWEST_TO_HOLD_OUT = 8
 SHORT = 5  # iterations of a law or size that may equal the final one: those that get there do so soon
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """What a diagnosis found; `held_out` and `held_out_gap` are None where too few runs were left to hold any out.
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """What a diagnosis of a model of one motion found; `held_out` and `held_out_gap` are None where too few runs were
+    left to hold any out.
 
     `effects` are those that the conclusion names or suspects; `where` is the gap of the base model; the outlooks are
-    those of driven runs."""
+    those of driven runs. The base is model `number` of the file `parent`, which has that hash; `set_aside` are the runs
+    left out."""
 
     study: DiagnosisProblem
     conclusion: Verdict
@@ -490,6 +487,10 @@ class Diagnosis:
     outlook: ForecastGain | None = None
     held_out_outlook: ForecastGain | None = None
     channels: ChannelChoice = NOTHING_TO_CHOOSE
+    number: str = "3"
+    parent: str = ""
+    parent_sha256: str = ""
+    set_aside: tuple[SetAside, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -500,9 +501,73 @@ class Diagnosis:
         """The search, as far as the verdict holds."""
         return self.conclusion.result
 
-    @property
-    def words(self) -> str:
-        return in_few_words(self.verdict, self.result.final.added)
+    def document(self, option: str) -> Document:
+        if option == "diagnosis":
+            return json_document("diagnosis.json", self.to_json())
+        return json_document("extended_model.json", self.extended_model())
+
+    def extended_model(self) -> dict[str, object]:
+        """Return the base model with the effects named, refitted together: `validate` and `diagnose` take it."""
+        study, trial, number = self.study, self.conclusion.leaves, self.number
+        base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
+        roles = ("quadratic", "linear", "inertia", "constant", "difference")
+        base_names = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
+        drag = {name: base[name].to_json() for name in base_names.values()}
+        ratio, covariance = None, study.covariance(model, fit)
+        likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
+        if "quadratic" in base_names and base[base_names["quadratic"]].value > 0:
+            i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
+            ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
+        added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.base}
+        exponent, driven = gain_exponent(study, fit), {}
+        ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
+        noise = float(dof.shown(fit.noise)) if study.position_counts else None
+        if fit.driven:
+            driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
+        return {
+            **model_head(dof, study.base.moment_unit),
+            "fitted_to": "whole runs",
+            "models": {number: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
+            "preferred": number,
+            "preferred_because": f"Model {number} was the base of the diagnosis.",
+            dof.ratio_key: ratio,
+            "valid_range": valid_range(ends, model),
+            "effects": effects_json(added),
+            f"{dof.words.position}_noise_{dof.units.key}": noise,
+            **driven,
+            "gain_scatter": float(fit.factor(GAIN)),
+            "gain_exponent": exponent and exponent.to_json(),
+            "parent": {"file": self.parent, "sha256": self.parent_sha256},
+        }
+
+    def to_json(self) -> dict[str, object]:
+        study, search, verdict, dof = self.study, self.result, self.conclusion, self.study.base.dof
+        before, after = (base_estimates(study, trial) for trial in (search.base, verdict.leaves))
+        first = search.rounds[0]
+        gaps = {"fitted_runs": self.gap, "held_out_runs": self.held_out_gap}
+        outlooks = {"fitted_runs": self.outlook, "held_out_runs": self.held_out_outlook}
+        prediction = {name: ahead and ahead.to_json(dof) for name, ahead in outlooks.items()}
+        cycle = {} if study.cycle is None else {"limit_cycle": study.cycle.to_json()}
+        of = {**({} if dof.wraps else {"motion": dof.name}), "verdict": self.verdict}
+        units = dof.units.key, dof.shown
+        return {
+            **diagnosis_json(of, verdict.why, self.effects, self.where, gaps, *units),
+            **({"left": verdict.remainder} if verdict.remainder else {}),
+            "model": self.number,
+            f"{dof.words.force}_unit": study.base.moment_unit,
+            **({} if self.outlook is None else {**cycle, "prediction": prediction}),
+            "candidates": [
+                {"name": trial.added[-1], "gain": first.gain(trial)}
+                for trial in sorted(first.trials, key=lambda trial: trial.evidence)
+            ],
+            "threshold": first.threshold,
+            "base": {name: {"before": before[name].to_json(), "after": after[name].to_json()} for name in before},
+            "smallest_visible": {name: size for name, size in self.detectable.items() if np.isfinite(size)},
+            "open_water": study.driven,
+            **channels_json(self.channels, channel_noises(search.final.fit, dof)),
+            "held_out": [] if self.held_out is None else [run.name for run in self.held_out.runs],
+            "runs": runs_json(len(study.runs), self.set_aside, study.runs),
+        }
 
 
 def _best_law(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem, map_fn: Each) -> SearchResult:
@@ -579,82 +644,3 @@ def expected_seconds(runs: Sequence[Run], planar: bool = False) -> float:
         return readings * PLANAR_S
     driven = 2 * sum(stepped(run) for run in runs) < len(runs)
     return readings * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
-
-
-@dataclass(frozen=True, repr=False)
-class MotionDiagnosis(Shown):
-    """The diagnosis of a stored model of one motion: the model, its file's hash, and the runs left out."""
-
-    diagnosis: Diagnosis
-    stored: StoredModels
-    parent_sha256: str
-    set_aside: tuple[SetAside, ...]
-
-    def document(self, option: str) -> Document:
-        if option == "diagnosis":
-            return json_document("diagnosis.json", self.to_json())
-        return json_document("extended_model.json", self.extended_model())
-
-    def extended_model(self) -> dict[str, object]:
-        """Return the base model with the effects named, refitted together: `validate` and `diagnose` take it."""
-        study, trial, number = self.diagnosis.study, self.diagnosis.conclusion.leaves, self.stored.preferred
-        base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
-        roles = ("quadratic", "linear", "inertia", "constant", "difference")
-        base_names = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
-        drag = {name: base[name].to_json() for name in base_names.values()}
-        ratio, covariance = None, study.covariance(model, fit)
-        likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
-        if "quadratic" in base_names and base[base_names["quadratic"]].value > 0:
-            i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
-            ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
-        added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.base}
-        exponent, driven = gain_exponent(study, fit), {}
-        ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
-        noise = float(dof.shown(fit.noise)) if study.position_counts else None
-        if fit.driven:
-            driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
-        return {
-            **model_head(dof, self.stored.moment_unit),
-            "fitted_to": "whole runs",
-            "models": {number: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
-            "preferred": number,
-            "preferred_because": f"Model {number} was the base of the diagnosis.",
-            dof.ratio_key: ratio,
-            "valid_range": valid_range(ends, model),
-            "effects": effects_json(added),
-            f"{dof.words.position}_noise_{dof.units.key}": noise,
-            **driven,
-            "gain_scatter": float(fit.factor(GAIN)),
-            "gain_exponent": exponent and exponent.to_json(),
-            "parent": {"file": self.stored.source, "sha256": self.parent_sha256},
-        }
-
-    def to_json(self) -> dict[str, object]:
-        diagnosis, dof = self.diagnosis, self.stored.dof
-        study, search, verdict = diagnosis.study, diagnosis.result, diagnosis.conclusion
-        before, after = (base_estimates(study, trial) for trial in (search.base, verdict.leaves))
-        first = search.rounds[0]
-        gaps = {"fitted_runs": diagnosis.gap, "held_out_runs": diagnosis.held_out_gap}
-        outlooks = {"fitted_runs": diagnosis.outlook, "held_out_runs": diagnosis.held_out_outlook}
-        prediction = {name: ahead and ahead.to_json(dof) for name, ahead in outlooks.items()}
-        cycle = {} if study.cycle is None else {"limit_cycle": study.cycle.to_json()}
-        of = {**({} if dof.wraps else {"motion": dof.name}), "verdict": diagnosis.verdict}
-        units = dof.units.key, dof.shown
-        return {
-            **diagnosis_json(of, verdict.why, diagnosis.effects, diagnosis.where, gaps, *units),
-            **({"left": verdict.remainder} if verdict.remainder else {}),
-            "model": self.stored.preferred,
-            f"{dof.words.force}_unit": self.stored.moment_unit,
-            **({} if diagnosis.outlook is None else {**cycle, "prediction": prediction}),
-            "candidates": [
-                {"name": trial.added[-1], "gain": first.gain(trial)}
-                for trial in sorted(first.trials, key=lambda trial: trial.evidence)
-            ],
-            "threshold": first.threshold,
-            "base": {name: {"before": before[name].to_json(), "after": after[name].to_json()} for name in before},
-            "smallest_visible": {name: size for name, size in diagnosis.detectable.items() if np.isfinite(size)},
-            "open_water": study.driven,
-            **channels_json(diagnosis.channels, channel_noises(search.final.fit, dof)),
-            "held_out": [] if diagnosis.held_out is None else [run.name for run in diagnosis.held_out.runs],
-            "runs": runs_json(len(study.runs), self.set_aside, study.runs),
-        }

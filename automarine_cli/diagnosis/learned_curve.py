@@ -15,20 +15,15 @@ from automarine_cli.diagnosis.search import (
     RIVAL_RANGE,
     SEARCH_BRIEF,
     TIE,
-    AlternativeModel,
     CandidateFit,
+    Rivals,
     SearchResult,
+    add_effect,
     is_admissible,
+    nearest,
+    refitted,
 )
-from automarine_cli.diagnosis.study import (
-    ITERATIONS,
-    SPREADS,
-    DiagnosisProblem,
-    learned_term,
-    places,
-    precision,
-    smoothed,
-)
+from automarine_cli.diagnosis.study import SPREADS, DiagnosisProblem, learned_term, places, precision, smoothed
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import (
     DRAG,
@@ -217,7 +212,7 @@ def learn(
         bases = bases if study.driven or follows else bases[:1]
         gained = result.base.evidence - result.final.evidence
         most = result.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
-    tied = tuple[AlternativeModel, ...]()
+    tied: Rivals = {}
     for base in bases:
         best = _best(wide, result, base, follows, seed + len(base.added), map_fn) if base.count < MOST_EFFECTS else None
         if best is None:
@@ -228,13 +223,14 @@ def learn(
             return replace(best, study=replace(study, signals=tuple(sorted({*study.signals, *needed}))))
         if base is result.base:
             tied = ties(result, best.final)
-    return replace(result, rivals=(*result.rivals, *tied))
+    rivals = {name: {**result.rivals.get(name, {}), **tied.get(name, {})} for name in result.p_values}
+    return replace(result, rivals=rivals)
 
 
-def ties(result: SearchResult, curve: CandidateFit) -> tuple[AlternativeModel, ...]:
+def ties(result: SearchResult, curve: CandidateFit) -> Rivals:
     """A curve that does as well as what was found, as a rival of each of its effects."""
     behind = max(curve.evidence - result.final.evidence, 0.0)
-    return tuple(AlternativeModel(name, curve.added[-1], behind) for name in result.final.added if behind < TIE)
+    return {name: nearest({curve.added[-1]: behind}) for name in result.final.added}
 
 
 def _as_good(result: SearchResult, base: CandidateFit, curve: CandidateFit) -> list[CandidateFit]:
@@ -262,63 +258,40 @@ def _best(
         if i < LEADERS or (i < MOST_LEADERS and gain > least)
         or ((term := model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN)
     ]  # fmt: skip
-    tried = map_fn(partial(_fitted, study, base), leading, "trying curves")
+    starts = [(model.terms[-1].name, np.array(model.terms[-1].values)) for model in leading]
+    tried = map_fn(partial(add_effect, study, base, iterations=SEARCH_BRIEF), starts, "trying curves")
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
     running = [trial for gain, trial in gains if gain > gained - max(RIVAL_RANGE, FAR * gained)]
-    tried = map_fn(partial(_further, study, base), running, "learning curves")
+    tried = map_fn(partial(_further, study), running, "learning curves")
     trials = sorted((trial for trial in tried if trial is not None), key=lambda trial: trial.evidence)
     admissible = [t for t in trials if base.evidence - t.evidence > bar and is_admissible(study, t, base)]
     if not admissible:
         return None
     best = admissible[0]
     name, library = best.added[-1], _as_good(result, base, best)
-    alternatives = {t.added[-1]: t for t in reversed([*trials, *library]) if t.added[-1] != name}
-    rivals = [
-        AlternativeModel(name, other, max(trial.evidence - best.evidence, 0.0))
-        for other, trial in alternatives.items()
-        if trial.evidence < best.evidence + TIE
-    ]
-    base_rivals = [rival for rival in result.rivals if rival.replaces in base.added]
+    behind = {t.added[-1]: max(t.evidence - best.evidence, 0.0) for t in reversed([*trials, *library])}
+    behind.pop(name)
+    rivals = {n: of for n, of in result.rivals.items() if n in base.added} | {name: nearest(behind)}
     p_value = chance.p_value(base.evidence - best.evidence)
     p_values = {n: p for n, p in result.p_values.items() if n in base.added} | {name: p_value}
-    rivals.sort(key=lambda rival: rival.behind)
     undoing = {pair: says for pair, says in result.compensating.items() if set(pair) <= set(base.added)}
     return replace(
-        result, study=study, final=best, p_values=p_values, rivals=(*base_rivals, *rivals), more=False, doubtful=None,
+        result, study=study, final=best, p_values=p_values, rivals=rivals, more=False, doubtful=None,
         compensating=undoing,
     )  # fmt: skip
 
 
-def _fitted(study: DiagnosisProblem, base: CandidateFit, model: YawModel) -> CandidateFit | None:
-    values = np.append(base.fit.of_model, model.terms[-1].values)
-    return _trial(study, base, model, values, base, SEARCH_BRIEF)
-
-
-def _further(study: DiagnosisProblem, base: CandidateFit, trial: CandidateFit) -> CandidateFit | None:
+def _further(study: DiagnosisProblem, trial: CandidateFit) -> CandidateFit | None:
     """The same taken to the end; the spread is chosen again by each fit."""
     for _ in range(1 + SETTLES):
         spread, _ = smoothed(trial.fit, trial.model)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
-        again = _trial(study, base, model, model.theta, trial, ITERATIONS)
+        again = refitted(study, model, trial.added, model.theta, trial.fit)
         if again is None or abs(np.log(spread / trial.model.terms[-1].values[FIRST - 1])) < SAME_SPREAD:
             return again
         trial = again
     return trial
-
-
-def _trial(
-    study: DiagnosisProblem, base: CandidateFit, model: YawModel, values: Floats, start: CandidateFit, iterations: int
-) -> CandidateFit | None:
-    """A fit of a model with a curve, its effective number of parameters counted."""
-    try:
-        fit = study.fit(model, values, start.fit, iterations)
-        count = smoothed(fit, model)[1]
-    except (FitError, np.linalg.LinAlgError):
-        return None
-    cost = base.evidence + 2.0 * base.fit.log_likelihood + count * penalty(1, len(study.runs))
-    added = (*base.added, model.terms[-1].name)
-    return CandidateFit(added, study.with_fitted_values(model, fit), fit, -2.0 * fit.log_likelihood + cost)
 
 
 POINTS = 61  # places at which a curve is told

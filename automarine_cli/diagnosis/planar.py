@@ -21,7 +21,6 @@ from automarine_cli.diagnosis.diagnose import (
     Gap,
     NamedEffect,
     diagnosis_json,
-    in_few_words,
     listed_rivals,
     outlook_of,
     stretch,
@@ -53,6 +52,7 @@ from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, SetAside, runs_json
 
+NOWHERE = ResidualRegions()
 SMALL = 0.02  # share of its usual size at which an actuator effect is as good as none
 OF_YAW = ("input-delay", "thruster-lag", "dead-band")
 SAYS = {
@@ -194,7 +194,7 @@ class PlanarDiagnosis(Shown):
     fitted: int
     forecasts: tuple[Sequence[Predicted], Sequence[Predicted]]
     density: tuple[Floats, Floats]
-    where: ResidualRegions | None = None
+    where: ResidualRegions = NOWHERE
     set_aside: tuple[SetAside, ...] = ()
     parent_sha256: str = ""
 
@@ -215,11 +215,7 @@ class PlanarDiagnosis(Shown):
     def verdict(self) -> str:
         if self.named or self.suspected:
             return NAMED if self.named else SUSPECTED
-        return UNEXPLAINED if self.where is not None and self.where.regions else NOTHING
-
-    @property
-    def words(self) -> str:
-        return in_few_words(self.verdict, [trial.candidate.label for trial in self.named or self.suspected])
+        return UNEXPLAINED if self.where.regions else NOTHING
 
     @property
     def why(self) -> str:
@@ -227,7 +223,7 @@ class PlanarDiagnosis(Shown):
         if self.suspected:
             names = " or ".join(contender.candidate.label for contender in self.suspected)
             return f"The fitted runs ask for {names}, but the likelihood of held-out runs does not improve with it."
-        if self.verdict != UNEXPLAINED or self.where is None:
+        if self.verdict != UNEXPLAINED:
             return ""
         passed = "No candidate gains more than chance."
         gaining = [trial for trial in self.rounds[-1].tried if trial.surplus > HEAD_START]
@@ -416,14 +412,14 @@ def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Sequence[Pre
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
 
 
-def find_planar_where(search: PlanarDiagnosis, seed: int) -> ResidualRegions | None:
-    """Look at the gap of the model before anything was added against every variable; `seed` draws the signs. None where
-    all runs are too short for predictions."""
+def find_planar_where(search: PlanarDiagnosis, seed: int) -> ResidualRegions:
+    """Look at the gap of the model before anything was added against every variable; `seed` draws the signs. There are
+    none where all runs are too short for predictions."""
     every, before = search.every, search.before
     course, runs, fit = every.course, every.runs, before.fit
     prediction = judged(search.forecasts[0])
     if not len(prediction.error):
-        return None
+        return NOWHERE
     residual, observed = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
     residual[prediction.run, prediction.target], observed[prediction.run, prediction.target] = prediction.error, True
     problem = every.problem(before.model)

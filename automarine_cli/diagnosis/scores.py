@@ -137,7 +137,7 @@ class Scores(Chance):
     ranked: tuple[Score, ...]
 
 
-def penalty(parameters: int, runs: int) -> float:
+def penalty(parameters: float, runs: int) -> float:
     """Schwarz's penalty with the run as the unit, in deviance."""
     return float(parameters * np.log(max(runs, 2)))
 

@@ -25,8 +25,8 @@ from automarine_cli.diagnosis.scores import (
     penalty,
     score,
 )
-from automarine_cli.diagnosis.study import ITERATIONS, DiagnosisProblem, Fit
-from automarine_cli.effects.learned import Learned
+from automarine_cli.diagnosis.study import ITERATIONS, DiagnosisProblem, Fit, smoothed
+from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import GAIN
@@ -83,13 +83,8 @@ class SearchStep:
         return self.before.evidence - trial.evidence
 
 
-@dataclass(frozen=True)
-class AlternativeModel:
-    """An explanation that the runs cannot exclude: what it replaces, and how far behind it is (deviance)."""
-
-    replaces: str
-    name: str
-    behind: float
+Rivals = Mapping[str, Mapping[str, float]]
+"""For each effect what the runs cannot exclude in its place, and how far behind that is (deviance), nearest first."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +101,7 @@ class SearchResult:
     final: CandidateFit
     rounds: tuple[SearchStep, ...]
     p_values: dict[str, float]
-    rivals: tuple[AlternativeModel, ...]
+    rivals: Rivals
     more: bool = False
     doubtful: "SearchResult | None" = None
     compensating: Mapping[tuple[str, ...], str] = field(default_factory=dict)
@@ -114,7 +109,7 @@ class SearchResult:
 
     def odds(self, name: str) -> dict[str, float]:
         """Odds of each rival of an effect of the final model against it."""
-        return {rival.name: float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name}
+        return {rival: float(np.exp(-0.5 * behind)) for rival, behind in self.rivals.get(name, {}).items()}
 
 
 def error_of_mean(values: Floats) -> float:
@@ -127,10 +122,13 @@ def clear(gains: Floats, errors: float = CLEAR) -> bool:
 
 
 def candidate_fit(study: DiagnosisProblem, model: YawModel, added: tuple[str, ...], fit: Fit) -> CandidateFit:
+    """The fit with its evidence; of a learned curve the effective number of parameters counts."""
     model = study.with_fitted_values(model, fit)
-    more = model.terms[len(study.base.terms) :]
-    cost = penalty(sum(fitted_parameters(term.name, term.values) for term in more), len(study.runs))
-    return CandidateFit(added, model, fit, -2.0 * fit.log_likelihood + cost)
+    counts = [
+        smoothed(fit, model)[1] if term.name.startswith(PREFIX) else fitted_parameters(term.name, term.values)
+        for term in model.terms[len(study.base.terms) :]
+    ]
+    return CandidateFit(added, model, fit, -2.0 * fit.log_likelihood + penalty(sum(counts), len(study.runs)))
 
 
 def refitted(
@@ -623,15 +621,17 @@ def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     return float(special.fdtrc(len(sizes), dof, wald)) > WEAK
 
 
-def _rivals(final: CandidateFit, around: Mapping[str, SearchStep]) -> tuple[AlternativeModel, ...]:
+def _rivals(final: CandidateFit, around: Mapping[str, SearchStep]) -> Rivals:
     """What could stand in each effect's place without losing more than TIE."""
-    rivals = [
-        AlternativeModel(name, trial.added[-1], behind)
+    return {
+        name: nearest({t.added[-1]: _behind(this, t, final) for t in this.trials if t.added[-1] != name})
         for name, this in around.items()
-        for trial in this.trials
-        if trial.added[-1] != name and (behind := _behind(this, trial, final)) < TIE
-    ]
-    return tuple(sorted(rivals, key=lambda rival: rival.behind))
+    }
+
+
+def nearest(behind: Mapping[str, float]) -> dict[str, float]:
+    """Those that are less than TIE behind, the nearest first."""
+    return {name: size for name, size in sorted(behind.items(), key=lambda pair: pair[1]) if size < TIE}
 
 
 def _behind(this: SearchStep, rival: CandidateFit, final: CandidateFit) -> float:

@@ -1,6 +1,7 @@
 """The diagnosis of a thruster map on bollard tests: its gap by regions, what is missing, how sure that is."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -8,14 +9,14 @@ from automarine_cli.diagnosis import diagnose as rules
 from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, Gap, NamedEffect
 from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.estimate import Estimate
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import SetAside, runs_json
 from automarine_cli.thrusters import family
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
-from automarine_cli.thrusters.fit import Parameter, parameters, parameters_json, sums_of
+from automarine_cli.thrusters.fit import parameters, parameters_json, sums_of
 from automarine_cli.thrusters.map import FORMS, SIDES, SQUARE, Curve, ThrusterMap
 
 WELL_ABOVE = 1.5
@@ -39,19 +40,6 @@ SPLIT_BY = {
 }
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A stretch of the data that is not to be trusted; readings are counted from 1 in each record."""
-
-    file: str
-    readings: tuple[int, int]
-    from_n: float
-    to_n: float
-    points: int
-    gap_N: float
-    says: str
-
-
 @dataclass(frozen=True, repr=False)
 class ThrusterDiagnosis(Shown):
     """`data` holds every point, `search.base.data` those fitted, `held_out` the rest, None where levels are too few.
@@ -67,7 +55,7 @@ class ThrusterDiagnosis(Shown):
     final: family.Fitted
     effects: tuple[NamedEffect, ...]
     where: ResidualRegions
-    faults: tuple[Fault, ...]
+    faults: tuple[dict[str, Any], ...]
     gap: Gap
     held_out_gap: Gap | None
     cross: Gap
@@ -106,7 +94,7 @@ class ThrusterDiagnosis(Shown):
         of = {"model": "thruster-map", "verdict": self.verdict}
         return {
             **rules.diagnosis_json(of, self.why, self.effects, self.where, gaps, "N"),
-            "faulty": [{**vars(fault), "readings": list(fault.readings)} for fault in self.faults],
+            "faulty": list(self.faults),
             "candidates": [
                 {
                     "name": candidate.effect, "where": candidate.where, "gain": candidate.gain,
@@ -233,31 +221,31 @@ def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
 def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
     effects = []
     for name, p_value in search.p_values.items():
-        against = {rival.effect: rival for rival in search.alternatives if rival.instead_of == name}
-        odds = [NamedRival(n, rival.odds, _split_by(search.final, rival, floor)) for n, rival in against.items()]
+        against = search.alternatives.get(name, {}).values()
+        odds = [NamedRival(rival.effect, odd, _split_by(search, name, rival, floor)) for _, rival, odd in against]
         weight, rivals = rules.listed_rivals(odds, 1.0 - p_value)
         values = effect_parameters(search.final, name, search.base)
         effects.append(NamedEffect(name, "", f"{SAYS[name]}.", values, weight, p_value, rivals))
     return tuple(effects)
 
 
-def _split_by(final: family.Fitted, rival: family.CandidateFit, floor: float) -> str:
+def _split_by(search: family.MapSearch, effect: str, rival: family.CandidateFit, floor: float) -> str:
     """The pull that tells the named effect from its rival: where both fitted curves differ most."""
-    for name in (rival.effect, rival.instead_of):
+    for name in (rival.effect, effect):
         if name in SPLIT_BY:
             return SPLIT_BY[name]
-    n = final.data.n
+    n = search.final.data.n
     along = np.linspace(min(float(n.min()), 0.0), max(float(n.max()), 0.0), 801)
-    mine, other = (np.nan_to_num(fit.along(along)) for fit in (final, rival.fit))
+    mine, other = (np.nan_to_num(fit.along(along)) for fit in (search.final, rival.fit))
     at = int(np.argmax(np.abs(mine - other)))
     apart_N = max(abs(float(mine[at] - other[at])), 1e-12)
     times = int(np.ceil((3.0 * floor / apart_N) ** 2))
     often = f"{times} pulls" if times > 1 else "a pull"
-    thrusts = f"{mine[at]:.3g} N with {rival.instead_of}, {other[at]:.3g} N with {rival.effect}"
+    thrusts = f"{mine[at]:.3g} N with {effect}, {other[at]:.3g} N with {rival.effect}"
     return f"{often} at n = {along[at]:.3g}: {thrusts}"
 
 
-def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> dict[str, Parameter]:
+def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> dict[str, Estimate | Given]:
     """Estimate the parameters of one effect; that of one direction says so in its name."""
     data = fit.data
     if effect in (family.VOLTAGE, family.SAG):
@@ -265,33 +253,27 @@ def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> d
         value = fit.power if effect == family.VOLTAGE else fit.sag
         stderr = _stderr(fit, column, data.step if effect == family.VOLTAGE else None)
         name = "p" if effect == family.VOLTAGE else "share_lost"
-        return {name: Parameter(value, "1", Estimate.from_stderr(value, stderr, data.levels - 1, "1"))}
+        return {name: Estimate.from_stderr(value, stderr, data.levels - 1, "1")}
     if effect == family.ASYMMETRY:
         sides = [np.where(data.n * sign > 0, fit.predicted, 0.0) for sign in (1.0, -1.0)]
         ends = [fit.along(np.array([sign * np.max(np.abs(data.n))]))[0] for sign in (1.0, -1.0)]
         relative = float(np.hypot(_stderr(fit, sides[0], None), _stderr(fit, sides[1], None)))
         dof = min(int(np.count_nonzero(side)) for side in sides) - 1
-        estimate = Estimate.from_log(float(abs(ends[1] / ends[0])), relative, dof, "1")
-        return {"backward_over_forward": Parameter(estimate.value, "1", estimate)}
+        return {"backward_over_forward": Estimate.from_log(float(abs(ends[1] / ends[0])), relative, dof, "1")}
     before, values = dict(base.shape.curves), _curve_parameters(fit)
     return {
         PARAMETER[effect] + ("" if where == "both" else f"_{where}"): values[where][PARAMETER[effect]]
         for where, effects in fit.shape.curves
         if effect in effects and effect not in before.get(where, frozenset())
-        and not values[where][PARAMETER[effect]].fixed
     }  # fmt: skip
 
 
-def _curve_parameters(fit: family.Fitted) -> dict[str, dict[str, Parameter]]:
+def _curve_parameters(fit: family.Fitted) -> dict[str, dict[str, Estimate | Given]]:
     """Estimates of every direction's curve ("both" where they share one), by parameter."""
-    gain, effects = fit.gain(fit.data), dict(fit.shape.curves)
     return {
-        name: parameters(
-            side.without(gain[index]), family.form_of(effects[name]), fit.curves[name], fit.at_bound[name],
-            fit.data.n_unit,
-        )
-        for name, (index, side) in fit.data.parts(fit.shape.tied).items()
-    }  # fmt: skip
+        name: parameters(side, form, fit.curves[name], fit.at_bound[name], fit.data.n_unit)
+        for name, (_, side, form) in fit.sides.items()
+    }
 
 
 def _stderr(fit: family.Fitted, column: Floats, steps: Ints | None) -> float:
@@ -322,14 +304,16 @@ def _regions(fit: family.Fitted, floor: float, seed: int) -> ResidualRegions:
     return find_regions(columns, {}, gap, seed)
 
 
-def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[Fault, ...]:
+def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[dict[str, Any], ...]:
+    """Stretches of the data that are not to be trusted, the worst first."""
     flagged = np.flatnonzero(data.flag != "")
     new = (np.diff(flagged) > 1) | (np.diff(data.record[flagged]) != 0)
     faults = [_fault(data, fit, index) for index in np.split(flagged, np.flatnonzero(new) + 1) if len(index)]
-    return tuple(sorted(faults, key=lambda fault: -fault.gap_N))
+    return tuple(sorted(faults, key=lambda fault: -float(fault["gap_N"])))
 
 
-def _fault(data: family.BollardData, fit: family.Fitted, index: Ints) -> Fault:
+def _fault(data: family.BollardData, fit: family.Fitted, index: Ints) -> dict[str, Any]:
+    """One stretch as files have it; readings are counted from 1 in each record."""
     n, place = data.n[index], data.place(int(index[0]))
     record = np.flatnonzero(data.record == data.record[index[0]])
     first, last = (int(np.searchsorted(record, index[end])) + 1 for end in (0, -1))
@@ -337,5 +321,7 @@ def _fault(data: family.BollardData, fit: family.Fitted, index: Ints) -> Fault:
     low, high = float(n.min()), float(n.max())
     several = f"{len(index)} readings from n = {low:.4g} to {high:.4g}"
     description = several if len(index) > 1 else f"1 reading at n = {low:.4g}"
-    says = f"{place}: {description}: {data.flag[index[0]]}."
-    return Fault(place, (first, last), low, high, len(index), gap, says)
+    return {
+        "file": place, "readings": [first, last], "from_n": low, "to_n": high, "points": len(index), "gap_N": gap,
+        "says": f"{place}: {description}: {data.flag[index[0]]}.",
+    }  # fmt: skip

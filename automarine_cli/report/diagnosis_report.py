@@ -9,7 +9,7 @@ import numpy as np
 
 from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose
-from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, NamedEffect
+from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.planar import PlanarDiagnosis
 from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions
 from automarine_cli.diagnosis.search import LEVEL
@@ -38,7 +38,7 @@ MOST_NAMED_RUNS, MOST_CANDIDATES, MOST_RIVALS = 5, 5, 3
 
 
 def _sections(
-    result: MotionDiagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], before_after: Draw,
+    result: Diagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], before_after: Draw,
     title: str, verdict: str, effects: Sequence[NamedEffect], where: ResidualRegions, *,
     notes: tuple[str, str], unit: str = "deg", key: str = "deg", dof: Dof | None = None,
     above: Sequence[str] = (), below: Sequence[str] = (), appendix: Sequence[Table | str] = (),
@@ -233,9 +233,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 
 @sections.register
-def _(result: MotionDiagnosis) -> Sections:
-    diagnosis, dof = result.diagnosis, result.stored.dof
-    study, search = diagnosis.study, diagnosis.result
+def _(diagnosis: Diagnosis) -> Sections:
+    study, search, dof = diagnosis.study, diagnosis.result, diagnosis.study.base.dof
     below = [PLANNED] * any(effect.rivals for effect in diagnosis.effects)
     below += [study.cycle.sentence(dof)] if study.cycle is not None else []
     before, after = (100.0 * trial.fit.factor(GAIN) for trial in (search.base, search.final))
@@ -251,7 +250,7 @@ def _(result: MotionDiagnosis) -> Sections:
     if diagnosis.verdict != diagnose.NAMED:
         appendix += ["## What these runs would have shown", detectable_table(diagnosis)]
     return _sections(
-        result, result.extended_model(), partial(figures.motion_before_after, diagnosis),
+        diagnosis, diagnosis.extended_model(), partial(figures.motion_before_after, diagnosis),
         f"Diagnosis of the {dof.name} model", verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where,
         notes=(gap, chance), unit=dof.units.shown, key=dof.units.key, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
@@ -296,7 +295,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 def _(result: PlanarDiagnosis) -> Sections:
     return _sections(
         result, result.extended_model(), partial(figures.planar_before_after, result), "Diagnosis of the planar model",
-        planar_verdict(result), result.effects, result.where or ResidualRegions(),
+        planar_verdict(result), result.effects, result.where,
         notes=("", (
             " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than "
             "others, or less than the threshold."
@@ -312,8 +311,9 @@ def planar_verdict(search: PlanarDiagnosis) -> str:
             sizes, reference = _forecast(pair, YAW)
             quantity = f"error of headings predicted {pair[0].horizon:g} s ahead{of}"
     return _verdict(
-        search.verdict, search.words.removeprefix("suspected "), search.why, quantity, sizes, YAW.units.shown, reference
-    )
+        search.verdict, " and ".join(trial.candidate.label for trial in search.named or search.suspected), search.why,
+        quantity, sizes, YAW.units.shown, reference,
+    )  # fmt: skip
 
 
 @sections.register
@@ -329,7 +329,7 @@ def _(result: ThrusterDiagnosis) -> Sections:
     return _sections(
         result, result.extended_map, partial(figures.thruster_before_after, result), "Diagnosis of a thruster map",
         map_verdict(result), result.effects, result.where, notes=(gap, chance), unit="N", key="N",
-        below=[fault.says for fault in result.faults],
+        below=[fault["says"] for fault in result.faults],
     )  # fmt: skip
 
 

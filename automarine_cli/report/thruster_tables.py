@@ -4,11 +4,11 @@ from functools import partial
 
 import numpy as np
 
-from automarine_cli.estimate import Estimate
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
-from automarine_cli.thrusters.fit import Analysis, FormScore, Parameter
+from automarine_cli.thrusters.fit import Analysis, FormScore
 from automarine_cli.thrusters.map import SIDES
 from automarine_cli.thrusters.result import ThrusterFit, scaled
 
@@ -36,19 +36,17 @@ def _(fit: ThrusterFit) -> Sections:
     return Sections([*lines, *printed], files, figures, rows=rows, details=[forms(fit)])
 
 
-def cells(value: Parameter | Estimate) -> dict[str, object]:
+def cells(value: Estimate | Given) -> dict[str, object]:
     """Give a parameter as the cells of a row; without an interval where a bound holds it."""
-    estimate = value if isinstance(value, Estimate) else value.estimate
-    return {"value": value.value, "unit": value.unit} if estimate is None else numbers(estimate)
+    return numbers(value) if isinstance(value, Estimate) else {"value": value.value, "unit": value.unit}
 
 
-def parameter_cell(value: Parameter | Estimate) -> Estimate | str:
+def parameter_cell(value: Estimate | Given) -> Estimate | str:
     """Give a parameter as one cell: its estimate, or its value and why that has no interval."""
-    if isinstance(value, Estimate) or value.estimate is not None:
-        return value if isinstance(value, Estimate) else value.estimate or MISSING
-    if value.value is None:
-        return value.why or "beyond what was measured"
-    return ", ".join(filter(None, (number(value.value), value.why)))
+    if isinstance(value, Estimate):
+        return value
+    why = str(value.at_bound or "")
+    return ", ".join(filter(None, (number(value.value), why))) if value.value is not None else why
 
 
 def tables(result: ThrusterFit) -> tuple[Table, ...]:
@@ -150,7 +148,7 @@ def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
 
 def voltages(result: ThrusterFit) -> Table:
     unit = next(iter(result.analysis.square.values())).unit
-    powers = [f"{side} {interval(power.exponent)}" for side, power in result.exponents.items() if power is not None]
+    powers = [f"{side} {interval(power)}" for side, power in result.exponents.items() if power is not None]
     return Table.of("A map for each voltage (errors in percent of that voltage's full scale)", [
         {
             "voltage [V]": volts, **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},

@@ -246,6 +246,12 @@ class Fitted:
         return self.curves.get("forward", shared), self.curves.get("backward", shared)
 
     @cached_property
+    def sides(self) -> dict[str, tuple[Ints, Side, Form]]:
+        """Of each direction, or of both as one: point numbers, points without what multiplies the curve, and form."""
+        gain, effects, parts = self.gain(self.data), dict(self.shape.curves), self.data.parts(self.shape.tied)
+        return {name: (i, side.without(gain[i]), form_of(effects[name])) for name, (i, side) in parts.items()}
+
+    @cached_property
     def predicted(self) -> Floats:
         return self.thrust(self.data)
 
@@ -270,9 +276,9 @@ class Fitted:
     @cached_property
     def loss(self) -> Floats:
         """Weighted squared error [N²] of each group, predicted by a fit without it; groups in rising number."""
-        squares, gain, effects = np.zeros(len(self.data)), self.gain(self.data), dict(self.shape.curves)
-        for name, (index, side) in self.data.parts(self.shape.tied).items():
-            squares[index] = left_out_squares(side.without(gain[index]), form_of(effects[name]))
+        squares = np.zeros(len(self.data))
+        for index, side, form in self.sides.values():
+            squares[index] = left_out_squares(side, form)
         return sums_of(squares, self.data.group)
 
     @property
@@ -288,12 +294,11 @@ class Fitted:
 def fit_shape(data: BollardData, shape: Shape) -> Fitted:
     """Fit a shape by least squares: curves direction by direction, in turn with what multiplies them."""
     reference = float(np.median(data.voltage)) if data.step is not None else 1.0
-    parts, effects = data.parts(shape.tied), dict(shape.curves)
     fit = Fitted(data, shape, {}, {}, 0.0, 0.0, reference)
     for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
-        gain, curves, at_bound = fit.gain(data), {}, {}
-        for name, (index, side) in parts.items():
-            curves[name], at_bound[name] = best_curve(side.without(gain[index]), form_of(effects[name]))
+        curves, at_bound = dict[str, Curve](), dict[str, tuple[str, ...]]()
+        for name, (_, side, form) in fit.sides.items():
+            curves[name], at_bound[name] = best_curve(side, form)
         fit = _with_multipliers(replace(fit, curves=curves, at_bound=at_bound))
     return fit
 
@@ -324,8 +329,7 @@ def _with_multipliers(fit: Fitted) -> Fitted:
 class CandidateFit:
     """A map fitted with effects `added`, with their p-values in the order of the search. Of the last, and `where` it
     acts: the deviance that it gains, its p-value over all candidates of the step, the fall of the left-out squares
-    `held_out` [N²] and its standard error over groups. Of an alternative, the effect that it is `instead_of`, and
-    the `odds` that the lead of that effect in cross-validation is chance."""
+    `held_out` [N²] and its standard error over groups."""
 
     fit: Fitted
     added: Mapping[str, float] = field(default_factory=dict)
@@ -335,8 +339,6 @@ class CandidateFit:
     p_value: float = 1.0
     held_out: float = 0.0
     stderr: float = np.inf
-    instead_of: str = ""
-    odds: float = 0.0
 
     def behind(self, other: "CandidateFit") -> tuple[float, float]:
         """Left-out squares [N²] more than those of another candidate, and their standard error over groups."""
@@ -353,13 +355,14 @@ class SearchStep:
 
 @dataclass(frozen=True)
 class MapSearch:
-    """The base, every step, the final map with its effects and their p-values in the order found, and alternatives."""
+    """The base, every step, the final map with its effects and their p-values in the order found; for each of these by
+    effect what else it could be: how far that is behind, its fit, and the odds that this lead is chance."""
 
     base: Fitted
     steps: tuple[SearchStep, ...]
     final: Fitted
     p_values: Mapping[str, float]
-    alternatives: tuple[CandidateFit, ...]
+    alternatives: Mapping[str, Mapping[str, tuple[float, CandidateFit, float]]]
 
 
 def evidence(base: Fitted, fit: Fitted) -> float:
@@ -398,13 +401,13 @@ def evidence_by_chance(base: Fitted, fits: Mapping[tuple[str, str], Fitted], ran
 
 def _basis(fit: Fitted) -> Floats:
     """Orthonormal columns (P, K) of what the free parameters can do to the thrust, weighted as in the fit."""
-    data, gain, effects = fit.data, fit.gain(fit.data), dict(fit.shape.curves)
+    data, gain = fit.data, fit.gain(fit.data)
     blocks = [multiplier_columns(fit, fit.shape.voltage, fit.shape.sag)]
-    for name, (index, side) in data.parts(fit.shape.tied).items():
+    for name, (index, side, form) in fit.sides.items():
         curve, scale = fit.curves[name], float(side.magnitude.max())
         top = 1.0 if curve.n_sat is None else min(curve.n_sat / scale, 1.0)
         values = np.array([[curve.a * (scale - curve.n_0) ** curve.p, curve.n_0 / scale, curve.p, top]])
-        slopes = jacobian(side.magnitude / scale, values)[0][:, form_of(effects[name]).mask]
+        slopes = jacobian(side.magnitude / scale, values)[0][:, form.mask]
         block = np.zeros((len(gain), slopes.shape[1]))
         block[index] = (np.sign(data.n) * gain)[index, None] * slopes
         blocks.append(block[:, np.any(block != 0.0, axis=0)])
@@ -483,16 +486,19 @@ def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
     judge = _Levels(data, start, np.random.default_rng(seed))
     base = CandidateFit(judge.fitted(start))
     outcome = discover(judge, base)
-    final, best = outcome.final, dict[tuple[str, str], tuple[float, CandidateFit]]()
+    final, alternatives = outcome.final, dict[str, dict[str, tuple[float, CandidateFit, float]]]()
     for name, step in outcome.around.items():
+        rivals = alternatives.setdefault(name, {})
         for candidate in step.candidates:
             behind, stderr = candidate.behind(final)
-            key = (name, candidate.effect)
-            if candidate.effect in final.added or behind > stderr or behind >= best.get(key, (np.inf,))[0]:
+            if (
+                candidate.effect in final.added
+                or behind > stderr
+                or behind >= rivals.get(candidate.effect, (np.inf,))[0]
+            ):
                 continue
             tail = float(special.ndtr(-max(behind, 0.0) / stderr)) if stderr > 0.0 else 0.0
-            best[key] = (behind, replace(candidate, instead_of=name, odds=tail / (1.0 - tail)))
-    alternatives = tuple(alternative for _, alternative in best.values())
+            rivals[candidate.effect] = behind, candidate, tail / (1.0 - tail)
     return MapSearch(base.fit, outcome.looks, final.fit, final.added, alternatives)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from automarine_cli.errors import FitError
-from automarine_cli.estimate import Estimate
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import usual_neutral
 from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
@@ -47,28 +47,7 @@ class Side:
         return replace(self, thrust=self.thrust / gain, weight=self.weight * gain**2)
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of a fitted curve: its estimate; its value and `why` it has no interval; or a value that the form
-    fixes (None: no saturation)."""
-
-    value: float | None
-    unit: str = ""
-    estimate: Estimate | None = None
-    why: str = ""
-
-    @property
-    def fixed(self) -> bool:
-        return self.estimate is None and not self.why
-
-    def to_json(self) -> object:
-        if self.estimate is not None:
-            return self.estimate.to_json()
-        nothing = {"value": self.value, "stderr": None, "ci95": None, "unit": self.unit, "at_bound": self.why}
-        return nothing if self.why else self.value
-
-
-def parameters_json(parameters: Mapping[str, Mapping[str, Parameter]]) -> dict[str, object]:
+def parameters_json(parameters: Mapping[str, Mapping[str, Estimate | Given]]) -> dict[str, object]:
     by_side = {side: {name: parameter.to_json() for name, parameter in of.items()} for side, of in parameters.items()}
     return {side: by_side.get(side) for side, _ in SIDES}
 
@@ -101,8 +80,11 @@ def best_curve(side: Side, form: Form) -> tuple[Curve, tuple[str, ...]]:
     return fits.curve, tuple(name for name, end in zip(form.free, fits.at_bound[form.mask]) if end and name != "a")
 
 
-def parameters(side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str) -> dict[str, Parameter]:
-    """Estimates of the form's parameters by name; one at its bound has no standard error and says so."""
+def parameters(
+    side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str
+) -> dict[str, Estimate | Given]:
+    """Estimates of the form's parameters by name; one at its bound has no standard error and says so, one that the form
+    fixes is a plain number (None: no saturation)."""
     above = np.minimum(side.magnitude, curve.n_sat or np.inf) - curve.n_0
     on = above > 0.0
     safe = np.where(on, above, 1.0)
@@ -119,11 +101,11 @@ def parameters(side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], 
     matrix, fitted = np.stack([derivative[name] for name in free], axis=1), np.array([values[name] for name in free])
     residual, freed_by = side.thrust - curve.thrust(side.magnitude), UNBIASED if free == ["a"] else JACKKNIFE
     estimates = _estimates(side, matrix, residual, fitted, tuple(units[name] for name in free), freed_by)
-    result = {name: Parameter(value, units[name]) for name, value in values.items()}
-    result |= {name: Parameter(estimate.value, estimate.unit, estimate) for name, estimate in zip(free, estimates)}
+    result: dict[str, Estimate | Given] = {name: Given(value, unit=units[name]) for name, value in values.items()}
+    result |= zip(free, estimates)
     for name in set(form.free) - set(free):
         why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
-        result[name] = Parameter(values[name], units[name], why=why)
+        result[name] = Given(values[name], unit=units[name], at_bound=why)
     return result
 
 
@@ -302,7 +284,7 @@ class Analysis:
     scores: tuple[FormScore, ...]
     chosen: FormScore
     because: str
-    parameters: dict[str, dict[str, Parameter]]
+    parameters: dict[str, dict[str, Estimate | Given]]
     r2: float
     chosen_r2: float
 
@@ -316,7 +298,7 @@ class Analysis:
         return {name: side.levels for name, side in self.sides.items()}
 
     @property
-    def estimates(self) -> dict[tuple[str, str], Parameter]:
+    def estimates(self) -> dict[tuple[str, str], Estimate | Given]:
         return {(key, side): of[key] for side, of in self.parameters.items() for key in self.chosen.form.free}
 
     @property

@@ -90,34 +90,17 @@ PLACES = 20
 TOO_FAINT = 0.02  # thrust below this share of full scale is too near the dead band for a logarithm
 
 
-@dataclass(frozen=True)
-class VoltageExponent:
-    """p of F ~ V^p in one direction at fixed n: overall, and between neighbouring steps, as (from V, to V, p)."""
-
-    exponent: Estimate | None
-    between: tuple[tuple[float, float, float], ...]
-
-    def to_json(self) -> dict[str, object]:
-        return {
-            "thrust_at_fixed_n": self.exponent and self.exponent.to_json(),
-            "between": [{"from_V": low, "to_V": high, "exponent": value} for low, high, value in self.between],
-        }
-
-
-def voltage_exponent(fits: Sequence[tuple[float, Analysis]], name: str) -> VoltageExponent | None:
-    """The exponent in one direction from the fits at rising voltages; None where one lacks the direction, or where
-    thrust is clear of the dead band at fewer than two commands."""
+def voltage_exponent(fits: Sequence[tuple[float, Analysis]], name: str) -> Estimate | None:
+    """Exponent p of F ~ V^p at fixed n in one direction, from the fits at rising voltages; None where one lacks the
+    direction, or where thrust is clear of the dead band at fewer than two commands."""
     sides = [fit.sides[name] for _, fit in fits if name in fit.sides]
     if len(sides) < len(fits):
         return None
-    volts = np.array([volts for volts, _ in fits])
     table = _at(sides, _places(sides))
     clear = np.all(table > TOO_FAINT * max(float(np.max(side.thrust)) for side in sides), axis=0)
     if np.count_nonzero(clear) < 2:
         return None
-    log_v, logs = np.log(volts), np.log(table[:, clear])
-    between = np.diff(logs.mean(axis=1)) / np.diff(log_v)
-    return VoltageExponent(_slope(log_v, logs), tuple(zip(volts.tolist(), volts[1:].tolist(), between.tolist())))
+    return _slope(np.log([volts for volts, _ in fits]), np.log(table[:, clear]))
 
 
 def _places(sides: list[Side]) -> Floats:
@@ -178,7 +161,7 @@ class ThrusterFit(Shown):
     tare: Tare
     thrusters_per_test: int
     voltages: tuple[tuple[float, Analysis], ...]
-    exponents: dict[str, VoltageExponent | None]
+    exponents: dict[str, Estimate | None]
     notes: tuple[str, ...]
     parts: Mapping[str, "ThrusterFit | str"] = field(default_factory=dict)
 
@@ -234,7 +217,9 @@ class ThrusterFit(Shown):
             result["voltages"] = [
                 {"voltage_V": volts, **_square_json(a), **_scores_json(a)} for volts, a in self.voltages
             ]
-            result["voltage_exponent"] = {side: power and power.to_json() for side, power in self.exponents.items()}
+            result["voltage_exponent"] = {
+                side: power and {"thrust_at_fixed_n": power.to_json()} for side, power in self.exponents.items()
+            }
         if self.parts:
             result["by"] = {"column": self.logs.by, "thrusters": [thruster.to_json() for thruster in self.compared]}
         return {**result, "notes": list(self.notes), "runs": runs_json(self.logs.used, self.logs.set_aside)}
@@ -392,7 +377,7 @@ def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[P
 
 def _by_voltage(
     points: Points, step: Ints | None, tare: Tare, n_unit: str, form: str | None, jobs: int, progress: Progress
-) -> tuple[tuple[tuple[float, Analysis], ...], dict[str, VoltageExponent | None], tuple[str, ...]]:
+) -> tuple[tuple[tuple[float, Analysis], ...], dict[str, Estimate | None], tuple[str, ...]]:
     if step is None:
         return (), {}, ()
     groups = [points.where(step == number) for number in np.unique(step)]
@@ -401,7 +386,7 @@ def _by_voltage(
     notes = [f"No map at this voltage: {refusal}." for refusal in outcomes if isinstance(refusal, str)]
     fits = [outcome for outcome in outcomes if not isinstance(outcome, str)]
     exponents = {name: voltage_exponent(fits, name) for name, _ in (SIDES if len(fits) > 1 else ())}
-    powers = [power.exponent.value for power in exponents.values() if power and power.exponent]
+    powers = [power.value for power in exponents.values() if power]
     if powers and max(abs(power) for power in powers) > FELT:
         notes.append(
             f"Thrust at the same control signal grows with the voltage to the power {np.mean(powers):.2f}: "

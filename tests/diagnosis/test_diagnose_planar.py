@@ -61,8 +61,7 @@ def test_what_is_hidden_is_named(kind: str, added: str, truth: float) -> None:
 def test_nothing_hidden_nothing_named_and_a_gap_without_a_name_is_unexplained() -> None:
     found = searched("nothing")
     assert found.verdict == "nothing-missing" and not found.suspected
-    here = find_planar_where(found, 0)
-    assert here is not None and here.regions == ()
+    assert find_planar_where(found, 0).regions == ()
     region = Region("sway", 0.1, 0.2, "m/s", 0.1, 0.004, ("run_0",), 0.3, "yaw moment")
     where: Any = SimpleNamespace(regions=(region,))
     open_gap = replace(found, where=where)
@@ -91,7 +90,6 @@ def test_a_missing_moment_stands_out_against_sway() -> None:
     before = every.estimate(base_of(bare, every.observed), {"yaw.disturbance": 0.5}, 6)
     search = PlanarDiagnosis(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
     where = find_planar_where(search, 0)
-    assert where is not None
     best = min(where.variables, key=lambda one: one.p_value)
     assert best.column.name == "sway" and best.telling.kind == "yaw moment"
     slope = np.polyfit(best.middle, best.telling.mean, 1)[0]

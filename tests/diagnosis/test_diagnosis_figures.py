@@ -1,8 +1,6 @@
 """The figures and the page of a diagnosis: what a person is shown is what was found."""
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +9,12 @@ from few_candidates import few_candidates
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
-from automarine_cli.diagnosis.diagnose import Diagnosis, MotionDiagnosis, diagnose_runs
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.residual_regions import ResidualRegions
-from automarine_cli.dofs import YAW
 from automarine_cli.report import diagnosis_report  # noqa: F401  registers what a diagnosis shows
 from automarine_cli.report.figures.diagnosis import STATUS, motion_before_after, where_figure
 from automarine_cli.report.figures.style import COLOURS
-from automarine_cli.report.sections import Sections, sections
+from automarine_cli.report.sections import sections
 
 BASE = base_for("")
 TRIED = {"thruster-lag", "input-delay", "dead-band", "bias-moment"}
@@ -30,15 +27,8 @@ def diagnosed(*names: str, seed: int) -> Diagnosis:
         return diagnose_runs([replace(run, name=f"lap|<b>_1* {run.name}", extras={}) for run in runs], BASE)
 
 
-STORED: Any = SimpleNamespace(preferred="3", moment_unit="nu", dof=YAW, source="model.json")
-
-
-def shown(diagnosis: Diagnosis) -> Sections:
-    return sections(MotionDiagnosis(diagnosis, STORED, "", ()))
-
-
 def page(diagnosis: Diagnosis) -> str:
-    return str(shown(diagnosis).files["diagnosis.md"])
+    return str(sections(diagnosis).files["diagnosis.md"])
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +65,7 @@ def test_where_draws_what_stands_out_and_lists_the_rest(lag: Diagnosis, nothing:
 
 
 def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
-    bars = max(shown(lag).figures["why"]().axes, key=lambda axes: len(axes.patches))
+    bars = max(sections(lag).figures["why"]().axes, key=lambda axes: len(axes.patches))
     drawn = {round(bar.get_y() + 0.4): bar for bar in bars.patches if isinstance(bar, Rectangle)}
     lengths = [drawn[place].get_width() for place in sorted(drawn, reverse=True)]  # the best is on top, at 0
     trials = lag.result.rounds[0].trials

@@ -148,7 +148,7 @@ def test_mirrored_data_say_the_same() -> None:
 def test_a_faulty_stretch_is_no_effect() -> None:
     result = diagnose_thrusters(logs(lambda n: square(n) * np.where((n > 0.6) & (n < 0.75), 0.8, 1.0), n=FINE), SQUARE)
     assert result.verdict == "nothing-missing" and result.gap.after < 2.0 * NOISE
-    assert result.faults and all(0.58 < fault.from_n <= fault.to_n < 0.77 for fault in result.faults)
+    assert result.faults and all(0.58 < fault["from_n"] <= fault["to_n"] < 0.77 for fault in result.faults)
 
 
 def test_second_look_finds_nothing_more() -> None:

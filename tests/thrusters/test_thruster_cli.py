@@ -125,10 +125,8 @@ def test_voltage_gives_a_map_each_and_the_exponent(run: Run, tmp_path: Path) -> 
         assert entry["voltage_V"] == pytest.approx(step, rel=0.003)
         assert entry["forward"]["a"]["value"] == pytest.approx(AHEAD * (step / 12) ** 1.2, rel=0.01)
     for side in ("forward", "backward"):
-        exponent = data["voltage_exponent"][side]
-        estimate = exponent["thrust_at_fixed_n"]
+        estimate = data["voltage_exponent"][side]["thrust_at_fixed_n"]
         assert abs(estimate["value"] - 1.2) < 4 * estimate["stderr"] + 0.01
-        assert len(exponent["between"]) == 3
     assert any("that voltage's map" in note for note in data["notes"])
 
 

@@ -120,8 +120,8 @@ def test_cross_validation_finds_the_form_and_its_truth(name: str) -> None:
         assert (exact.p, exact.n_0) == pytest.approx((truth.p, truth.n_0), abs=1e-4)
         assert exact.n_sat == (truth.n_sat if truth.n_sat is None else pytest.approx(truth.n_sat, abs=1e-4))
         for key in FORMS[name].free:
-            estimate = analysis.parameters[side][key].estimate
-            assert estimate is not None and abs(estimate.value - getattr(truth, key)) < 4.0 * estimate.stderr
+            estimate = analysis.parameters[side][key]
+            assert isinstance(estimate, Estimate) and abs(estimate.value - getattr(truth, key)) < 4.0 * estimate.stderr
 
 
 @pytest.mark.parametrize(
