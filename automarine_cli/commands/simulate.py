@@ -11,7 +11,7 @@ from automarine_cli.commands.command import argument, command, option
 if TYPE_CHECKING:
     from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.report.simulation_tables import Simulation
-    from automarine_cli.simulation.specification import AnySpecification
+    from automarine_cli.simulation.specification import Specification
 
 
 @command("simulate", report="simulation_tables", figures=False)
@@ -49,7 +49,7 @@ def _with_seed(settings: dict[str, Any]) -> dict[str, Any]:
 simulate.complete = _with_seed
 
 
-def _read(specification: Any) -> "AnySpecification":
+def _read(specification: Any) -> "Specification":
     if not isinstance(specification, Path):
         return specification
     from automarine_cli.pipeline.records import read_mapping

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, groupby, islice
 from math import exp, floor, log2
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -16,23 +16,15 @@ import pyarrow.parquet as pq
 
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, SURGE, SWAY
-from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.models.allocation import Vehicle
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation import specification as spec
 from automarine_cli.simulation.batch import WINDOW, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
-from automarine_cli.simulation.specification import (
-    AnySpecification,
-    PlanarSpecification,
-    Specification,
-    normal,
-    uniform,
-)
+from automarine_cli.simulation.specification import Commands, Logger, RunGroup, Specification, normal, uniform
 
 FINER = 8.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
 PLANAR_STEP = 0.02  # s: the error stays far below the last digit logged
@@ -48,18 +40,18 @@ MOMENT_DECIMALS = 6
 class Plan:
     """One run to be made: `key` names its random streams; `name` its run, `file` its log.
 
-    `samples` are logged; from sample `changes[j]` on `moments[j]` (in the plane X, Y and N) shows in the log, before
+    `samples` are logged; from sample `changes[j]` on `moments[j]` (of each degree of freedom) shows in the log, before
     the first nothing is commanded. `turn` counts the runs of the specification; `start` [s] is the campaign's clock at
     the first sample."""
 
     key: str
     name: str
     file: str
-    group: spec.RunGroup | spec.PlanarRuns
+    group: RunGroup
     turn: int
     samples: int
     changes: tuple[int, ...]
-    moments: tuple[Any, ...]
+    moments: tuple[tuple[float, ...], ...]
     start: float = 0.0
 
 
@@ -67,19 +59,18 @@ class Plan:
 class SimulatedRun:
     """One run: its plan, what was drawn for it, and its log.
 
-    Drawn are start position (in the plane heading) and sensor's zero [rad or m], the logarithm of the factor on the
-    command delivered, the instants [s since the first sample] at which commands changed, the constant moment or force
-    added, the bias of the rate logged [rad/s or m/s], and the `disturbance` (D, windows), held over windows of two
-    seconds. `columns` (N,) are in the units of logs, rounded; `lost` samples were dropped, `glitches` left in."""
+    Drawn are start position (in the plane heading) [rad or m], the logarithm of the factor on the command delivered,
+    the instants [s since the first sample] at which commands changed, the constant moment or force added, the `biases`
+    of the sensors by column [units of logs], and the `disturbance` (D, windows), held over windows of two seconds.
+    `columns` (N,) are in the units of logs, rounded; `lost` samples were dropped, `glitches` left in."""
 
     plan: Plan
     start: float
     log_gain: float
     switches: Floats
-    zero: float = 0.0
-    added_moment: float = 0.0
-    rate_bias: float = 0.0
-    disturbance: Floats | None = None
+    biases: Mapping[str, float]
+    added_moment: float
+    disturbance: Floats
     columns: Mapping[str, Floats] = field(default_factory=dict)
     lost: int = 0
     glitches: int = 0
@@ -90,7 +81,7 @@ class SimulatedRun:
 
 
 def make_campaign(
-    specification: AnySpecification, seed: int | None = None, *, jobs: int = 1, progress: Progress = silent
+    specification: Specification, seed: int | None = None, *, jobs: int = 1, progress: Progress = silent
 ) -> tuple[SimulatedRun, ...]:
     """Make all runs, in the order in which they are made; the same for any `jobs`. Raises SettingError."""
     seed = specification.seed if seed is None else seed
@@ -105,7 +96,7 @@ def make_campaign(
     return tuple(runs[i] for i in range(len(plans)))
 
 
-def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: AnySpecification) -> list[list[int]]:
+def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: Specification) -> list[list[int]]:
     """Indices of the runs that are simulated together: runs of one step, so that no run's numbers depend on
     the others; in the plane each by itself.
 
@@ -122,42 +113,44 @@ def _step(plan: Plan, model: Vehicle) -> float:
     """A power of two [s]: few different ones, and none depends on the other runs."""
     if not isinstance(model, YawModel):
         return PLANAR_STEP
-    largest = max((abs(moment) for moment in plan.moments), default=0.0)
+    largest = max((abs(moment) for (moment,) in plan.moments), default=0.0)
     return float(2.0 ** floor(log2(step_for(model, largest) / FINER)))
 
 
-def _make(work: tuple[Sequence[Plan], float], specification: AnySpecification, seed: int) -> list[SimulatedRun]:
+def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed: int) -> list[SimulatedRun]:
     plans, step = work
     times = [sample_times(plan, specification.logger, seed) for plan in plans]
-    drawn = [_draw(plan, specification, seed, time) for plan, time in zip(plans, times)]
+    windows = max(int(time[-1] / WINDOW) + 2 for time in times)
+    drawn = [_draw(plan, specification, seed, windows) for plan in plans]
     truth = _truth(drawn, specification, times, step, seed)
-    log = _log_in_plane if isinstance(specification, PlanarSpecification) else _log
-    return [log(*run, specification, seed) for run in zip(drawn, times, truth)]  # type: ignore[arg-type]
+    return [_log(*run, specification, seed) for run in zip(drawn, times, truth)]
 
 
-def _draw(plan: Plan, specification: AnySpecification, seed: int, time: Floats) -> SimulatedRun:
+def _draw(plan: Plan, specification: Specification, seed: int, windows: int) -> SimulatedRun:
     scatter, key, start = specification.scatter, plan.key, specification.scatter.start
     if start == "random":
         start = 360.0 * float(uniform(1, seed, key, "start heading")[0])
     elif isinstance(start, tuple):
         start = start[plan.turn % len(start)]
-    inner = scatter.dof.inner
-    gain = scatter.gain * float(normal(1, seed, key, "gain")[0])
     share = uniform(len(plan.changes), seed, key, "switch")  # of the sample interval before a change shows
-    switches = np.asarray((np.array(plan.changes, dtype=float) - share) * specification.logger.period)
-    run = SimulatedRun(plan, float(inner(start)), gain, switches)
-    if isinstance(specification, PlanarSpecification):
-        disturbance, windows = specification.disturbance, int(time[-1] / WINDOW) + 2
-        share = np.exp(-WINDOW / disturbance.time_s)
+    pushed, added = np.zeros((len(specification.motion.dofs), windows)), _added_moment(plan, specification, seed)
+    if (disturbance := specification.disturbance) is not None:
+        left = np.exp(-WINDOW / disturbance.time_s)
         sizes = (disturbance.surge_N, disturbance.sway_N, disturbance.yaw_Nm)
-        pushed = [size * lasting(normal(windows, seed, key, dof.name), share) for size, dof in zip(sizes, PLANAR.dofs)]
-        return replace(run, disturbance=np.stack(pushed))
-    bias = specification.logger.rate_bias or 0.0
-    return replace(
-        run,
-        zero=float(inner(specification.scatter.zero) * normal(1, seed, key, "heading zero")[0]),
-        added_moment=_added_moment(plan, specification, seed),
-        rate_bias=float(inner(bias) * normal(1, seed, key, "rate bias")[0]),
+        for row, size, dof in zip(pushed, sizes, specification.motion.dofs):
+            row[:] = size * lasting(normal(windows, seed, key, dof.name), left)
+    pushed[-1] += added
+    return SimulatedRun(
+        plan,
+        start=float(scatter.dof.inner(start)),
+        log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
+        switches=np.asarray((np.array(plan.changes, dtype=float) - share) * specification.logger.period),
+        biases={
+            name: float(sensor.bias * normal(1, seed, key, *words)[0])
+            for name, (sensor, _, words) in specification.sensed.items()
+        },
+        added_moment=added,
+        disturbance=pushed,
     )
 
 
@@ -165,13 +158,13 @@ def _added_moment(plan: Plan, specification: Specification, seed: int) -> float:
     scatter = specification.scatter
     if scatter.force == 0:
         return 0.0
-    smallest = min((abs(moment) for moment in plan.moments if moment), default=np.inf)
+    smallest = min((abs(forces[-1]) for forces in plan.moments if forces[-1]), default=np.inf)
     most = np.inf if scatter.force_most is None else scatter.force_most * smallest
     for draw in range(MOST_REDRAWS):
         moment = scatter.force * float(normal(1, seed, plan.key, "moment", str(draw))[0])
         if abs(moment) <= most:
             return moment
-    force = specification.vehicle.dof.words.force
+    force = scatter.dof.words.force
     raise SettingError(
         f"{specification.source}: scatter.{force} is {scatter.force:g}, far above {force}_most of the {force} "
         f"{smallest:g} of run {plan.name!r}; expected less scatter, or a larger {force}_most"
@@ -179,7 +172,7 @@ def _added_moment(plan: Plan, specification: Specification, seed: int) -> float:
 
 
 def _truth(
-    drawn: Sequence[SimulatedRun], specification: AnySpecification, times: Sequence[Floats], step: float, seed: int
+    drawn: Sequence[SimulatedRun], specification: Specification, times: Sequence[Floats], step: float, seed: int
 ) -> list[Floats]:
     """Positions and velocities of each run at its samples, (N, 2 D) in base units; the position of the one degree of
     freedom, in the plane the heading, as its sensor reads it."""
@@ -196,16 +189,11 @@ def _truth(
     size, last = len(motion.dofs), len(motion.dofs) - 1
     position = np.zeros((size, 1, len(plans)))
     position[last, 0] = [run.start for run in drawn]
-    pushed = [
-        np.full((size, batch.windows), run.added_moment) if run.disturbance is None
-        else run.disturbance[:, : batch.windows]
-        for run in drawn
-    ]  # fmt: skip
     start = Start(
         position,
         log_gain=np.array([[run.log_gain for run in drawn]]),
         own=_own_phases(model, plans, seed) if isinstance(model, YawModel) else {},
-        disturbance=np.stack(pushed, axis=1)[:, None],
+        disturbance=np.stack([run.disturbance for run in drawn], axis=1)[:, None],
     )
     result = simulate(model, batch, start=start)
     truth = np.concatenate([result.positions[0], result.velocities[0]], axis=2)
@@ -238,7 +226,7 @@ def _knots(time: Floats, switches: Floats, is_held: bool) -> Floats:
     return np.asarray(knots[knots >= first])
 
 
-def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
+def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
     """Plan all runs in the order in which they are made.
 
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
@@ -249,7 +237,10 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
     _refuse_clashes(plans, specification)
     total = sum(plan.samples for plan in plans)
     if total > MOST_SAMPLES:
-        raise SettingError(f"{specification.source}: {spec.TOO_MANY_SAMPLES.format(total, MOST_SAMPLES)}")
+        raise SettingError(
+            f"{specification.source}: {total:.3g} samples would be made; expected at most {MOST_SAMPLES:.0g}. Ask for "
+            "fewer or shorter runs, or a lower rate_hz"
+        )
     if specification.campaign.order == "random":
         plans.sort(key=lambda plan: float(uniform(1, seed, plan.key, "order")[0]))
     placed, clock = [], 0.0
@@ -260,34 +251,33 @@ def make_plans(specification: AnySpecification, seed: int) -> tuple[Plan, ...]:
     return tuple(placed)
 
 
-def _listed(specification: AnySpecification, seed: int) -> Iterator[Plan]:
-    turn, vehicle = 0, specification.vehicle.model
+def _listed(specification: Specification, seed: int) -> Iterator[Plan]:
+    turn, base = 0, getattr(specification.vehicle, "model", None)
     for group in specification.runs:
-        for name, key, commands in group.runs(vehicle, seed):
+        for name, key, commands in group.runs(base, seed):
             file = f"{group.folder}/{name if group.together is None else group.together}.{group.format}"
             yield Plan(key, name, file, group, turn, *_on_the_grid(commands, specification))
             turn += 1
 
 
 def _on_the_grid(
-    commands: Sequence[tuple[Any, float]], specification: AnySpecification
-) -> tuple[int, tuple[int, ...], tuple[Any, ...]]:
+    commands: Commands, specification: Specification
+) -> tuple[int, tuple[int, ...], tuple[tuple[float, ...], ...]]:
     """Number of samples (in the plane the end is one), first sample of each command, the commands; rests included."""
-    schedule, turns = specification.campaign, specification.motion.turns
-    nothing = (0.0, 0.0, 0.0) if turns else 0.0
-    padded = ((nothing, schedule.rest_before_s), *commands, (nothing, schedule.rest_after_s))
-    ends = np.round(np.cumsum([seconds for _, seconds in padded]) * specification.logger.rate_hz)
+    schedule, motion = specification.campaign, specification.motion
+    nothing = (0.0,) * len(motion.dofs)
+    padded = ((*nothing, schedule.rest_before_s), *commands, (*nothing, schedule.rest_after_s))
+    ends = np.round(np.cumsum([row[-1] for row in padded]) * specification.logger.rate_hz)
     begins, current = np.concatenate([[0.0], ends[:-1]]), nothing
     changes, moments = [], []
-    for (moment, _), begin, end in zip(padded, begins, ends):
-        if moment != current and end > begin:
+    for (*forces, _), begin, end in zip(padded, begins, ends):
+        if tuple(forces) != current and end > begin:
             changes.append(int(begin))
-            moments.append(moment)
-            current = moment
-    return int(ends[-1]) + turns, tuple(changes), tuple(moments)
+            moments.append(current := tuple(forces))
+    return int(ends[-1]) + motion.turns, tuple(changes), tuple(moments)
 
 
-def _refuse_clashes(plans: list[Plan], specification: AnySpecification) -> None:
+def _refuse_clashes(plans: list[Plan], specification: Specification) -> None:
     files = Counter(plan.file.lower() for plan in plans)  # some file systems do not tell A from a
     runs = Counter((plan.file.lower(), plan.name) for plan in plans)
     bollard = "" if specification.bollard is None else specification.bollard.file.lower()
@@ -303,7 +293,7 @@ def _refuse_clashes(plans: list[Plan], specification: AnySpecification) -> None:
             )
 
 
-def sample_times(plan: Plan, logger: spec.Logger | spec.PlanarLogger, seed: int) -> Floats:
+def sample_times(plan: Plan, logger: Logger, seed: int) -> Floats:
     """Draw the instants of the samples since the run's nominal first one [s], shape (N,); never falling."""
     even = np.asarray(np.arange(plan.samples) * logger.period, dtype=np.float64)
     if logger.clock_jitter_s == 0:
@@ -314,48 +304,39 @@ def sample_times(plan: Plan, logger: spec.Logger | spec.PlanarLogger, seed: int)
 
 def commanded(time: Floats, run: SimulatedRun) -> Floats:
     """Return the command in force at each `time` [s], (N, D): nothing before the first switch."""
-    size = 3 if isinstance(run.plan.group, spec.PlanarRuns) else 1
-    values = np.concatenate([np.zeros(size), np.ravel(run.plan.moments)]).reshape(-1, size)
+    values = np.array([np.zeros(len(run.disturbance)), *run.plan.moments])
     return values[np.searchsorted(run.switches, time, side="right")]
 
 
 def _log(run: SimulatedRun, time: Floats, truth: Floats, specification: Specification, seed: int) -> SimulatedRun:
-    """Log a run of one degree of freedom, position and velocity `truth` (N, 2) at `time` (N,) [s since its start]."""
-    plan, logger, dof, count = run.plan, specification.logger, specification.vehicle.dof, len(time)
-    position, rate = truth[:, 0] + run.zero, truth[:, 1] + run.rate_bias
-    reading = dof.logged(position) + logger.noise * normal(count, seed, plan.key, "noise")
+    """Log a run, positions and velocities `truth` (N, 2 D) at `time` (N,) [s since its start]. What a logger does to
+    positions it does to that of the last degree of freedom: in the plane, the heading."""
+    plan, logger, motion, count = run.plan, specification.logger, specification.motion, len(time)
     glitch = uniform(count, seed, plan.key, "glitch") < logger.glitch
     side = np.where(uniform(count, seed, plan.key, "glitch side") < 0.5, -1.0, 1.0)
-    reading = reading + np.where(glitch, side * logger.glitch_size, 0.0)
     logged = uniform(count, seed, plan.key, "lost") >= logger.dropout
-    lost = int(np.count_nonzero(~logged))
-    if logger.quantisation > 0:
-        reading = np.round(reading / logger.quantisation) * logger.quantisation
-    low, force = {"0..360": 0.0, "-180..180": -180.0}.get(logger.wrap), commanded(time, run)[:, 0]
-    columns = {
-        "time_s": _rounded(plan.start + time),
-        dof.column(dof.position, dof.units.log): _rounded(reading) if low is None else _turned(reading, low),
-        dof.column(dof.command, specification.vehicle.force_unit): _rounded(force, MOMENT_DECIMALS),
-    }
-    if logger.rate_noise is not None:
-        noise = logger.rate_noise * normal(count, seed, plan.key, "rate noise")
-        columns[dof.column(dof.velocity, f"{dof.units.log}/s")] = _rounded(dof.logged(rate) + noise)
+    low = {"0..360": 0.0, "-180..180": -180.0}.get(logger.wrap)
+    true = {name: dof.logged(x) for (name, dof), x in zip(specification.columns.items(), truth.T)}
+    last = [*true][len(motion.dofs) - 1]
+    readings = {}
+    for name, (sensor, words, _) in specification.sensed.items():
+        reading = true[name] + (sensor.noise * normal(count, seed, plan.key, *words) + run.biases[name])
+        if sensor.every_s is not None:  # held between its readings
+            rows = np.flatnonzero(np.diff(np.floor((time + 1e-9) / sensor.every_s), prepend=-1.0) > 0)
+            reading = reading[rows[np.searchsorted(rows, np.arange(count), side="right") - 1]]
+        if name == last:
+            reading = reading + np.where(glitch, side * logger.glitch_size, 0.0)
+            if logger.quantisation > 0:
+                reading = np.round(reading / logger.quantisation) * logger.quantisation
+        readings[name] = _rounded(reading) if low is None or name != last else _turned(reading, low)
+    units = [specification.force_unit or dof.units.forces[1] for dof in motion.dofs]
+    names = [dof.column(dof.command, unit) for dof, unit in zip(motion.dofs, units)]
+    forces = zip(names, (_rounded(column, MOMENT_DECIMALS) for column in commanded(time, run).T))
+    before = [*readings.items()][: None if motion.turns else 1]  # a rate comes after the command
+    columns = {"time_s": _rounded(plan.start + time)} | dict([*before, *forces]) | readings
     columns = {name: column[logged] for name, column in columns.items()}
+    lost = int(np.count_nonzero(~logged))
     return replace(run, columns=columns, lost=lost, glitches=int(np.count_nonzero(glitch & logged)))
-
-
-def _log_in_plane(
-    run: SimulatedRun, time: Floats, truth: Floats, specification: PlanarSpecification, seed: int
-) -> SimulatedRun:
-    names = ("north_m", "east_m", "heading_deg", "surge_m_s", "sway_m_s", "yaw_rate_deg_s")
-    true = {name: np.rad2deg(x) if "_deg" in name else x for name, x in zip(names, truth.T)}
-    forces = zip(("force_X_N", "force_Y_N", "tau_Nm"), commanded(time, run).T)
-    columns = {
-        "time_s": _rounded(run.plan.start + time),
-        **{name: _sensed(s, time, true[name], seed, run.plan.key, name) for name, s in specification.sensors.items()},
-        **{name: _rounded(force) for name, force in forces},
-    }
-    return replace(run, columns=columns)
 
 
 def _turned(reading: Floats, low: float) -> Floats:
@@ -376,22 +357,12 @@ def lasting(drawn: Floats, share: float) -> Floats:
     return process
 
 
-def _sensed(sensor: spec.Sensor, time: Floats, true: Floats, seed: int, key: str, name: str) -> Floats:
-    """What a sensor logs of the `true` values (N,): held between its readings, noisy, biased, rounded, wrapped."""
-    count = len(time)
-    reading = true + (sensor.noise * normal(count, seed, key, name) + sensor.bias * normal(1, seed, key, name, "bias"))
-    if sensor.every_s is not None:
-        rows = np.flatnonzero(np.diff(np.floor((time + 1e-9) / sensor.every_s), prepend=-1.0) > 0)
-        reading = reading[rows[np.searchsorted(rows, np.arange(count), side="right") - 1]]
-    return _turned(reading, 0.0) if name == "heading_deg" else _rounded(reading)
-
-
 Column: TypeAlias = Floats | Sequence[str]
 COMMANDS = {"n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
 """Columns of CSV that have as many decimals as the number; every other one has `DECIMALS`."""
 
 
-def label(specification: AnySpecification, seed: int) -> str:
+def label(specification: Specification, seed: int) -> str:
     return f"Simulated by automarine from {specification.source}, seed {seed}: no measurement."
 
 
@@ -403,7 +374,7 @@ def runs_by_file(runs: Sequence[SimulatedRun]) -> dict[str, list[SimulatedRun]]:
     return files
 
 
-def log_of(runs: Sequence[SimulatedRun], specification: AnySpecification, seed: int) -> bytes:
+def log_of(runs: Sequence[SimulatedRun], specification: Specification, seed: int) -> bytes:
     group, columns = runs[0].plan.group, dict[str, Column]()
     if group.together is not None:
         columns["run"] = [run.plan.name for run in runs for _ in run.columns["time_s"]]

@@ -1,9 +1,9 @@
 """What a simulated campaign is made from: frozen settings, to and from TOML (schema automarine/simulation/1), the kinds
 of runs, and the streams of random numbers that are drawn for them.
 
-Keys that a motion calls its own way are templates, filled from its record; a new kind of runs is one class. An unknown
-key, a value that makes no sense and an effect that is not in the library are refused with the key's path. Motion in the
-plane has tables of its own, with parameters under the names that planar_model.json has: "surge.m_u", "sway.Y_vv"."""
+Keys that a motion calls its own way are templates, filled from its record. An unknown key, a value that makes no sense
+and an effect that is not in the library are refused with the key's path. A vehicle in the plane has its parameters
+under the names that planar_model.json has: "surge.m_u", "sway.Y_vv"."""
 
 import hashlib
 import math
@@ -94,12 +94,21 @@ def _stream(seed: int, words: tuple[str, ...]) -> np.random.Generator:
 
 
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
-Commands: TypeAlias = tuple[tuple[float, float], ...]
-
-Run: TypeAlias = tuple[str, str, tuple[tuple[Any, float], ...]]
-"""Its name, the key of its random streams, and what is commanded."""
+Commands: TypeAlias = tuple[tuple[float, ...], ...]
+"""Rows of a moment or force for each degree of freedom, and how many seconds it is held."""
 MOST_LEVELS = 100_000
 LABELS = {"step": "{f}", "coast-down": "coast"}  # what labels begin with where it is not the kind
+SETTINGS = {
+    "step": (("levels",), ("way", "duration_s")),
+    "coast-down": (("levels", "coast_s"), ("way", "duration_s")),
+    "reversal": (("levels",), ("way", "duration_s", "back_s")),
+    "sequence": (("commands",), ()),
+    "ramp": (("to", "duration_s"), ("from_", "steps")),
+    "rest": (("duration_s",), ()),
+    "planar": (("name",), ("commands", "largest", "hold_s", "duration_s")),
+}
+"""What a kind of runs needs, and what it may have beside it."""
+HOLD_S, DRAWN_S, STAIRS = (2.0, 5.0), 40.0, 20  # where a group does not say
 
 
 @dataclass(frozen=True)
@@ -136,13 +145,20 @@ def levels_of(levels: Levels) -> tuple[float, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class RunGroup(Settings):
-    """What all kinds share: where the logs go and what is wrong with them on purpose.
+    """Runs of one kind, where their logs go and what is wrong with them on purpose.
 
     Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
     group go into the one file of that name, distinguished by a column `run`. `wait_after_s` takes the place of the
-    campaign's wait after each of these runs."""
+    campaign's wait after each of these runs.
 
-    kind: str
+    A step holds each of the `levels` (in a file of yaw `moments`, of a translation `forces`) until the base vehicle has
+    gone its `way` [unit of logs] (`turn_deg`, `travel_m`), or for `duration_s`. Then a coast-down lets go for
+    `coast_s`, and a reversal has the opposite for `back_s`, by default for twice as long. A sequence has any
+    `commands`, a ramp goes `from_` one level `to` another in so many `steps`. In the plane `commands` are
+    [X N, Y N, N N m, seconds], or drawn anew for each run between minus and plus the `largest` of each, held for
+    `hold_s` [least, most]."""
+
+    kind: Literal["step", "coast-down", "reversal", "sequence", "ramp", "rest", "planar"]
     name: str | None = None
     folder: str = "runs"
     format: Format = "csv"
@@ -151,170 +167,87 @@ class RunGroup(Settings):
     suffix: str | None = None
     fault: Literal["never-moves"] | None = None
     wait_after_s: ZeroOrMore | None = None
+    levels: Levels | None = field(default=None, metadata=keyed("{forces}"))
+    way: AboveZero | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
+    duration_s: AboveZero | None = None
+    coast_s: AboveZero | None = None
+    back_s: AboveZero | None = None
+    commands: Commands | None = None
+    largest: tuple[float, float, float] | None = None
+    hold_s: tuple[float, float] | None = None
+    to: float | None = None
+    from_: float | None = None
+    steps: CountAboveZero | None = None
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         safe_path(self, "name", "folder", "together", "suffix")
+        needed, optional = SETTINGS[self.kind]
+        for name in {name: 0 for settings in SETTINGS.values() for part in settings for name in part}:
+            value = None if name == "name" else getattr(self, name)
+            if value is not None and name not in (*needed, *optional):
+                keys = ", ".join(key_of(self, name) for name in (*needed, *optional))
+                raise SettingError(f"{key_of(self, name)} is no setting of the kind {self.kind}, which has {keys}")
+        if lacking := next((name for name in needed if getattr(self, name) is None), None):
+            raise SettingError(f"key {told(key_of(self, lacking))} is missing; runs of the kind {self.kind} need it")
         if self.suffix is not None and self.repeats > 1:
             raise SettingError("suffix names a single run; expected repeats = 1 with it")
+        if "way" in optional and (self.way is None) == (self.duration_s is None):
+            raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
+        if self.levels is not None and 0.0 in levels_of(self.levels):
+            name = key_of(self, "levels")
+            raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
+        if self.kind == "planar" and (self.commands is None) == (self.largest is None):
+            raise SettingError("expected one of commands = [[X, Y, N, seconds], ...] and largest = [X, Y, N]")
+        size = 4 if self.kind == "planar" else 2
+        if self.commands is not None and not all(len(row) == size and row[-1] > 0 for row in self.commands or [()]):
+            forces = "X, Y, N" if self.kind == "planar" else self.dof.words.force
+            raise SettingError(f"commands: expected at least one [{forces}, seconds], each longer than 0 s")
+        least, most = self.hold_s or HOLD_S
+        if not 0 < least <= most or (self.largest and (self.duration_s or DRAWN_S) > MOST_LEVELS * least):
+            raise SettingError(f"hold_s: expected [least, most], both above 0, for at most {MOST_LEVELS} commands")
 
-    def runs(self, model: Any, seed: int) -> Iterator[Run]:
+    def runs(self, model: Any, seed: int) -> Iterator[tuple[str, str, Commands]]:
+        """Yield the name of each run, the key of its random streams, and what is commanded."""
         for label, commands in self.cases(model):
             for repeat in range(self.repeats):
-                key = f"{self.folder}/{label}#{self.suffix or repeat}"
-                yield named(label, repeat, self.repeats, self.suffix), key, commands
-
-    @property
-    def base(self) -> str:
-        return self.name or self.dof.fill(LABELS.get(self.kind, self.kind))
+                letter = ascii_lowercase[repeat] if self.repeats <= len(ascii_lowercase) else str(repeat + 1)
+                name = f"{label}_{self.suffix or (letter if self.repeats > 1 else '')}".rstrip("_")
+                key = f"{self.folder}/{name if self.kind == 'planar' else f'{label}#{self.suffix or repeat}'}"
+                yield name, key, commands if self.largest is None else tuple(self._drawn(seed, key))
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
         """Label and commands of each run, repeats left out."""
-        raise NotImplementedError
-
-
-def named(label: str, repeat: int, repeats: int, suffix: str | None = None) -> str:
-    """Return the name of a run: its label, and a letter (or number) where there are several."""
-    letter = ascii_lowercase[repeat] if repeats <= len(ascii_lowercase) else str(repeat + 1)
-    return f"{label}_{suffix or (letter if repeats > 1 else '')}".rstrip("_")
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepRuns(RunGroup):
-    """One constant moment or force, each of `levels`, held until the base vehicle has gone its `way` [unit of logs], or
-    for `duration_s`. In a file of yaw they are `moments` and `turn_deg`, of a translation `forces` and `travel_m`.
-
-    A coast-down lets go for `coast_s`; a reversal has the opposite for `back_s`, by default for twice as long."""
-
-    kind: Literal["step", "coast-down", "reversal"] = "step"
-    levels: Levels = field(metadata=keyed("{forces}"))
-    way: AboveZero | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
-    duration_s: AboveZero | None = None
-    coast_s: AboveZero | None = None
-    back_s: AboveZero | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.kind == "coast-down") is (self.coast_s is None) or (self.back_s and self.kind != "reversal"):
-            raise SettingError("expected coast_s with coast-downs, back_s with reversals, and none of both with steps")
-        if (self.way is None) == (self.duration_s is None):
-            raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
-        if 0.0 in levels_of(self.levels):
-            name = key_of(self, "levels")
-            raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
-
-    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        for moment in levels_of(self.levels):
-            way = self.dof.inner(self.way or 0.0)
-            hold = time_to_turn(way, moment, model) if self.duration_s is None else self.duration_s
+        base, hold = self.name or self.dof.fill(LABELS.get(self.kind, self.kind)), self.duration_s or 0.0
+        if self.to is not None:
+            count = self.steps or STAIRS
+            stairs = np.linspace(self.from_ or 0.0, self.to, count + 1)[1:].round(6).tolist()
+            yield f"{base}_{moment_text(self.to)}", tuple((moment, hold / count) for moment in stairs)
+        elif self.levels is None:
+            yield base, ((0.0, hold),) if self.kind == "rest" else self.commands or ()
+        for moment in () if self.levels is None else levels_of(self.levels):
+            if self.way is not None:
+                hold = time_to_turn(self.dof.inner(self.way), moment, model)
             commands = [(moment, hold)]
             if self.coast_s:
                 commands.append((0.0, self.coast_s))
             if self.kind == "reversal":
                 commands.append((-moment, self.back_s or 2.0 * hold))
-            yield f"{self.base}_{moment_text(moment)}", tuple(commands)
+            yield f"{base}_{moment_text(moment)}", tuple(commands)
 
-
-@dataclass(frozen=True, kw_only=True)
-class SequenceRuns(RunGroup):
-    """Any `commands`, each [moment or force, seconds], like the source paper's figure 10."""
-
-    kind: Literal["sequence"] = "sequence"
-    commands: tuple[tuple[float, float], ...]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.commands or min(seconds for _, seconds in self.commands) <= 0:
-            force = self.dof.words.force
-            raise SettingError(f"commands: expected at least one [{force}, seconds], each longer than 0 s")
-
-    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        yield self.base, self.commands
-
-
-@dataclass(frozen=True, kw_only=True)
-class RampRuns(RunGroup):
-    """The command goes from `from_` to `to` in `steps` equal stairs over `duration_s`."""
-
-    kind: Literal["ramp"] = "ramp"
-    to: float
-    duration_s: AboveZero
-    from_: float = 0.0
-    steps: CountAboveZero = 20
-
-    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        stairs = np.linspace(self.from_, self.to, self.steps + 1)[1:].round(6).tolist()
-        yield f"{self.base}_{moment_text(self.to)}", tuple((moment, self.duration_s / self.steps) for moment in stairs)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RestRuns(RunGroup):
-    kind: Literal["rest"] = "rest"
-    duration_s: AboveZero
-
-    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
-        yield self.base, ((0.0, self.duration_s),)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanarRuns(RunGroup):
-    """Runs of one kind in the plane: `commands` one after the other as [X N, Y N, N N m, seconds]; or drawn anew for
-    each of the `repeats`, between minus and plus the `largest` of each, held for `hold_s` [least, most], over
-    `duration_s`."""
-
-    kind: Literal["planar"] = "planar"
-    name: str
-    fault: None = None
-    commands: tuple[tuple[float, float, float, float], ...] = ()
-    largest: tuple[float, float, float] | None = None
-    hold_s: tuple[float, float] = (2.0, 5.0)
-    duration_s: AboveZero = 40.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if bool(self.commands) == (self.largest is not None):
-            raise SettingError("expected one of commands = [[X, Y, N, seconds], ...] and largest = [X, Y, N]")
-        if any(seconds <= 0 for *_, seconds in self.commands):
-            raise SettingError("commands: expected each longer than 0 s")
-        if not 0 < self.hold_s[0] <= self.hold_s[1]:
-            raise SettingError("hold_s: expected [least, most], both above 0")
-
-    @property
-    def length(self) -> float:
-        return sum(seconds for *_, seconds in self.commands) if self.commands else self.duration_s
-
-    @property
-    def shortest(self) -> float:
-        return min((seconds for *_, seconds in self.commands), default=min(self.hold_s[0], self.duration_s))
-
-    def runs(self, model: Any, seed: int) -> Iterator[Run]:
-        for repeat in range(self.repeats):
-            name = named(self.name, repeat, self.repeats, self.suffix)
-            key = f"{self.folder}/{name}"
-            drawn = self._drawn(seed, key) if self.largest else [(row[:3], row[3]) for row in self.commands]
-            yield name, key, tuple(drawn)
-
-    def _drawn(self, seed: int, key: str) -> list[tuple[tuple[float, ...], float]]:
-        least, most = self.hold_s
+    def _drawn(self, seed: int, key: str) -> Iterator[tuple[float, ...]]:
+        (least, most), duration = self.hold_s or HOLD_S, self.duration_s or DRAWN_S
         holds: list[float] = []
-        for share in uniform(int(self.duration_s / least) + 1, seed, key, "hold"):
-            remaining = self.duration_s - sum(holds)
+        for share in uniform(int(duration / least) + 1, seed, key, "hold"):
+            remaining = duration - sum(holds)
             if remaining < least:
                 break
             hold = least + (most - least) * float(share)
             holds.append(remaining if remaining - hold < least else hold)
         draw = np.stack([uniform(len(holds), seed, key, "command", dof.name) for dof in PLANAR.dofs], axis=1)
         commands = np.round((2.0 * draw - 1.0) * np.array(self.largest), 3) + 0.0
-        return [(tuple(row), hold) for row, hold in zip(commands.tolist(), holds)]
-
-
-KINDS: Mapping[str, type[RunGroup]] = {
-    **dict.fromkeys(("step", "coast-down", "reversal"), StepRuns),
-    "sequence": SequenceRuns,
-    "ramp": RampRuns,
-    "rest": RestRuns,
-}
+        return ((*row, hold) for row, hold in zip(commands.tolist(), holds))
 
 
 def moment_text(moment: float) -> str:
@@ -342,11 +275,6 @@ def time_to_turn(angle: float, moment: float, model: YawModel) -> float:
 SCHEMA = "automarine/simulation/1"
 SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
 MOST_JITTER = 0.3  # of a sample period: the clock must keep rising
-PLANAR_SENSORS = ("heading_deg", "yaw_rate_deg_s", "surge_m_s", "sway_m_s", "north_m", "east_m")
-MOST_PLANAR_SAMPLES = 20_000_000
-TOO_MANY_SAMPLES = (
-    "{:.3g} samples would be made; expected at most {:.0g}. Ask for fewer or shorter runs, or a lower rate_hz"
-)
 
 
 @dataclass(frozen=True)
@@ -523,40 +451,10 @@ class EffectSetting:
         return tuple(self.values.get(name, parameter.start) for name, parameter in pairs)
 
 
-@dataclass(frozen=True)
-class Specification(Settings):
-    vehicle: Vehicle
-    logger: Logger
-    scatter: Scatter
-    campaign: Schedule = field(default_factory=Schedule)
-    seed: Annotated[int, Limit()] = 0
-    effects: tuple[EffectSetting, ...] = ()
-    runs: tuple[RunGroup, ...] = ()
-    bollard: Bollard | None = None
-    source: str = "specification"
-    schema: str = SCHEMA
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.runs and self.bollard is None:
-            raise SettingError("nothing to simulate; expected [[runs]] or [bollard]")
-
-    @property
-    def motion(self) -> Motion:
-        return self.vehicle.model.motion
-
-    def model(self) -> YawModel:
-        model = self.vehicle.model
-        for effect in self.effects:
-            model = model.with_effect(effect.name, effect.ordered)
-        return model
-
-
 @dataclass(frozen=True, kw_only=True)
 class PlanarVehicle:
-    motion: Literal["planar"] = "planar"
     parameters: Mapping[str, float]
-    model: ClassVar[None] = None
+    motion: Literal["planar"] = "planar"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -580,77 +478,85 @@ class Disturbance(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarLogger(Settings):
-    """How often a row is written, and how long the vehicle rests before the first command and after the last."""
+class Specification(Settings):
+    """A campaign of one degree of freedom, with hidden `effects`; or in the plane, with `hidden` parameters and forces
+    that nobody logs, and `sensors` by column."""
 
-    rate_hz: AboveZero = 5.0
-    rest_before_s: ZeroOrMore = 2.0
-    rest_after_s: ZeroOrMore = 2.0
-    wait_between_s: ZeroOrMore = 60.0
-    order: ClassVar[str] = "listed"
-    held: ClassVar[bool] = False
-    clock_jitter_s: ClassVar[float] = 0.0
-
-    @property
-    def period(self) -> float:
-        return 1.0 / self.rate_hz
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanarScatter(Settings):
-    """`gain`: standard deviation of the logarithm of what is delivered over what is commanded, drawn for each run;
-    `start` heading where runs begin, "random" for anywhere."""
-
-    gain: ZeroOrMore = 0.0
-    start: float | Literal["random"] = field(default=0.0, metadata=keyed("start_{position}_{log_unit}"))
-    dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanarSpecification(Settings):
-    schema: str
-    vehicle: PlanarVehicle
+    schema: str = SCHEMA
+    vehicle: Vehicle | PlanarVehicle
     hidden: Mapping[str, float] = field(default_factory=dict)
-    disturbance: Disturbance = Disturbance()
-    sensors: Mapping[str, Sensor]
-    logger: PlanarLogger = PlanarLogger()
-    scatter: PlanarScatter = PlanarScatter(dof=YAW)
-    runs: tuple[PlanarRuns, ...]
+    disturbance: Disturbance | None = None
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    logger: Logger
+    scatter: Scatter
+    campaign: Schedule = Schedule()
     seed: Annotated[int, Limit()] = 0
+    effects: tuple[EffectSetting, ...] = ()
+    runs: tuple[RunGroup, ...] = ()
+    bollard: Bollard | None = None
     source: str = "specification"
-    motion: ClassVar[Motion] = PLANAR
-    effects: ClassVar[tuple[()]] = ()
-    bollard: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        unknown = [name for name in self.sensors if name not in PLANAR_SENSORS]
-        if unknown or not self.sensors:
-            wrong = told(unknown[0]) if unknown else "none"
-            raise SettingError(f"sensors: found {wrong}, expected some of {', '.join(PLANAR_SENSORS)}")
-        if "heading_deg" not in self.sensors:
-            raise SettingError("sensors: heading_deg is missing; give it, as every log of motion in the plane has it")
-        twice = sorted(set(self.vehicle.parameters) & set(self.hidden))
-        if twice:
+        if not self.runs and self.bollard is None:
+            raise SettingError("nothing to simulate; expected [[runs]] or [bollard]")
+        turns = self.motion.turns
+        if foreign := [
+            x for x in (("effects",) if turns else ("hidden", "disturbance", "sensors")) if getattr(self, x)
+        ]:
+            raise SettingError(f"{foreign[0]}: runs of {self.motion.name} have none; leave it out")
+        if alien := next((group.kind for group in self.runs if (group.kind == "planar") is not turns), None):
+            raise SettingError(f"runs: kind {alien!r} is of another motion than {self.motion.name}")
+        if twice := sorted(set(getattr(self.vehicle, "parameters", ())) & set(self.hidden)):
             raise SettingError(f"hidden: {twice[0]!r} is a parameter of the vehicle too; give it once")
-        places = [f"{group.folder}/{group.name}" for group in self.runs]
-        if not places or len(set(places)) < len(places):
-            raise SettingError("runs: expected at least one [[runs]], each with a name of its own")
-        samples = self.logger.rate_hz * sum(group.repeats * group.length for group in self.runs)
-        if samples > MOST_PLANAR_SAMPLES:
-            raise SettingError(f"runs: {TOO_MANY_SAMPLES.format(samples, MOST_PLANAR_SAMPLES)}")
-        shortest, least = min(group.shortest for group in self.runs), 2.0 / self.logger.rate_hz
-        if shortest < least:
-            expected = f"expected at least two samples, {least:g} s"
-            raise SettingError(f"runs: a command is held for {shortest:g} s; {expected}")
+        if unknown := next((name for name in self.sensors if name not in self.columns), None):
+            raise SettingError(f"sensors: found {told(unknown)}, expected some of {', '.join(self.columns)}")
+        if turns and "heading_deg" not in self.sensors:
+            raise SettingError("sensors: heading_deg is missing; give it, as every log of motion in the plane has it")
+        if turns and (self.logger.noise or self.logger.rate_noise is not None or self.scatter.zero):
+            raise SettingError("logger: in the plane noise and bias are of the columns; give them in [sensors]")
         self.model()  # refused where it is none
 
     @property
-    def campaign(self) -> PlanarLogger:
-        return self.logger
+    def motion(self) -> Motion:
+        return self.vehicle.model.motion if isinstance(self.vehicle, Vehicle) else PLANAR
 
-    def model(self) -> PlanarModel:
+    @property
+    def columns(self) -> dict[str, Dof]:
+        """The columns that sensors may give: positions, then velocities, with the degree of freedom of each."""
+        dofs, quantities = self.motion.dofs, self.motion.positions
+        places = [d.column(d.position, d.units.log) if q == d.position else f"{q}_m" for d, q in zip(dofs, quantities)]
+        rates = [dof.column(dof.velocity, f"{dof.units.log}/s") for dof in dofs]
+        return dict(zip([*places, *rates], [*dofs, *dofs]))
+
+    @property
+    def force_unit(self) -> str:
+        """Unit of the one moment or force; none in the plane, which is in newtons."""
+        return self.vehicle.force_unit if isinstance(self.vehicle, Vehicle) else ""
+
+    @property
+    def sensed(self) -> dict[str, tuple[Sensor, tuple[str, ...], tuple[str, ...]]]:
+        """The sensor of each column logged, and the words that name the random streams of its noise and its bias."""
+        if self.sensors:
+            return {name: (sensor, (name,), (name, "bias")) for name, sensor in self.sensors.items()}
+        (position, rate), logger = self.columns, self.logger
+        sensors: dict[str, tuple[Sensor, tuple[str, ...], tuple[str, ...]]]
+        sensors = {position: (Sensor(noise=logger.noise, bias=self.scatter.zero), ("noise",), ("heading zero",))}
+        if logger.rate_noise is not None:
+            sensors[rate] = (
+                Sensor(noise=logger.rate_noise, bias=logger.rate_bias or 0.0),
+                ("rate noise",),
+                ("rate bias",),
+            )
+        return sensors
+
+    def model(self) -> YawModel | PlanarModel:
         """Return the true model, with what is hidden. Raises SettingError."""
+        if isinstance(self.vehicle, Vehicle):
+            alone = self.vehicle.model
+            for setting in self.effects:
+                alone = alone.with_effect(setting.name, setting.ordered)
+            return alone
         parameters = {**self.vehicle.parameters, **self.hidden}
         try:
             model = planar_from_json({"schema": PLANAR_MODEL.schema, "parameters": parameters}, "vehicle").model
@@ -667,48 +573,49 @@ class PlanarSpecification(Settings):
         return model
 
 
-AnySpecification: TypeAlias = Specification | PlanarSpecification
+class _Codec(Codec):
+    """Reads a vehicle by its motion, and an effect as its name and its parameters."""
 
-
-class _KindsCodec(Codec):
-    """Reads the vehicle, the runs and the effects of one degree of freedom by what they say they are."""
-
-    def read(self, record: type[Any], data: object, place: Place = ()) -> Any:
-        table = data if isinstance(data, Mapping) else {}
-        if record is RunGroup:
-            kind = table.get("kind")
-            if not isinstance(kind, str) or kind not in KINDS:
-                raise self.refusal(place, f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
-            record = KINDS[kind]
-        elif record is EffectSetting:
-            if "name" not in table:
+    def value(self, hint: Any, value: Any, place: Place = ()) -> Any:
+        if hint == Vehicle | PlanarVehicle:
+            hint = PlanarVehicle if isinstance(value, Mapping) and value.get("motion") == PLANAR.name else Vehicle
+        if hint is EffectSetting:
+            if not isinstance(value, Mapping) or "name" not in value:
                 expected = f"a table with name = one of {', '.join(library.names())}"
-                raise self.refusal(place, f"found {told(data)}, expected {expected}")
-            values = {key: value for key, value in table.items() if key != "name"}
-            data = {"name": table["name"], "values": values}
-        return super().read(record, data, place)
+                raise self.refusal(place, f"found {told(value)}, expected {expected}")
+            value = {"name": value["name"], "values": {key: entry for key, entry in value.items() if key != "name"}}
+        return super().value(hint, value, place)
 
 
-def specification_from(mapping: Mapping[str, object], where: str = "specification") -> AnySpecification:
+def specification_from(mapping: Mapping[str, object], where: str = "specification") -> Specification:
     """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key."""
     _refuse_unlikely(mapping, where)
-    vehicle, table = mapping.get("vehicle"), {**mapping, "source": where}
+    vehicle = mapping.get("vehicle")
     motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
-    if motion == PLANAR.name:
-        return Codec(where, YAW).read(PlanarSpecification, table)
-    if not isinstance(motion, str) or (dof := DOFS.get(motion)) is None:
-        raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(DOFS)}")
+    planar = motion == PLANAR.name
+    if not isinstance(motion, str) or (dof := YAW if planar else DOFS.get(motion)) is None:
+        names = " or ".join((*DOFS, PLANAR.name))
+        raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {names}")
     log, turns = dof.units.log, dof.wraps  # headings wrap and begin anywhere, and who sinks or rises is held
+    table: dict[str, Any] = {**mapping, "source": where}
     defaults: dict[str, dict[str, object]] = {
         "logger": {"wrap": "0..360" if turns else "none", f"glitch_{log}": 90.0 if turns else 1.0},
-        "scatter": {f"start_{dof.position}_{log}": "random" if turns else 0.0},
+        "scatter": {f"start_{dof.position}_{log}": "random" if turns and not planar else 0.0},
         "campaign": {"held": dof.has_constant},
         "vehicle": {} if turns else {dof.symbols.difference: 0.0, dof.symbols.constant: 0.0},
     }
+    if planar:  # rests and waits stand beside the rate
+        defaults["logger"]["rate_hz"] = 5.0
+        logger, rests = table.get("logger", {}), {"rest_before_s": 2.0, "rest_after_s": 2.0, "wait_between_s": 60.0}
+        if isinstance(logger, Mapping):
+            table["logger"] = {key: value for key, value in logger.items() if key not in rests}
+            defaults["campaign"] = {key: logger.get(key, value) for key, value in rests.items()}
+        if isinstance(runs := table.get("runs"), list | tuple):
+            table["runs"] = [{"kind": PLANAR.name, **run} if isinstance(run, Mapping) else run for run in runs]
     for name, default in defaults.items():
-        part = mapping.get(name, {})
+        part = table.get(name, {})
         table[name] = {**default, **part} if isinstance(part, Mapping) else part
-    specification: Specification = _KindsCodec(where, dof).read(Specification, table)
+    specification: Specification = _Codec(where, dof).read(Specification, table)
     return specification
 
 

@@ -1,6 +1,5 @@
 """Specifications from files, and their campaigns as clean runs, without a log in between."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +16,9 @@ from automarine_cli.simulation.specification import Specification, specification
 from automarine_cli.text import printable
 
 
-def specified(table: Mapping[str, object], where: str = "specification") -> Specification:
-    """The specification of one motion in a table."""
-    specification = specification_from(table, where)
-    assert isinstance(specification, Specification)
-    return specification
-
-
 def read_specification(path: Path) -> Specification:
     """The specification in a TOML (or JSON) file. Raises SettingError with file and key."""
-    return specified(read_mapping(path), printable(path.name))
+    return specification_from(read_mapping(path), printable(path.name))
 
 
 def make_runs(specification: Specification, seed: int | None = None) -> list[Run]:
@@ -36,7 +28,7 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     """
     runs: list[Run] = []
     for made in make_campaign(specification, seed):
-        table = as_table(made, specification.vehicle.force_unit, specification.vehicle.dof)
+        table = as_table(made, specification.force_unit, specification.scatter.dof)
         found, _ = runs_of_table(LogFile(Path(made.plan.file), made.plan.file, named=False), table)
         runs += found
     return runs

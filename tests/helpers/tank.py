@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from specified import make_runs, specified
+from specified import make_runs
 
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.specification import SCHEMA, Specification
+from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from
 
 INERTIA, K_RR = 1.018, 1.257  # the source paper's Tables 1 and 2
 MOMENTS = {"from": -1.2, "to": 1.2, "step": 0.1}
@@ -36,7 +36,7 @@ def pool_specification(
         "campaign": {"order": "random", "rest_after_s": 1.0} | dict(campaign or {}),
         "runs": [steps] if runs is None else runs,
     }
-    return specified(table | top)
+    return specification_from(table | top)
 
 
 def pool_campaign(seed: int = 0, **settings: Any) -> list[Run]:

@@ -16,7 +16,7 @@ from automarine_cli.models.yaw_model import YawModel, response
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Candidate, Limits, candidates, mirrors
 from automarine_cli.planning.information import ANGLE, Fitting, read_prior_results, reported_covariance
-from automarine_cli.simulation.specification import Logger, Scatter, Schedule, SequenceRuns, Specification, Vehicle
+from automarine_cli.simulation.specification import Logger, RunGroup, Scatter, Schedule, Specification, Vehicle
 
 Floats = NDArray[np.float64]
 
@@ -76,10 +76,10 @@ def test_predicted_intervals_are_those_that_a_fit_reports(fit: str) -> None:
 
 def reported(runs: Sequence[Candidate], fit_to: str, seed: int) -> list[float]:
     """Squared relative standard errors of I_r, k_rr and their ratio from one simulated campaign."""
-    groups = tuple(SequenceRuns(name=run.label, commands=run.commands, dof=YAW) for run in runs)
     campaign = Specification(
-        Vehicle(INERTIA, DRAG, dof=YAW), Logger(noise=1.0, dof=YAW), Scatter(gain=SCATTER, dof=YAW),
-        campaign=Schedule(rest_before_s=3.0), runs=groups,
+        vehicle=Vehicle(INERTIA, DRAG, dof=YAW), logger=Logger(noise=1.0, dof=YAW),
+        scatter=Scatter(gain=SCATTER, dof=YAW), campaign=Schedule(rest_before_s=3.0),
+        runs=tuple(RunGroup(kind="sequence", name=run.label, commands=run.commands, dof=YAW) for run in runs),
     )  # fmt: skip
     fit = identify(make_runs(campaign, seed), fit_to).output_error["3"]
     assert fit.inertial_turn_angle is not None

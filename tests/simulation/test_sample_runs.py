@@ -129,7 +129,7 @@ def test_the_papers_campaign_has_the_papers_residuals() -> None:
     for seed in range(6):
         runs = make_campaign(specification, seed)
         assert len(runs) == 44
-        moment = np.array([run.plan.moments[0] for run in runs])
+        moment = np.array([run.plan.moments[0][0] for run in runs])
         turning = moment + [run.added_moment for run in runs]  # equals k r|r| when steady
         slope = moment @ turning / (turning @ turning)
         errors.append(np.sum((moment - slope * turning) ** 2))

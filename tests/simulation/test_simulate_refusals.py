@@ -10,7 +10,7 @@ from specified import read_specification
 
 from automarine_cli.errors import SettingError
 from automarine_cli.simulation.campaign import make_plans
-from automarine_cli.simulation.specification import KINDS, SCHEMA, Range, moment_text, specification_from
+from automarine_cli.simulation.specification import SCHEMA, Range, moment_text, specification_from
 
 GOOD = """schema = "automarine/simulation/1"
 seed = 3
@@ -39,7 +39,10 @@ turn_deg = 200
         ("noise_deg = 1", "rate_bias_deg_s = 0.5",
          "spec.toml: logger: rate_bias_deg_s is of the rates logged; expected rate_noise_deg_s with it (0 for none)"),
         ("noise_deg = 1", "noise_deg = true", "spec.toml: logger.noise_deg: found true, expected a number"),
-        ('"step"', '"stepp"', f"spec.toml: runs[0]: kind is 'stepp'; expected one of {', '.join(KINDS)}"),
+        ('"step"', '"stepp"', "spec.toml: runs[0].kind: found \"stepp\", expected one of 'step', 'coast-down'"),
+        ('"step"', '"planar"', "spec.toml: runs[0]: moments is no setting of the kind planar, which has name"),
+        ('"step"', '"ramp"', "spec.toml: runs[0]: moments is no setting of the kind ramp, which has to, duration_s"),
+        ('"step"', '"coast-down"', 'spec.toml: runs[0]: key "coast_s" is missing; runs of the kind coast-down need it'),
         ("bias-moment", "bias-momnt", "spec.toml: effects[0]: effect 'bias-momnt' is not in the library; known are"),
         ("b = 0.02", "c = 0.02",
          "spec.toml: effects[0]: effect 'bias-moment' has no parameter 'c'; it has b"),
@@ -48,7 +51,7 @@ turn_deg = 200
          "spec.toml: effects[0]: effect 'cross-coupling' needs the column 'surge', which simulated runs lack; "
          "leave it out"),
         ("turn_deg = 200", "", "spec.toml: runs[0]: expected one of turn_deg and duration_s"),
-        ("turn_deg = 200", "turn_deg = 200\ncoast_s = 5", "spec.toml: runs[0]: expected coast_s with coast-downs"),
+        ("turn_deg = 200", "turn_deg = 200\ncoast_s = 5", "spec.toml: runs[0]: coast_s is no setting of the kind step"),
         ("[0.5, -0.5]", "[0.5, 0]", "spec.toml: runs[0]: moments has a zero; expected other values"),
         ("turn_deg = 200", 'turn_deg = 200\nfolder = "../x"', "spec.toml: runs[0]: folder is '../x'; expected a name"),
         ("turn_deg = 200", "duration_s = 1e9", "spec.toml: 2e+10 samples would be made; expected at most 5e+08"),

@@ -44,7 +44,7 @@ def exactly(specification: Specification, run: SimulatedRun) -> Floats:
     edges = [begin, *(s for s in switches if s > begin), time[-1] + 1e-3]
     state, heading = np.array([run.start, 0.0]), np.full(len(time), run.start)
     for first, last in pairwise(edges):
-        moment = ([0.0, *run.plan.moments])[int(np.searchsorted(switches, first, side="right"))]
+        (moment,) = ((0.0,), *run.plan.moments)[int(np.searchsorted(switches, first, side="right"))]
 
         def slope(_: float, y: Floats, total: float = moment * run.gain + bias) -> list[float]:
             drag = vehicle.quadratic * abs(y[1]) * y[1] + vehicle.linear * y[1]
@@ -53,7 +53,7 @@ def exactly(specification: Specification, run: SimulatedRun) -> Floats:
         inside = (time >= first) & (time < last)
         solution = solve_ivp(slope, (first, last), state, "DOP853", [*time[inside], last], rtol=1e-10, atol=1e-11)
         heading[inside], state = solution.y[0, :-1], solution.y[:, -1]
-    return heading + run.zero
+    return heading + np.deg2rad(run.biases["heading_deg"])
 
 
 def worst_error(specification: Specification, run: SimulatedRun) -> float:
@@ -90,7 +90,7 @@ def test_mirrored_campaign_is_the_mirror_image(monkeypatch: pytest.MonkeyPatch) 
         runs=ALL_KINDS, noise_deg=0.0, gain=0.05, logger={"wrap": "none"}, scatter={"start_heading_deg": 0.0}
     )
     there = make_campaign(specification, 8)
-    plans = tuple(replace(p, moments=tuple(-m for m in p.moments)) for p in make_plans(specification, 8))
+    plans = tuple(replace(p, moments=tuple((-m,) for (m,) in p.moments)) for p in make_plans(specification, 8))
     monkeypatch.setattr(room, "make_plans", lambda *_: plans)
     for run, mirrored in zip(there, make_campaign(specification, 8), strict=True):
         for name, sign in (("time_s", 1), ("tau", -1), ("heading_deg", -1)):
@@ -116,7 +116,7 @@ def test_scatter_is_as_asked() -> None:
     for values, expected in (
         ([run.log_gain for run in runs], 0.05),
         ([run.added_moment for run in runs], 0.1),
-        ([np.rad2deg(run.zero) for run in runs], 2.0),
+        ([run.biases["heading_deg"] for run in runs], 2.0),
     ):
         assert np.std(values) == pytest.approx(expected, rel=four_sigma)
         assert abs(np.mean(values)) < 4 * expected / np.sqrt(len(runs))
@@ -128,7 +128,7 @@ def test_scatter_is_as_asked() -> None:
 def test_moment_scatter_leaves_every_run_a_share_of_its_moment() -> None:
     settings = {"moment": 0.2, "moment_most": 0.5}
     runs = make_campaign(pool_specification(moments=[0.2, -1.0], repeats=100, scatter=settings), 7)
-    moment = np.array([run.plan.moments[0] for run in runs])
+    moment = np.array([run.plan.moments[0][0] for run in runs])
     ratio = np.abs([run.added_moment for run in runs] / moment)
     assert ratio.max() <= 0.5 and ratio[np.abs(moment) < 0.5].max() > 0.4
 
