@@ -236,7 +236,6 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
 class Curve:
     """Standard errors in percent of each parameter by name, after so many minutes in the pool and seconds of motion."""
 
-    campaign: str
     minutes: tuple[float, ...]
     motion_s: tuple[float, ...]
     stderr_percent: Mapping[str, tuple[float, ...]]
@@ -245,7 +244,6 @@ class Curve:
 LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
 FIT_COMMANDS = {
     "whole-runs": "automarine fit-yaw LOGS --fit-to whole-runs -o out/yaw",
-    "half-turns": "automarine fit-yaw LOGS --fit-to half-turns -o out/yaw",
     "diagnosis": "automarine diagnose LOGS --model {model} -o out/diagnosis",
 }
 """What the runs are for, by fit."""
@@ -257,8 +255,8 @@ class Plan(Shown):
 
     `slots` are its runs in order; `now`, `alone` and `together` the estimates by name before it, of its runs alone, and
     of these with the earlier ones (empty where these are not known or not to be used); `splits` what is expected of
-    each pair of explanations, `grid_splits` of the same on the paper's grid; `plan` and `grid` the precision against
-    minutes. `drive` is None without a thruster map; `columns` are the names of the logs."""
+    each pair of explanations; `curve` the precision against minutes. `drive` is None without a thruster map; `columns`
+    are the names of the logs."""
 
     model: str
     fitting: Fitting
@@ -271,9 +269,7 @@ class Plan(Shown):
     alone: Mapping[str, Estimate]
     together: Mapping[str, Estimate]
     splits: tuple[Split, ...]
-    grid_splits: tuple[Split, ...]
-    plan: Curve
-    grid: Curve
+    curve: Curve
     notes: tuple[str, ...]
     drive: Drive | None = None
     columns: ColumnMap = field(default_factory=ColumnMap)
@@ -315,12 +311,8 @@ class Plan(Shown):
                 }
                 for name, alone in self.alone.items()
             },
-            "splits": [
-                {"true": split.true, "other": split.other, "evidence": split.evidence,
-                 "evidence_of_grid": grid.evidence}
-                for split, grid in zip(self.splits, self.grid_splits)
-            ],
-            "curves": [to_mapping(curve) for curve in (self.plan, self.grid)],
+            "splits": [to_mapping(split) for split in self.splits],
+            "curves": [to_mapping(self.curve)],
             "notes": [self.source, *self.notes],
         }  # fmt: skip
 
@@ -353,13 +345,12 @@ def plan_campaign(
     earlier = info.covariance_now(fitting, prior.now) if limits.goal.use_earlier_runs else None
     before = info.information_now(fitting, earlier)
     grid = pool.scheduled(pool.paper_grid(fitting.base, largest), limits, supply)
-    grid_runs = [slot.candidate for slot in grid]
-    pairs = pairs_of(prior, fitting, grid_runs, largest)
+    pairs = pairs_of(prior, fitting, [slot.candidate for slot in grid], largest)
     chosen, why, check = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
     slots = pool.scheduled(pool.in_order(chosen, check, seed), limits, supply)
     runs = [slot.candidate for slot in slots]
     outcome = splits(pairs, runs)[0]
-    per_run, of_grid = fitting.information(runs), fitting.information(grid_runs)
+    per_run = fitting.information(runs)
     turned = np.rad2deg([heading[-1] for heading in headings_of(fitting.model, fitting.logger, runs)])
     there = ways_back(turned, [run.start_heading for run in runs])
     slots = tuple(
@@ -382,9 +373,7 @@ def plan_campaign(
     return Plan(
         model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted, slots=slots,
         now=prior.now, alone=fitting.predicted(per_run), together=together, splits=outcome,
-        grid_splits=splits(pairs, grid_runs)[0],
-        plan=curve_of("this plan", fitting, slots, per_run, before, limits),
-        grid=curve_of("the paper's grid", fitting, grid, of_grid, before, limits),
+        curve=curve_of(fitting, slots, per_run, before, limits),
         notes=(*prior.notes, *((DISTURBED,) if fitting.random else ()), *short),
     )  # fmt: skip
 
@@ -400,16 +389,14 @@ def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
     electric = limits.runs.voltages_V or any("voltage" in effects.get(name).needs for name in names)
     random = prior.random if gain is None else {**prior.random, "gain-scatter": gain} if prior.random else {}
     return Fitting(
-        prior.model, limits.runs.fit if prior.model == base else "diagnosis", float(np.deg2rad(noise)),
+        prior.model, "whole-runs" if prior.model == base else "diagnosis", float(np.deg2rad(noise)),
         info.SCATTER if scatter is None else scatter, limits.logger.rate_hz, limits.runs.rest_before_s,
         limits.battery.volts if electric else None, base,
         None if rate_noise is None else float(np.deg2rad(rate_noise)), random,
     )  # fmt: skip
 
 
-def curve_of(
-    name: str, fitting: Fitting, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits
-) -> Curve:
+def curve_of(fitting: Fitting, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits) -> Curve:
     rows = []
     for total in np.cumsum(per_run, axis=0) + before:
         covariance = np.asarray(np.linalg.inv(total))
@@ -417,7 +404,7 @@ def curve_of(
         rows.append({name: 100.0 * info.stderr_along(covariance, axis) for name, axis in axes})
     minutes = tuple(slot.ends(limits.runs.rest_before_s) / 60.0 for slot in slots)
     motion = tuple(float(x) for x in np.cumsum([slot.candidate.motion for slot in slots]))
-    return Curve(name, minutes, motion, {key: tuple(row[key] for row in rows) for key in rows[0]})
+    return Curve(minutes, motion, {key: tuple(row[key] for row in rows) for key in rows[0]})
 
 
 def specification(plan: Plan) -> tuple[dict[str, object], str]:

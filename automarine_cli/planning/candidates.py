@@ -69,7 +69,6 @@ class Runs(Settings):
     of_one_size_percent: Annotated[float, Limit(1.0, 100.0)] = 50.0
     repeat_first_last: bool = True
     voltages_V: tuple[float, ...] = ()
-    fit: Literal["whole-runs", "half-turns"] = "whole-runs"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -155,8 +154,6 @@ RAMP_S, REST_S, STAIRS = 40.0, 60.0, 20
 COAST_CONSTANTS, COAST_S = 6.0, (5.0, 20.0)
 """A coast-down lasts so many of the vehicle's time constants at full moment, within these bounds [s]."""
 LONGEST_S = 120.0  # no run is driven for longer: who would wait for it can repeat it
-HALF_TURN_MARGIN = 1.1
-"""A step meant for a fit to half-turns passes them by this factor, so that less thrust than usual does too."""
 
 
 @dataclass(frozen=True)
@@ -190,19 +187,15 @@ def levels(limits: Limits, largest: float) -> tuple[float, ...]:
 
 def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
     """List every run that the limits allow, in a fixed order, both sides of each."""
-    sizes, sides, only_steps = levels(limits, largest), (1, -1), limits.runs.fit == "half-turns"
+    sizes, sides, turn = levels(limits, largest), (1, -1), limits.pool.turn_deg
     first_parts = [  # moment, seconds and label of the steps after which a run goes on
         (side * size, _seconds(model, size, degrees), f"{moment_text(side * size)}_{degrees:.0f}deg")
-        for size in sizes[1::2] for degrees in (limits.pool.turn_deg / 3, 2 * limits.pool.turn_deg / 3)
-        for side in sides
+        for size in sizes[1::2] for degrees in (turn / 3, 2 * turn / 3) for side in sides
     ]  # fmt: skip
     constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
     coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
     every: dict[str, Iterable[Candidate]] = {
-        "step": (
-            _step(model, side * size, share * _furthest(limits))
-            for size in sizes for share in ((1.0,) if only_steps else TURNS) for side in sides
-        ),
+        "step": (_step(model, side * size, share * turn) for size in sizes for share in TURNS for side in sides),
         "coast-down": (
             Candidate("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
             for moment, hold, label in first_parts
@@ -220,10 +213,10 @@ def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candida
         "other-voltage": (
             replace(step, kind="other-voltage", label=f"{step.label}_{volts:g}V", voltage=volts)
             for volts in limits.runs.voltages_V for side in sides
-            for step in (_step(model, side * largest, _furthest(limits)),)
+            for step in (_step(model, side * largest, turn),)
         ),
     }  # fmt: skip
-    kinds = ["step"] if only_steps else [kind for kind in KINDS if kind in limits.runs.kinds]
+    kinds = [kind for kind in KINDS if kind in limits.runs.kinds]
     unique = {run.label: run for kind in kinds for run in every[kind] if run.driven <= LONGEST_S}
     return tuple(unique.values())
 
@@ -236,18 +229,13 @@ def mirrors(candidates: Sequence[Candidate]) -> list[int]:
 
 
 def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
-    return _step(model, moment, _furthest(limits))
+    return _step(model, moment, limits.pool.turn_deg)
 
 
 def paper_grid(model: YawModel, largest: float) -> tuple[Candidate, ...]:
     """Make the paper's own campaign, scaled to the largest moment: twelve sizes, both sides, twice, half turns."""
     sizes = [largest * i / 12.0 for i in range(1, 13)]
     return tuple(_step(model, side * size, 180.0) for _ in range(2) for size in sizes for side in (1, -1))
-
-
-def _furthest(limits: Limits) -> float:
-    """How far a step turns at most [degrees]."""
-    return limits.pool.turn_deg * (HALF_TURN_MARGIN if limits.runs.fit == "half-turns" else 1.0)
 
 
 def _seconds(model: YawModel, moment: float, degrees: float) -> float:

@@ -23,24 +23,22 @@ from automarine_cli.estimate import Estimate, Given
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import driven_problem, starts_near
-from automarine_cli.fits.half_turns import step_data, step_problem
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives
 from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, response
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate, step_for
 from automarine_cli.text import printable, told
 
-Fit = Literal["whole-runs", "half-turns", "diagnosis"]
+Fit = Literal["whole-runs", "diagnosis"]
 
 HELD_OUT = 0.25  # share of the runs that `diagnose` does not fit, where no others are given to be held out
 QUIET = 1e-5  # disturbance moment of a pool, as a factor of the fits: none
@@ -115,13 +113,10 @@ class Fitting:
 
     @cached_property
     def base(self) -> YawModel:
-        return self.frame or replace(self.model, terms=self.model.terms[: len(BASE_TERMS[self.number])])
-
-    @cached_property
-    def number(self) -> str:
-        """ "1", "2" or "3", by the drag terms that the model begins with."""
+        """The drag alone that the model begins with."""
         names = tuple(term.name for term in self.model.terms)
-        return max((n for n, t in BASE_TERMS.items() if names[: len(t)] == t), key=lambda n: len(BASE_TERMS[n]))
+        size = max(len(drag) for drag in BASE_TERMS.values() if names[: len(drag)] == drag)
+        return self.frame or replace(self.model, terms=self.model.terms[:size])
 
     @property
     def fitted(self) -> float:
@@ -135,8 +130,6 @@ class Fitting:
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
         """Set up the likelihood of the candidates' runs; theta ends with the common instant of the switches."""
-        if self.fit == "half-turns":
-            return self._half_turns(candidates)
         runs = [self.logger.run(candidate) for candidate in candidates]
         if self.fit == "diagnosis":
             base = YawModel(self.base.inertia, self.base.terms, self.logger.unit, self.logger.dof)
@@ -162,25 +155,6 @@ class Fitting:
         course = make_course(noisy, at_rest, self.logger.signals, channels=self.channels)
         problem = driven_problem(self.model, course)
         return problem, problem.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]
-
-    def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
-        """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
-        drag = self.model.drag()
-        moments = [candidate.commands[0][0] for candidate in candidates]
-        times, headings, velocities = list[Floats](), list[Floats](), list[Floats]()
-        for candidate, moment in zip(candidates, moments):
-            run = self.logger.run(candidate)
-            first = int(np.argmax(run.command != 0))
-            time = np.asarray((np.arange(len(run)) - first + 0.5) / self.rate)
-            heading, velocity = response(time, moment, self.model.inertia, *drag)
-            inside = np.abs(heading) <= np.pi - MARGIN_IN_SIGMA * self.noise
-            inside &= np.arange(len(run)) >= first - MOST_REST
-            times.append(time[inside])
-            headings.append(heading[inside])
-            velocities.append(velocity[inside])
-        names, intervals = [candidate.label for candidate in candidates], [1.0 / self.rate] * len(candidates)
-        data = step_data(names, times, headings, moments, intervals, self.model.dof)
-        return step_problem(data if self.rate_noise is None else data.rated(velocities), self.number)
 
     @cached_property
     def on_log(self) -> tuple[bool, ...]:

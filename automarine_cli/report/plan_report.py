@@ -111,11 +111,9 @@ def _precision(estimate: Estimate | None) -> str:
 
 def _split_table(plan: Plan) -> Table:
     rows = [
-        {"if it is": split.true, "and not": split.other} | {
-            plan: f"over {CERTAIN:.0f}" if of.evidence > CERTAIN else f"{of.evidence:.1f}"
-            for plan, of in (("this plan", split), ("the paper's grid", grid))
-        }
-        for split, grid in zip(plan.splits, plan.grid_splits)
+        {"if it is": split.true, "and not": split.other,
+         "evidence": f"over {CERTAIN:.0f}" if split.evidence > CERTAIN else f"{split.evidence:.1f}"}
+        for split in plan.splits
     ]  # fmt: skip
     return Table.of("Explanations to separate", rows, [
         "Expected difference in evidence (deviance, penalties included) where the first is true; from "

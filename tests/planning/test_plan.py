@@ -99,7 +99,7 @@ def test_what_alone_is_wanted_is_narrowed_more(plan: Plan, folder: Path) -> None
     """Another seed draws another order of the same runs."""
     model, limits = folder / "yaw_model.json", folder / "limits.toml"
     alone, other = (am.plan(model, limits=limits, seed=1, **wanted) for wanted in ({"parameters": "k_rr"}, {}))
-    errors = [each.plan.stderr_percent["k_rr"][-1] for each in (alone, plan)]
+    errors = [each.curve.stderr_percent["k_rr"][-1] for each in (alone, plan)]
     assert errors[0] <= errors[1] * 1.001 and alone.to_json()["planned_for"] == ["k_rr"]
     first, second = ([run.label for run in each.candidates] for each in (plan, other))
     assert first != second and sorted(first) == sorted(second)
@@ -114,8 +114,7 @@ def test_it_can_be_rehearsed(plan: Plan, folder: Path) -> None:
     assert read_specification(place).scatter.gain == pytest.approx(0.03)
 
 
-def test_thrusters_and_their_current(run: Run, model: Path, tmp_path: Path) -> None:
-    """Commands go through the map, moments stay within it, and the battery is counted from the tests' current."""
+def test_commands_go_through_the_map_and_moments_stay_within_it(run: Run, model: Path, tmp_path: Path) -> None:
     curves = {
         side: {"a": a, "p": 2.0, "n_0": 0.0, "n_sat": None} for side, a in (("forward", 2.6e-4), ("backward", 0.7e-4))
     }
@@ -123,17 +122,9 @@ def test_thrusters_and_their_current(run: Run, model: Path, tmp_path: Path) -> N
         "schema": "automarine/thruster-map/1", "form": "square", "forward": {"a": {"value": 2.6e-4}},
         "backward": {"a": {"value": 0.7e-4}}, "parameters": curves,
     })  # fmt: skip
-    rows = ["n,force_N,current_A"]
-    for n in range(-150, 151, 25):
-        force = (2.6e-4 if n > 0 else -0.7e-4) * n * n
-        rows.append(f"{n},{force:.6f},{(2.0 + 3.0 * abs(force) ** 1.5) / 24:.6f}")
-    bollard = write(tmp_path / "bollard.csv", "\n".join(rows) + "\n")
     largest = SHORT.replace("largest = 1.2\n", "") + "[thrusters]\nlargest_command = 150\nnu_in_Nm = 0.3\n"
     limits = write(tmp_path / "limits.toml", largest)
-    planned = run(
-        "plan", model, "--limits", limits, "--thrusters", thrusters, "--arm", 0.11, "--thruster-tests", bollard,
-        "-o", tmp_path / "plan",
-    )  # fmt: skip
+    planned = run("plan", model, "--limits", limits, "--thrusters", thrusters, "--arm", 0.11, "-o", tmp_path / "plan")
     assert planned.exit_code == 0, planned.output
     data = json.loads((tmp_path / "plan" / "plan.json").read_text())
     most = 0.11 * 2 * 0.7e-4 * 150**2 / 0.3
@@ -143,8 +134,6 @@ def test_thrusters_and_their_current(run: Run, model: Path, tmp_path: Path) -> N
     assert rows[0] == "time_s,n_port,n_stbd"
     port, starboard = (float(cell) for cell in rows[2].split(",")[1:])
     assert 0.11 * (2.6e-4 * port**2 + 0.7e-4 * starboard**2) == pytest.approx(0.3 * max(sizes), rel=1e-4)
-    force = 0.3 * max(sizes) / 0.22
-    assert f"{2 * 3.0 * force**1.5 / 24:.3g} A more" in data["notes"][0]
 
 
 @pytest.mark.slow
@@ -153,7 +142,7 @@ def test_a_diagnosis_is_split_first(model: Path, limits: Path, tmp_path: Path) -
     data = am.plan(model, diagnosis=diagnosis, limits=limits, out=tmp_path / "plan").to_json()
     pair = ("dead-band", "coulomb-drag")
     assert {(split["true"], split["other"]) for split in data["splits"]} == {pair, pair[::-1]}
-    assert all(split["evidence"] > 20.0 > split["evidence_of_grid"] for split in data["splits"])
+    assert all(split["evidence"] > 20.0 for split in data["splits"])
     assert any("splits dead-band from coulomb-drag" in run["why"] for run in data["planned"])
     assert data["fit_command"].startswith("automarine diagnose")
     assert set(data["parameters"]) == {"I_r", "k_rr", "dead-band width", "inertial turn angle"}
@@ -211,10 +200,3 @@ def test_what_planned_runs_cannot_show_is_left_out(model: Path, limits: Path, tm
     for plan in (of_diagnosis, of_model):
         assert "cross-coupling is left out: it acts by the column 'surge'" in " ".join(plan.to_json()["notes"])
     assert of_model.slots and "cross-coupling" not in str(list(of_model.alone))
-
-
-def test_half_turns_are_planned_of_steps_alone(model: Path) -> None:
-    limits = Codec("limits").read(Limits, {"runs": {"fit": "half-turns"}, "moments": {"levels": 3}})
-    plan = am.plan(model, limits=limits)
-    assert {run.kind for run in plan.candidates} == {"step"}
-    assert plan.to_json()["fit_command"].startswith("automarine fit-yaw LOGS --fit-to half-turns")

@@ -26,16 +26,14 @@ FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 
 @house_style
 def plan_figure(plan: Plan) -> Figure:
-    """Draw a panel for each parameter: the plan run by run, and the paper's grid."""
-    names = list(plan.plan.stderr_percent)[:MOST_PANELS]
+    """Draw a panel for each parameter, run by run."""
+    names, curve = list(plan.curve.stderr_percent)[:MOST_PANELS], plan.curve
     figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
     for ax, name in zip(axes.flat, names):
-        for curve, colour, line in ((plan.plan, "blue", "-"), (plan.grid, "orange", (0, (5, 1.5)))):
-            minutes, percent = curve.minutes[FEWEST_RUNS - 1 :], curve.stderr_percent[name][FEWEST_RUNS - 1 :]
-            ax.plot(minutes, percent, color=COLOURS[colour], ls=line, marker=".", ms=3, label=curve.campaign)
+        minutes, percent = curve.minutes[FEWEST_RUNS - 1 :], curve.stderr_percent[name][FEWEST_RUNS - 1 :]
+        ax.plot(minutes, percent, color=COLOURS["blue"], marker=".", ms=3)
         ax.set_title(name, loc="left", parse_math=False)
         ax.set(xlabel="minutes in the pool", ylabel="standard error [%]")
-    legend_below(figure, axes.flat[0], ncols=4)
     return figure
 
 
