@@ -202,7 +202,7 @@ def _error(prior: PriorResults, model: YawModel, place: int) -> float:
 def _rival(prior: PriorResults, main: Explanation, effect: str, rival: str, largest: float) -> Explanation:
     """The model with another effect in the place of the one that was named, as like it as it can be."""
     fitting = fitting_of(prior, Limits())
-    grid = paper_grid(fitting.base, largest)[:24:3]
+    grid = paper_grid(fitting.base, largest)[::3]
     starts = with_effect(fitting, without(prior.model, effect), rival, largest)
     nearest, _ = closest(replace(fitting, fit="diagnosis"), starts, grid)
     model, names = nearest.model, [n for n in main.model.parameter_names if not n.startswith(f"{effect}.")]

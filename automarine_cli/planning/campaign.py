@@ -231,15 +231,6 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
     return counts
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Standard errors in percent of each parameter by name, after so many minutes in the pool and seconds of motion."""
-
-    minutes: tuple[float, ...]
-    motion_s: tuple[float, ...]
-    stderr_percent: Mapping[str, tuple[float, ...]]
-
-
 LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
 FIT_COMMANDS = {
     "whole-runs": "automarine fit-yaw LOGS --fit-to whole-runs -o out/yaw",
@@ -254,8 +245,8 @@ class Plan(Shown):
 
     `slots` are its runs in order; `now`, `alone` and `together` the estimates by name before it, of its runs alone, and
     of these with the earlier ones (empty where these are not known or not to be used); `splits` what is expected of
-    each pair of explanations; `curve` the precision against minutes. `drive` is None without a thruster map; `columns`
-    are the names of the logs."""
+    each pair of explanations; `errors` (R,) the standard errors in percent of each parameter after each run. `drive` is
+    None without a thruster map; `columns` are the names of the logs."""
 
     model: str
     fitting: Fitting
@@ -268,7 +259,7 @@ class Plan(Shown):
     alone: Mapping[str, Estimate]
     together: Mapping[str, Estimate]
     splits: tuple[Split, ...]
-    curve: Curve
+    errors: Mapping[str, Floats]
     notes: tuple[str, ...]
     drive: Drive | None = None
     columns: ColumnMap = field(default_factory=ColumnMap)
@@ -285,6 +276,11 @@ class Plan(Shown):
     @property
     def candidates(self) -> tuple[Candidate, ...]:
         return tuple(slot.candidate for slot in self.slots)
+
+    @property
+    def minutes(self) -> list[float]:
+        """Minutes in the pool at the end of each run."""
+        return [slot.ends(self.limits.runs.rest_before_s) / 60.0 for slot in self.slots]
 
     @property
     def motion(self) -> float:
@@ -304,7 +300,7 @@ class Plan(Shown):
             "gain_scatter": fitting.scatter, "limits": to_mapping(limits),
             "supply": {"idle_A": supply.idle, "full_A": supply.full, "at_moment": supply.largest},
             "totals": {
-                "runs": len(self.slots), "pool_min": last.ends(limits.runs.rest_before_s) / 60.0,
+                "runs": len(self.slots), "pool_min": self.minutes[-1],
                 "motion_s": self.motion, "battery_left_Ah": last.left,
                 "battery_left_percent": 100.0 * last.left / limits.battery.charge_Ah,
             },
@@ -318,7 +314,10 @@ class Plan(Shown):
                 for name, alone in self.alone.items()
             },
             "splits": [to_mapping(split) for split in self.splits],
-            "curves": [to_mapping(self.curve)],
+            "curves": [{
+                "minutes": self.minutes, "motion_s": np.cumsum([run.motion for run in self.candidates]).tolist(),
+                "stderr_percent": {name: errors.tolist() for name, errors in self.errors.items()},
+            }],
             "notes": [self.battery, *self.notes],
         }  # fmt: skip
 
@@ -379,7 +378,7 @@ def plan_campaign(
     return Plan(
         model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted, slots=slots,
         now=prior.now, alone=fitting.predicted(per_run), together=together, splits=outcome,
-        curve=curve_of(fitting, slots, per_run, before, limits),
+        errors=errors_of(fitting, np.cumsum(per_run, axis=0) + before),
         notes=(*prior.notes, *((DISTURBED,) if fitting.random else ()), *short),
     )  # fmt: skip
 
@@ -402,15 +401,11 @@ def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
     )  # fmt: skip
 
 
-def curve_of(fitting: Fitting, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits) -> Curve:
-    rows = []
-    for total in np.cumsum(per_run, axis=0) + before:
-        covariance = np.asarray(np.linalg.inv(total))
-        axes = fitting.relative_directions.items()
-        rows.append({name: 100.0 * info.stderr_along(covariance, axis) for name, axis in axes})
-    minutes = tuple(slot.ends(limits.runs.rest_before_s) / 60.0 for slot in slots)
-    motion = tuple(float(x) for x in np.cumsum([slot.candidate.motion for slot in slots]))
-    return Curve(minutes, motion, {key: tuple(row[key] for row in rows) for key in rows[0]})
+def errors_of(fitting: Fitting, information: Floats) -> dict[str, Floats]:
+    """Standard errors in percent of each parameter, (R,), with `information` (R, p, p)."""
+    covariances = np.linalg.inv(information)
+    axes = fitting.relative_directions.items()
+    return {name: np.array([100.0 * info.stderr_along(c, axis) for c in covariances]) for name, axis in axes}
 
 
 def specification(plan: Plan) -> tuple[dict[str, object], str]:

@@ -80,13 +80,12 @@ def pairs_of(prior: PriorResults, fitting: Fitting, grid: Sequence[Candidate], l
     """Pair each doubt both ways, (true, other), the rival as like the effect named as it can be on the runs of `grid`;
     one way alone where it could imitate only by vanishing."""
     pairs: list[Pair] = []
-    half = grid[: len(grid) // 2]
     for doubt in prior.doubts:
         starts = with_effect(fitting, without(prior.model, doubt.effect), doubt.rival, largest)
         true = replace(fitting, fit="diagnosis", explained_by=doubt.effect)
-        other = replace(closest(true, starts, half)[0], explained_by=doubt.rival)
+        other = replace(closest(true, starts, grid)[0], explained_by=doubt.rival)
         pairs.append((true, other))
-        if shows(other, half):
+        if shows(other, grid):
             pairs.append((other, true))
     return tuple(pairs)
 

@@ -46,13 +46,13 @@ def _(plan: Plan) -> Sections:
 
 
 def _totals(plan: Plan) -> str:
-    last, limits = plan.slots[-1], plan.limits
+    limits = plan.limits
     kinds = Counter(run.kind for run in plan.candidates)
     counts = ", ".join(plural(count, kind) for kind, count in kinds.items())
     return (
-        f"{kinds.total()} runs ({counts}): {last.ends(limits.runs.rest_before_s) / 60.0:.1f} of "
+        f"{kinds.total()} runs ({counts}): {plan.minutes[-1]:.1f} of "
         f"{limits.pool.minutes:g} minutes in the pool, {plan.motion:.0f} s of motion, "
-        f"{100.0 * last.left / limits.battery.charge_Ah:.0f} % of the battery left."
+        f"{100.0 * plan.slots[-1].left / limits.battery.charge_Ah:.0f} % of the battery left."
     )
 
 

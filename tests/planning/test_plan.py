@@ -99,7 +99,7 @@ def test_what_alone_is_wanted_is_narrowed_more(plan: Plan, folder: Path) -> None
     """Another seed draws another order of the same runs."""
     model, limits = folder / "yaw_model.json", folder / "limits.toml"
     alone, other = (am.plan(model, limits=limits, seed=1, **wanted) for wanted in ({"parameters": "k_rr"}, {}))
-    errors = [each.curve.stderr_percent["k_rr"][-1] for each in (alone, plan)]
+    errors = [each.errors["k_rr"][-1] for each in (alone, plan)]
     assert errors[0] <= errors[1] * 1.001 and alone.to_json()["planned_for"] == ["k_rr"]
     first, second = ([run.label for run in each.candidates] for each in (plan, other))
     assert first != second and sorted(first) == sorted(second)
@@ -166,6 +166,11 @@ def test_the_example_is_the_default(run: Run) -> None:
         ("limits", "[pool]\nminutes = 1", "the limits allow no campaign: two runs already need 1.24 of pool.minutes"),
         ("limits", "[battery]\ncharge_Ah = 0.001", r"of battery.charge_Ah \(less the reserve\)"),
         ("limits", 'schema = "other/1"', "expected the line schema"),
+        ("limits", '[runs]\nkinds = ["coast-down"]', "runs: kinds .* expected 'step' among them"),
+        ("limits", '[runs]\nkinds = ["step", "spiral"]', "kinds names 'spiral'"),
+        ("limits", "[runs]\nvoltages_V = [24, -1]", "voltages_V holds -1"),
+        ("limits", "[pool]\nruns = 1", "pool: runs is 1; expected 2 to 500"),
+        ("limits", "[pool]\nstart_headings_deg = []", "empty list"),
         ("diagnosis", {"schema": "automarine/yaw-model/1"}, "give the diagnosis.json that `automarine diagnose` writ"),
         ("diagnosis", {"moment_unit": "N m"}, "a diagnosis of moments in"),
         ("diagnosis", {"effects": [{"name": "gremlin", "parameters": {}}]}, r'effects\[0\]: name: found "gremlin"'),

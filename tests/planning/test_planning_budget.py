@@ -13,7 +13,6 @@ from automarine_cli.planning.candidates import (
     Candidate,
     Limits,
     Pool,
-    Runs,
     Supply,
     allowance,
     command_file,
@@ -87,22 +86,6 @@ def test_a_command_file_holds_each_moment_until_the_next() -> None:
     row = command_rows(step, 3.0, "N m", drive_of(MAP, 0.11, 150.0, True, 1.0), ColumnMap())[1]
     thrust = float(MAP.force(float(row["n_port"])) - MAP.force(float(row["n_stbd"])))
     assert 0.11 * thrust == pytest.approx(0.1, rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("make", "why"),
-    [
-        (lambda: Runs(kinds=("coast-down",)), "expected 'step' among them"),
-        (lambda: Runs(kinds=("step", "spiral")), "kinds names 'spiral'"),
-        (lambda: Pool(runs=1), "runs is 1; expected 2 to 500"),
-        (lambda: Pool(start_headings_deg=()), "empty list"),
-        (lambda: Battery(reserve_percent=99), "reserve_percent is 99; expected 0 to 95"),
-        (lambda: Runs(voltages_V=(24.0, -1.0)), "voltages_V holds -1"),
-    ],
-)  # fmt: skip
-def test_limits_that_make_no_sense_are_refused(make: object, why: str) -> None:
-    with pytest.raises(SettingError, match=why):
-        make()  # type: ignore[operator]
 
 
 @pytest.mark.parametrize("way", [-1, 1])

@@ -16,7 +16,6 @@ from repository import ROOT, SAMPLE_RUNS
 from specified import read_specification
 
 from automarine_cli.dofs import YAW
-from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation.campaign import make_campaign
 
@@ -88,39 +87,6 @@ def test_what_is_hidden_is_apart_from_the_logs(name: str, effects: int) -> None:
     assert {each["run"] for each in truth["made"]} == {run.name for run in loaded.runs}
     kinds = Counter(each["kind"] for each in truth["made"])
     assert kinds == {"step": 12, "coast-down": 4, "reversal": 4, "sequence": 3}
-
-
-def test_they_are_what_the_readme_says() -> None:
-    loaded = load_runs([SAMPLE_RUNS / "steps"], dof=YAW)
-    good, aside = half_turns(loaded.runs)
-    assert loaded.set_aside == () and {turn.cut_by for turn in good} == {YAW.words.reach}
-    assert [(each.file, each.run) for each in aside] == [("steps/tau_-0.6_c.csv", "tau_-0.6_c")]
-    assert aside[0].why.startswith("never moved")
-    moments, counts = np.unique([turn.moment for turn in good], return_counts=True)
-    np.testing.assert_allclose(moments, [m / 10 for m in range(-12, 13) if m], atol=1e-12)
-    assert set(counts) == {2} and {run.moment_unit for run in loaded.runs} == {"nu"}
-    assert {Path(run.source).suffix for run in loaded.runs} == {".csv", ".gz", ".parquet"}
-    validation = load_runs([SAMPLE_RUNS / "validation"], dof=YAW).runs
-    assert len(validation) == 4
-    for run in validation:
-        assert 40 < run.time[-1] - run.time[0] < 60 and run.command.min() < 0 < run.command.max()
-
-
-def test_the_truth_beside_them_is_theirs() -> None:
-    truth = json.loads((SAMPLE_RUNS / "truth.json").read_text(encoding="utf-8"))
-    runs = load_runs([SAMPLE_RUNS / "steps", SAMPLE_RUNS / "validation"], dof=YAW).runs
-    named = {run.name: run for run in runs}
-    assert len(truth["made"]) == len(named) == 53
-    for each in truth["made"]:
-        run = named[each["run"]]
-        assert (run.source, len(run)) == (each["file"], each["samples"])
-        for index, command in zip(np.flatnonzero(np.diff(run.command)), each["commands"], strict=True):
-            assert run.time[index] < command["from_s"] <= run.time[index + 1] + 5e-4
-            assert run.command[index + 1] == command["moment"]
-        rest = run.position[run.time < each["commands"][0]["from_s"]]
-        off = (rest.mean() - each["start_heading_rad"] + np.pi) % (2 * np.pi) - np.pi
-        assert abs(off) < np.deg2rad(4.0 / np.sqrt(len(rest)))
-    assert np.log([each["gain"] for each in truth["made"]]).std() == pytest.approx(0.03, rel=0.4)
 
 
 def test_the_papers_campaign_has_the_papers_residuals() -> None:

@@ -27,11 +27,10 @@ FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 @house_style
 def plan_figure(plan: Plan) -> Figure:
     """Draw a panel for each parameter, run by run."""
-    names, curve = list(plan.curve.stderr_percent)[:MOST_PANELS], plan.curve
+    names, minutes = list(plan.errors)[:MOST_PANELS], plan.minutes[FEWEST_RUNS - 1 :]
     figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
     for ax, name in zip(axes.flat, names):
-        minutes, percent = curve.minutes[FEWEST_RUNS - 1 :], curve.stderr_percent[name][FEWEST_RUNS - 1 :]
-        ax.plot(minutes, percent, color=COLOURS["blue"], marker=".", ms=3)
+        ax.plot(minutes, plan.errors[name][FEWEST_RUNS - 1 :], color=COLOURS["blue"], marker=".", ms=3)
         ax.set_title(name, loc="left", parse_math=False)
         ax.set(xlabel="minutes in the pool", ylabel="standard error [%]")
     return figure
