@@ -27,7 +27,18 @@ ANALYSIS = "analysis"
     "-o", "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", required=True,
     help="Fetch the logs into this folder.",
 )  # fmt: skip
-@option("--token", default="", metavar="T", help="The token that serve printed.")
+@option(
+    "--token",
+    default="",
+    envvar="AUTOMARINE_TOKEN",
+    show_envvar=True,
+    metavar="T",
+    help="The token that serve printed.",
+)
+@option(
+    "--token-file", type=options.FILE, metavar="FILE",
+    help="Read the token from this file: others on this computer can see a command line.",
+)  # fmt: skip
 @option(
     "--campaign", type=click.Path(exists=True, path_type=Path), metavar="FILE",
     help="Hand over the folder of a plan, or its plan.json, and stay until it was played.",
@@ -46,8 +57,8 @@ ANALYSIS = "analysis"
 @options.as_json
 @options.verbosity
 def collect(
-    url: str, token: str, campaign: Path | None, stop: bool, wait: float | None, then: str | None, out: Path,
-    overwrite: bool, jobs: int, progress: Progress,
+    url: str, token: str, token_file: Path | None, campaign: Path | None, stop: bool, wait: float | None,
+    then: str | None, out: Path, overwrite: bool, jobs: int, progress: Progress,
 ) -> "Collected":  # fmt: skip
     """Wait for contact with a vehicle that runs `automarine serve` at URL, and fetch its logs into DIR.
 
@@ -62,6 +73,10 @@ def collect(
     from automarine_cli.link.collector import Client, Collector
     from automarine_cli.link.document import read_campaign
 
+    if token_file is not None:
+        token = token_file.read_text(encoding="utf-8", errors="replace").strip()
+        if not token:
+            raise SettingError(f"{token_file} holds no token; write the one that serve printed into it")
     planned = None if campaign is None else read_campaign(campaign)
     if planned is not None:
         planned.refuse_beyond_reserve()

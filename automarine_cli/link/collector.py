@@ -99,7 +99,7 @@ class Client:
             raise WrongAnswer(f"{self.url} does not answer as a vehicle of ours; {remedy}")
         data = read_plain(Document("the vehicle's answer", answer.content), "JSON", WrongAnswer, most=MOST_ANSWER)
         if answer.status == HTTPStatus.UNAUTHORIZED:
-            raise Refusal(f"{self.url} refuses the token; give the one that serve printed with --token")
+            raise Refusal(f"{self.url} refuses the token; give the one that serve printed with --token or --token-file")
         if answer.status >= HTTPStatus.BAD_REQUEST:
             raise Refusal(f"the vehicle refuses: {printable(str(data.get('error')))[:600]}")
         return data

@@ -94,6 +94,24 @@ def test_collect_brings_the_same_names_and_bytes(run: Run, tmp_path: Path) -> No
     assert run("check", str(tmp_path / "pool")).exit_code == 0
 
 
+def test_a_token_comes_from_a_file_or_the_environment(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, wrong = tmp_path / "token", ["--token", "wrong"]
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        collect = ["collect", vehicle.url, "-o", str(tmp_path / "pool"), "--wait", "60"]
+        monkeypatch.setenv("AUTOMARINE_TOKEN", TOKEN)
+        assert run(*collect).exit_code == 0
+        refused = run(*collect, *wrong)
+        assert refused.exit_code == 1 and "refuses the token; give the one that serve printed" in refused.stderr
+        file.write_text(f"{TOKEN}\n")
+        assert run(*collect, *wrong, "--token-file", str(file)).exit_code == 0
+        file.write_text("\n")
+        refused = run(*collect, "--token-file", str(file))
+        assert refused.exit_code == 1 and f"{file} holds no token; write the one" in " ".join(refused.stderr.split())
+    assert run(*collect, "--token-file", str(tmp_path / "none")).exit_code == 2
+
+
 def test_a_campaign_that_ended_before_its_last_run_is_no_success(run: Run, tmp_path: Path) -> None:
     class Broken(Simulated):
         def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
