@@ -143,10 +143,10 @@ def _host_and_port(text: str) -> tuple[str, int]:
     return host, int(port)
 
 
-def _tell(news: Any) -> None:
+def _tell(news: str, token: str = "") -> None:
     """Print the address and the token, then sentences on what comes about."""
-    if isinstance(news, str):
-        click.echo(news, err=True)
-    else:
-        click.echo(f"{news.url}\ntoken: {news.token}")
+    if token:
+        click.echo(f"{news}\ntoken: {token}")
         sys.stdout.flush()
+    else:
+        click.echo(news, err=True)

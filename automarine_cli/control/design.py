@@ -1,5 +1,5 @@
-"""Flights of vehicles under a controller, how far its loops are from oscillating, gains as fast and as stiff as the
-margin allows to all vehicles that a model allows, and the verdict on them.
+"""Flights of vehicles under a controller, how far its loops are from oscillating, and gains as fast and as stiff as the
+margin allows to all vehicles that a model allows.
 
 A formula for margins is satisfied by loops that are unstable already: what is unstable is found first, by counting how
 often 1 + L goes round the origin along a line slightly to the left of the imaginary axis (Nyquist's criterion, which
@@ -15,12 +15,11 @@ Sources: Seiler, Packard and Gahinet (2020), An introduction to disk margins, IE
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli import effects
 from automarine_cli.control import vehicles as plant
 from automarine_cli.control.knowledge import Knowledge
 from automarine_cli.control.targets.base import Gains, NominalPlant, Target
@@ -201,13 +200,9 @@ def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
     return np.rad2deg(np.min(phase, axis=1)), np.asarray(np.min(delay, axis=1))
 
 
-Verdict = Literal["gains", "leave", "cannot-promise"]
-CROWD, PRESENT, JUDGED = 180, 60, 12
+CROWD, JUDGED = 180, 12
 ROUNDS, LAST = 5, 20  # looks at the space of gains, each nearer to the best; sets that are judged by the crowd
 EXACT, STEADY = (0.02, 0.05)  # loops of the flights that are promised, and of those that gains are chosen by
-DEAREST = 2.0  # how much longer gains for all explanations may take to settle than gains for the right one alone
-LONG_DELAY = 0.14
-"""Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
 SHARE = 0.95  # of the crowd that has to keep the margin, and to settle
 FIRST, NEAR, ELITE, FLOWN, MOST = 1500, 200, 8, 160, 40
 """Sets of gains: spread over their space, near the best so many, flown for a further explanation, found at last."""
@@ -234,19 +229,6 @@ class Task:
     seconds: float
 
 
-@dataclass(frozen=True)
-class Setup:
-    """Everything that a tuning is made of, read and checked: `full` is the moment or force at the whole output, `bend`
-    the map to it where that is no straight line, `seed` draws the vehicles."""
-
-    target: Target
-    knowledge: Knowledge
-    full: float
-    bend: ThrustCurve | None
-    task: Task
-    seed: int
-
-
 def probes(vehicles: Vehicles) -> Vehicles:
     """The first, one that is late and lively, and one that is sluggish."""
     reach = plant.output_slope(vehicles) / vehicles.theta[:, 0]
@@ -271,10 +253,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Problem:
-    """What gains are looked for: the stack, the task, the vehicle as the designer sees it, and the crowds."""
+    """What gains are looked for: the stack, the task, what is known of the vehicle, it as the designer sees it, and the
+    crowds that are flown."""
 
     target: Target
     task: Task
+    knowledge: Knowledge
     nominal: NominalPlant
     crowds: tuple[Vehicles, ...]
 
@@ -289,20 +273,6 @@ class Problem:
         return frequencies(min(np.pi / self.target.period, 60.0 / max(late, 1e-3)), count)
 
 
-@dataclass(frozen=True)
-class Designed(Problem):
-    """The verdict and why; `new` and `old` outcomes where there are any; the effect that is open and changes the answer
-    (empty for none), and the run that settles it."""
-
-    verdict: Verdict
-    why: str
-    new: Outcome | None
-    old: Outcome | None
-    open: str
-    run: str
-    notes: tuple[str, ...]
-
-
 def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
     """Describe the first of several vehicles as a designer sees it, for a `step` of the reference [base unit]."""
     first, full, dof = vehicles.pick(slice(0, 1)), vehicles.full, vehicles.model.dof
@@ -313,15 +283,17 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
     return NominalPlant(dof, inertia, linear / full, quadratic / full, lag, fastest, step, full, unit, vehicles.bend)
 
 
-def problem_of(setup: Setup, count: int = CROWD) -> Problem:
-    """Draw vehicles of every explanation, the same count of each."""
-    knowledge, rng, crowds = setup.knowledge, np.random.default_rng(setup.seed), []
-    size = max(count // len(knowledge.explanations), FEW)
+def problem_of(
+    target: Target, task: Task, knowledge: Knowledge, full: float, bend: ThrustCurve | None, seed: int
+) -> Problem:
+    """Draw vehicles of every explanation, the same count of each: `full` is the moment or force at the whole output,
+    `bend` the map to it where that is no straight line."""
+    rng, crowds = np.random.default_rng(seed), []
+    size = max(CROWD // len(knowledge.explanations), FEW)
     for explanation in knowledge.explanations:
-        spread = replace(knowledge.spread, covariance=explanation.covariance)
-        crowd = plant.crowd(explanation.model, spread, setup.full, setup.bend, size, rng)
+        crowd = plant.crowd(explanation.model, explanation.covariance, knowledge.spread, full, bend, size, rng)
         crowds.append(replace(crowd, name=explanation.name))
-    return Problem(setup.target, setup.task, nominal_of(crowds[0], setup.task.step), tuple(crowds))
+    return Problem(target, task, knowledge, nominal_of(crowds[0], task.step), tuple(crowds))
 
 
 def select(gains: Mapping[str, Floats], which: NDArray[Any]) -> dict[str, Floats]:
@@ -425,71 +397,6 @@ def _tried(problem: Problem, margin: float, omega: Floats, numbers: Floats) -> t
     return numbers[places], cost[places]
 
 
-def design(setup: Setup, present: Mapping[str, float] | None, count: int = CROWD) -> Designed:
-    """Reach the verdict of a target on `count` vehicles; `present` gains by name, None where there are none.
-
-    A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
-    margin and do not settle in time."""
-    knowledge, task = setup.knowledge, setup.task
-    problem = problem_of(setup, count)
-    nominal = problem.nominal
-    if knowledge.settled is not None:
-        return _designed(problem, knowledge, "cannot-promise", *knowledge.settled)
-    shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
-    seconds = float(np.clip(7.0 * shortest + 32.0 * nominal.lag, 20.0, 60.0))
-    for longer in (1.0, 2.0):
-        result = _judged(replace(problem, task=replace(task, seconds=longer * seconds)), knowledge, present)
-        if result is not None:
-            return result
-    why = f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles"
-    return _designed(problem, knowledge, "cannot-promise", f"{why} that the model allows. {_more(setup.target)}")
-
-
-def _designed(
-    problem: Problem, knowledge: Knowledge, verdict: Verdict, why: str, effect: str = "", old: Outcome | None = None,
-    new: Outcome | None = None,
-) -> Designed:  # fmt: skip
-    run = effect and (knowledge.splits.get(effect) or effects.get(effect).card(knowledge.model.dof).separated_by)
-    return Designed(
-        **vars(problem), verdict=verdict, why=why, new=new, old=old, open=effect, run=run, notes=knowledge.notes
-    )
-
-
-def _judged(problem: Problem, knowledge: Knowledge, present: Mapping[str, float] | None) -> Designed | None:
-    """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
-    task, target, crowds = problem.task, problem.target, problem.crowds
-    few = slice(0, PRESENT // len(crowds))
-    some = replace(problem, crowds=tuple(part.pick(few) for part in crowds))
-    old = None if present is None else outcome(some, present)
-    if old is not None and _keeps(old, some):
-        return _designed(problem, knowledge, "leave", _leave(old, task), old=old)
-    short = shorten(problem)
-    chosen = _chosen(short)
-    dear = _price(short, knowledge, chosen)
-    if dear is not None:
-        return _designed(problem, knowledge, "cannot-promise", *dear, old=old)
-    if chosen is None:
-        within = "" if target.beyond or not target.firmware else " within the documented ranges"
-        why = f"No gains{within} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the vehicles"
-        return _designed(problem, knowledge, "cannot-promise", f"{why} that the model allows. {_more(target)}", old=old)
-    new = outcome(problem, chosen)
-    # too little is seen after the vehicles settled: in a dead-band a loop may rest for a while and swing out again
-    late = np.mean(new.scores.settling > 0.5 * task.seconds) > 1.0 - SHARE
-    if late and _keeps(new, problem):
-        task = replace(task, seconds=2.0 * task.seconds)
-        problem, some = replace(problem, task=task), replace(some, task=task)
-        new = outcome(problem, chosen)
-        old = None if present is None else outcome(some, present)
-    if not _keeps(new, problem):
-        return None
-    if old is not None and (_keeps(old, some) or _no_worse(old, new, task)):
-        return _designed(problem, knowledge, "leave", _leave(old, task), old=old)
-    share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
-    before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
-    why = f"They keep a disk margin of {task.margin:g} for {share}{before}."
-    return _designed(problem, knowledge, "gains", why, old=old, new=new)
-
-
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     sets: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega, task, crowds = problem.omega(FINE), problem.task, problem.crowds
@@ -502,28 +409,14 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     return Outcome(dict(gains), every, scores(flight, task.step, task.band), flight)
 
 
-def _keeps(result: Outcome, problem: Problem) -> bool:
+def keeps(result: Outcome, problem: Problem) -> bool:
     """Whether every explanation's vehicles keep the margin and settle, all but a twentieth."""
     good = (result.margins.disk >= problem.task.margin) & result.scores.settles
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
 
-def _no_worse(old: Outcome, new: Outcome, task: Task) -> bool:
-    def figures(result: Outcome) -> Floats:
-        s, least = result.scores, [-result.share_with(task.margin), -result.scores.settles.mean()]
-        medians = [np.median(x) for x in (-result.margins.disk, s.overshoot, s.settling, s.rms, s.error)]
-        return np.array([*least, *medians])
-
-    return bool(np.all(figures(old) <= figures(new)))
-
-
-def _leave(old: Outcome, task: Task) -> str:
-    share = f"{old.share_with(task.margin):.0%} of the vehicles that the model allows"
-    return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle."
-
-
-def _chosen(problem: Problem) -> dict[str, float] | None:
+def best_gains(problem: Problem) -> dict[str, float] | None:
     """The best gains that all crowds can live with; looked for with more margin on the probes where that fails.
 
     Of several sets it is the one whose cost is least for all but a tenth of the vehicles."""
@@ -538,37 +431,3 @@ def _chosen(problem: Problem) -> dict[str, float] | None:
             best = int(np.argmin(np.quantile(np.concatenate(costs, axis=1), 0.9, axis=1)))
             return {name: float(value[best]) for name, value in gains.items()}
     return None
-
-
-def _price(problem: Problem, knowledge: Knowledge, chosen: Mapping[str, float] | None) -> tuple[str, str] | None:
-    """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
-    crowds = problem.crowds
-    parts = list(zip(crowds, [e.instead for e in knowledge.explanations])) if len(crowds) > 1 else []
-    late = dead_time(crowds[0])
-    early, later = np.quantile(late, [0.25, 0.75])
-    if later - early >= LONG_DELAY:
-        prompt = crowds[0].pick(np.flatnonzero(late <= early))
-        parts.append((replace(prompt, name="a short delay"), "input-delay"))
-    for part, effect in parts:
-        alone = searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
-        if not len(alone):
-            continue
-        gains = problem.target.propose(alone[:1], problem.nominal)
-        sets = {name: np.append(value, [] if chosen is None else chosen[name]) for name, value in gains.items()}
-        settling = flown(problem.limit_rate(ROUGH), sets, part.pick(slice(0, 1)), problem.task)[1].settling
-        mine, common = settling[0], np.inf if chosen is None else settling[1]
-        if common > DEAREST * mine:
-            settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")
-            instead = "no gains" if not np.isfinite(common) else f"gains that settle in {common:.1f} s"
-            open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
-            return (
-                f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there "
-                f"are {instead} for everything that the logs allow; {open_still} is not known well enough.",
-                settled,
-            )
-    return None
-
-
-def _more(target: Target) -> str:
-    wider = "" if target.beyond or not target.firmware else "--beyond-range or "
-    return f"Try {wider}a smaller --margin, or a smaller --step."

@@ -108,10 +108,8 @@ def read_knowledge(
     # noise as the fit found it; of a position of which the file does not say, one of the units that people read
     unit = float(prior.model.dof.shown(1.0))
     noise = ((prior.noise_deg or NOISE_DEG) / unit, (prior.rate_noise_deg_s or 0.0) / unit)
-    spread = Spread(
-        np.zeros((0, 0)), SCATTER if prior.scatter is None else prior.scatter, late, volts, noise,
-        0.0 if present & set(LATE) else inflated,
-    )  # fmt: skip
+    scatter = SCATTER if prior.scatter is None else prior.scatter
+    spread = Spread(scatter, late, volts, noise, 0.0 if present & set(LATE) else inflated)
     without = [
         f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
         for term in bare.terms

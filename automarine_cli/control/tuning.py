@@ -4,16 +4,18 @@ promised; and a log flown with gains against what was promised of them."""
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.control.design import EXACT, Designed, Outcome, Setup, Task, design, fly, problem_of, step_scores
-from automarine_cli.control.knowledge import EXTENDED, SUPPLY, Knowledge, authority, read_knowledge
+from automarine_cli.control import design
+from automarine_cli.control.design import Outcome, Problem, Task
+from automarine_cli.control.knowledge import EXTENDED, SUPPLY, authority, read_knowledge
 from automarine_cli.control.targets import get
-from automarine_cli.control.targets.base import present_gains
+from automarine_cli.control.targets.base import Target, present_gains
+from automarine_cli.control.vehicles import dead_time
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.estimate import Estimate
@@ -29,6 +31,11 @@ from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field's two degrees of heading, and 5 cm
 STEP_DEG, STEP_M = 90.0, 1.0
 QUANTILES = (0.025, 0.5, 0.975)
+PRESENT = 60  # vehicles that the present gains are judged on
+DEAREST = 2.0  # how much longer gains for all explanations may take to settle than gains for the right one alone
+LONG_DELAY = 0.14
+"""Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
+Verdict = Literal["gains", "leave", "cannot-promise"]
 RECORDED = (
     "target", "step", "load", "margin", "full", "arm", "delay", "supply", "sample_time", "beyond_range", "seed",
 )  # fmt: skip
@@ -39,7 +46,7 @@ def set_up(
     margin: float = 0.75, full: float | None = None, thrusters: Source | ThrusterMap | None = None,
     arm: float | None = None, columns: Source | ColumnMap | None = None, delay: float | None = None,
     supply: tuple[float, float] = SUPPLY, sample_time: float | None = None, beyond_range: bool = False, seed: int = 0,
-) -> Setup:  # fmt: skip
+) -> Problem:  # fmt: skip
     """Read and check what a tuning is made of.
 
     `model` is that of a fit, or a diagnosis whose model is `extended`; `step` in degrees or metres, `load` [%] of the
@@ -62,7 +69,8 @@ def set_up(
     most, bend = authority(stack, knowledge, full, map_and_arm(thrusters, arm, given_columns(columns), dof))
     step = step if step is not None else STEP_DEG if dof.wraps else STEP_M
     band = dof.inner(BAND_DEG if dof.wraps else BAND_M)
-    return Setup(stack, knowledge, most, bend, Task(dof.inner(step), band, load / 100.0, margin, 0.0), seed)
+    task = Task(dof.inner(step), band, load / 100.0, margin, 0.0)
+    return design.problem_of(stack, task, knowledge, most, bend, seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,22 +85,34 @@ TUNING = ResultKind("tuning.json", "tuning", TuningFile, "tune")
 
 
 @dataclass(frozen=True, repr=False)
-class Tuning(Shown):
-    """The verdict, what it rests on, and the `settings` of `set_up`."""
+class Tuning(Shown, Problem):
+    """The verdict on a problem and why; `old` and `new` outcomes where there are any; the effect that is `open` and
+    changes the answer, empty for none; and the `settings` of `set_up`."""
 
-    designed: Designed
-    knowledge: Knowledge
-    settings: Mapping[str, Any]
+    verdict: Verdict
+    why: str
+    open: str = ""
+    old: Outcome | None = None
+    new: Outcome | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def source(self) -> str:
         return self.knowledge.stored.source
 
+    @property
+    def run(self) -> str:
+        """The run that settles what is open, in words."""
+        if not self.open:
+            return ""
+        card = effects.get(self.open).card(self.nominal.dof)
+        return self.knowledge.splits.get(self.open) or card.separated_by
+
     def to_json(self) -> dict[str, Any]:
-        designed, new, old, task = self.designed, self.designed.new, self.designed.old, self.designed.task
-        target, nominal, dof = designed.target, designed.nominal, designed.nominal.dof
+        target, nominal, task, new, old = self.target, self.nominal, self.task, self.new, self.old
+        dof = nominal.dof
         return {
-            "schema": TUNING.schema, "verdict": designed.verdict, "why": designed.why,
+            "schema": TUNING.schema, "verdict": self.verdict, "why": self.why,
             "target": target.name, "firmware": target.firmware or None, "motion": dof.name, "model": self.source,
             f"{dof.words.force}_unit": nominal.force_unit, f"full_{dof.words.force}": nominal.full,
             "sample_time_s": target.period, f"step_{dof.units.log}": dof.logged(task.step),
@@ -108,10 +128,10 @@ class Tuning(Shown):
             },
             "promised": None if new is None else self._promised(new),
             "present": None if old is None else self._promised(old),
-            "vehicles": sum(len(crowd) for crowd in designed.crowds),
-            "explanations": [crowd.name for crowd in designed.crowds],
-            "settled_by": designed.run or None,
-            "notes": list(designed.notes),
+            "vehicles": sum(len(crowd) for crowd in self.crowds),
+            "explanations": [crowd.name for crowd in self.crowds],
+            "settled_by": self.run or None,
+            "notes": list(self.knowledge.notes),
             "present_gains": None if old is None else dict(old.gains),
             "made_from": {
                 "settings": {name: self.settings[name] for name in RECORDED},
@@ -124,31 +144,31 @@ class Tuning(Shown):
         }  # fmt: skip
 
     def outcomes(self) -> list[tuple[str, Outcome]]:
-        return [(n, x) for n, x in (("present", self.designed.old), ("new", self.designed.new)) if x is not None]
+        return [(n, x) for n, x in (("present", self.old), ("new", self.new)) if x is not None]
 
     def gains(self) -> dict[str, dict[str, object]]:
-        new, old = self.designed.new, self.designed.old
+        new, old = self.new, self.old
         if new is None:
             return {}
-        unit = self.designed.nominal.dof.units.base
+        unit = self.nominal.dof.units.base
         return {
             gain.name: {
                 "value": new.gains[gain.name], "before": None if old is None else old.gains.get(gain.name),
                 "unit": gain.unit.replace("{x}", unit),
                 "documented": [gain.low, gain.high] if math.isfinite(gain.high) else None,
             }
-            for gain in self.designed.target.parameters
+            for gain in self.target.parameters
         }  # fmt: skip
 
     def _promised(self, outcome: Outcome) -> dict[str, Any]:
-        bands = {name: _json(value) for name, value in promises(outcome, self.designed).items()}
+        bands = {name: _json(value) for name, value in promises(outcome, self.nominal.dof).items()}
         return bands | {"settles": float(outcome.scores.settles.mean())}
 
     @property
     def plan_command(self) -> str:
         """The line that plans runs which separate what a diagnosis left tied, or narrow the effect that is not known;
         empty where nothing is open, or nothing can be planned."""
-        dof, effect = self.designed.nominal.dof, self.designed.open
+        dof, effect = self.nominal.dof, self.open
         if not effect or not dof.wraps:
             return ""
         model, extended = (self.settings[key] for key in ("model", "extended"))
@@ -161,24 +181,133 @@ class Tuning(Shown):
         return shlex.join(["automarine", "plan", *named, *wanted, "-o", "out/plan"])
 
     def target_text(self) -> str:
-        designed = self.designed
-        assert designed.new is not None
-        share = f"{designed.new.share_with(designed.task.margin):.0%}"
-        holds = f"Disk margin {designed.task.margin:g} or more for {share} of the vehicles that the model allows."
+        assert self.new is not None
+        share = f"{self.new.share_with(self.task.margin):.0%}"
+        holds = f"Disk margin {self.task.margin:g} or more for {share} of the vehicles that the model allows."
         notes = [f"From {self.source} by automarine tune.", holds]
-        if designed.target.beyond and designed.target.firmware:
+        if self.target.beyond and self.target.firmware:
             notes.append("Warning: values may lie beyond the documented ranges.")
-        before = {} if designed.old is None else designed.old.gains
-        notes += [f"{name} was {before[name]:.6g}" for name in designed.target.searched if name in before]
-        return designed.target.text(designed.new.gains, designed.nominal, notes)
+        before = {} if self.old is None else self.old.gains
+        notes += [f"{name} was {before[name]:.6g}" for name in self.target.searched if name in before]
+        return self.target.text(self.new.gains, self.nominal, notes)
 
 
 def make_tuning(*, present: Source | None, **settings: Any) -> Tuning:
     """Design gains by the settings of `set_up`; `present` is a file of the gains flown so far.
 
     Raises ModelError or SettingError."""
-    setup = set_up(**settings)
-    return Tuning(design(setup, present_gains(setup.target, present)), setup.knowledge, settings)
+    problem = set_up(**settings)
+    return replace(judge(problem, present_gains(problem.target, present)), settings=settings)
+
+
+def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
+    """Reach the verdict on a problem; `present` gains by name, None where there are none.
+
+    A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
+    margin and do not settle in time."""
+    task, nominal, settled = problem.task, problem.nominal, problem.knowledge.settled
+    if settled is not None:
+        return _reached(problem, "cannot-promise", *settled)
+    shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
+    seconds = float(np.clip(7.0 * shortest + 32.0 * nominal.lag, 20.0, 60.0))
+    for longer in (1.0, 2.0):
+        result = _judged(replace(problem, task=replace(task, seconds=longer * seconds)), present)
+        if result is not None:
+            return result
+    why = f"The best gains that keep a disk margin of {task.margin:g} do not settle for {design.SHARE:.0%} of the"
+    return _reached(problem, "cannot-promise", f"{why} vehicles that the model allows. {_more(problem.target)}")
+
+
+def _reached(
+    problem: Problem, verdict: Verdict, why: str, effect: str = "", old: Outcome | None = None,
+    new: Outcome | None = None,
+) -> Tuning:  # fmt: skip
+    return Tuning(**vars(problem), verdict=verdict, why=why, open=effect, old=old, new=new)
+
+
+def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | None:
+    """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
+    task, target, crowds = problem.task, problem.target, problem.crowds
+    few = slice(0, PRESENT // len(crowds))
+    some = replace(problem, crowds=tuple(part.pick(few) for part in crowds))
+    old = None if present is None else design.outcome(some, present)
+    if old is not None and design.keeps(old, some):
+        return _reached(problem, "leave", _leave(old, task), old=old)
+    short = design.shorten(problem)
+    chosen = design.best_gains(short)
+    dear = _price(short, chosen)
+    if dear is not None:
+        return _reached(problem, "cannot-promise", *dear, old=old)
+    if chosen is None:
+        within = "" if target.beyond or not target.firmware else " within the documented ranges"
+        why = f"No gains{within} keep a disk margin of {task.margin:g} for {design.SHARE:.0%} of the vehicles"
+        return _reached(problem, "cannot-promise", f"{why} that the model allows. {_more(target)}", old=old)
+    new = design.outcome(problem, chosen)
+    # too little is seen after the vehicles settled: in a dead-band a loop may rest for a while and swing out again
+    late = np.mean(new.scores.settling > 0.5 * task.seconds) > 1.0 - design.SHARE
+    if late and design.keeps(new, problem):
+        task = replace(task, seconds=2.0 * task.seconds)
+        problem, some = replace(problem, task=task), replace(some, task=task)
+        new = design.outcome(problem, chosen)
+        old = None if present is None else design.outcome(some, present)
+    if not design.keeps(new, problem):
+        return None
+    if old is not None and (design.keeps(old, some) or _no_worse(old, new, task)):
+        return _reached(problem, "leave", _leave(old, task), old=old)
+    share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
+    before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
+    why = f"They keep a disk margin of {task.margin:g} for {share}{before}."
+    return _reached(problem, "gains", why, old=old, new=new)
+
+
+def _no_worse(old: Outcome, new: Outcome, task: Task) -> bool:
+    def figures(result: Outcome) -> Floats:
+        s, least = result.scores, [-result.share_with(task.margin), -result.scores.settles.mean()]
+        medians = [np.median(x) for x in (-result.margins.disk, s.overshoot, s.settling, s.rms, s.error)]
+        return np.array([*least, *medians])
+
+    return bool(np.all(figures(old) <= figures(new)))
+
+
+def _leave(old: Outcome, task: Task) -> str:
+    share = f"{old.share_with(task.margin):.0%} of the vehicles that the model allows"
+    return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle."
+
+
+def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, str] | None:
+    """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
+    crowds, knowledge = problem.crowds, problem.knowledge
+    parts = list(zip(crowds, [e.instead for e in knowledge.explanations])) if len(crowds) > 1 else []
+    late = dead_time(crowds[0])
+    early, later = np.quantile(late, [0.25, 0.75])
+    if later - early >= LONG_DELAY:
+        prompt = crowds[0].pick(np.flatnonzero(late <= early))
+        parts.append((replace(prompt, name="a short delay"), "input-delay"))
+    for part, effect in parts:
+        alone = design.searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
+        if not len(alone):
+            continue
+        gains = problem.target.propose(alone[:1], problem.nominal)
+        sets = {name: np.append(value, [] if chosen is None else chosen[name]) for name, value in gains.items()}
+        settling = design.flown(problem.limit_rate(design.ROUGH), sets, part.pick(slice(0, 1)), problem.task)[
+            1
+        ].settling
+        mine, common = settling[0], np.inf if chosen is None else settling[1]
+        if common > DEAREST * mine:
+            settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")
+            instead = "no gains" if not np.isfinite(common) else f"gains that settle in {common:.1f} s"
+            open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
+            return (
+                f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there "
+                f"are {instead} for everything that the logs allow; {open_still} is not known well enough.",
+                settled,
+            )
+    return None
+
+
+def _more(target: Target) -> str:
+    wider = "" if target.beyond or not target.firmware else "--beyond-range or "
+    return f"Try {wider}a smaller --margin, or a smaller --step."
 
 
 def banded(values: Floats, unit: str) -> Estimate | None:
@@ -190,9 +319,9 @@ def banded(values: Floats, unit: str) -> Estimate | None:
     return Estimate(middle, float(np.std(finite)), (low, high), unit)
 
 
-def promises(outcome: Outcome, designed: Designed) -> dict[str, Estimate | None]:
+def promises(outcome: Outcome, dof: Dof) -> dict[str, Estimate | None]:
     """What a set of gains comes to, by key of the result file."""
-    dof, scores = designed.nominal.dof, outcome.scores
+    scores = outcome.scores
     return {
         "overshoot_percent": banded(100.0 * scores.overshoot, "%"),
         "settling_s": banded(scores.settling, "s"),
@@ -225,24 +354,15 @@ SMOOTHED_S, STEADY_S, LEAST = 0.5, 3.0, 5.0
 
 
 @dataclass(frozen=True)
-class Compared:
-    """A figure of a step as flown, and the band of 95 % that was promised; infinite where it never settled."""
-
-    value: float
-    band: tuple[float, float]
-    in_band: bool
-
-
-@dataclass(frozen=True)
 class FlownStep:
-    """A step of the reference: when it `begins` [s in the log], its size, what came of it by key of the result file
-    [percent, s, degrees or centimetres], and the curves: `time` (N,), `reference` (N,), `position` (N,) as read, `low`
-    and `high` (N,) of the promise, all less the position before."""
+    """A step of the reference: when it `begins` [s in the log], its size, what came of it beside the band of 95 % that
+    was promised, as in the result file (None where it never settled), and the curves: `time` (N,), `reference` (N,),
+    `position` (N,) as read, `low` and `high` (N,) of the promise, all less the position before."""
 
     run: str
     begins: float
     size: float
-    figures: Mapping[str, Compared]
+    figures: Mapping[str, dict[str, Any]]
     time: Floats
     reference: Floats
     position: Floats
@@ -251,15 +371,11 @@ class FlownStep:
 
     @property
     def held(self) -> bool:
-        return all(figure.in_band for figure in self.figures.values())
+        return all(figure["held"] for figure in self.figures.values())
 
     def to_json(self, dof: Dof) -> dict[str, Any]:
-        figures = {}
-        for key, figure in self.figures.items():
-            flown, *promised = (x if math.isfinite(x) else None for x in (figure.value, *figure.band))
-            figures[key] = {"flown": flown, "promised": promised, "held": figure.in_band}
         step = {f"step_{dof.units.log}": dof.logged(self.size)}
-        return {"run": self.run, "begins_s": self.begins, **step, "held": self.held, "figures": figures}
+        return {"run": self.run, "begins_s": self.begins, **step, "held": self.held, "figures": {**self.figures}}
 
 
 @dataclass(frozen=True, repr=False)
@@ -285,17 +401,16 @@ def check_tuning(
     """Compare logs that were flown with the gains of a `tuning.json` with what was promised of them.
 
     Raises ModelError for another file, LogError or RunError for logs without a step."""
-    setup, gains = _of_tuning(tuning)
-    dof, task = setup.knowledge.model.dof, setup.task
+    problem, gains = _of_tuning(tuning)
+    dof, task = problem.nominal.dof, problem.task
     runs = load_runs(logs, given_columns(columns), dof=dof, progress=progress).runs
-    problem, sets = problem_of(setup), {name: np.full((1, 1), value) for name, value in gains.items()}
-    target = problem.limit_rate(EXACT)
+    sets, target = {name: np.full((1, 1), value) for name, value in gains.items()}, problem.limit_rate(design.EXACT)
 
     def promise(time: Floats, wish: Floats) -> tuple[Floats, Floats]:
         """Time (M,) and positions (S, M) of every vehicle that follows a reference from rest."""
         clock = np.arange(max(2, round(float(time[-1]) / target.period))) * target.period
         setpoint = np.interp(clock, time, wish)[None, None]
-        flights = [fly(target, sets, crowd, setpoint, np.zeros((1, 1))) for crowd in problem.crowds]
+        flights = [design.fly(target, sets, crowd, setpoint, np.zeros((1, 1))) for crowd in problem.crowds]
         return flights[0].time, np.concatenate([flight.position[:, 0] for flight in flights])
 
     steps = []
@@ -311,7 +426,7 @@ def check_tuning(
     return TuningCheck(tuple(steps), dof)
 
 
-def _of_tuning(tuning: Source) -> tuple[Setup, dict[str, float]]:
+def _of_tuning(tuning: Source) -> tuple[Problem, dict[str, float]]:
     """What a tuning was made of, and the gains that it gave or left."""
     data = read_plain(tuning, "JSON", ModelError)
     recipe: Any = data.get("made_from")
@@ -375,11 +490,12 @@ def _flown(
             ("settling_s", 1.0, longer),
             (f"rms_after_{dof.units.key}", float(dof.shown(1.0)), 2.0 * noise),
         ),
-        step_scores(time, smooth[None], size, task.band + 2.5 * noise),
-        step_scores(clock, flown, size, task.band),
+        design.step_scores(time, smooth[None], size, task.band + 2.5 * noise),
+        design.step_scores(clock, flown, size, task.band),
     ):
         low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in QUANTILES[::2])
         held = bool(low - spare <= value[0] <= high + spare)
-        figures[key] = Compared(unit * float(value[0]), (unit * low, unit * high), held)
+        measured_value, *promised = (unit * x if math.isfinite(x) else None for x in (float(value[0]), low, high))
+        figures[key] = {"flown": measured_value, "promised": promised, "held": held}
     band = [np.interp(time, clock, edge) for edge in np.quantile(flown, QUANTILES[::2], axis=0)]
     return FlownStep(run.name, float(run.time[part][0] - run.time[0]), size, figures, time, wish, measured[part], *band)

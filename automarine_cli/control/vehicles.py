@@ -76,12 +76,11 @@ class Vehicles:
 
 @dataclass(frozen=True)
 class Spread:
-    """How uncertain a model is: `covariance` of theta (p, p), `scatter` of the thrust from run to run, `late` the
-    longest delay [s] that the logs cannot show, `volts` of the logs and of the supply when it is lowest and highest,
-    `noise` of the readings of position and velocity [base units], `heavy` what each second of delay beyond the model's
-    has added to its inertia."""
+    """What is uncertain beside theta: `scatter` of the thrust from run to run, `late` the longest delay [s] that the
+    logs cannot show, `volts` of the logs and of the supply when it is lowest and highest, `noise` of the readings of
+    position and velocity [base units], `heavy` what each second of delay beyond the model's has added to its inertia.
+    """
 
-    covariance: Floats
     scatter: float
     late: float
     volts: tuple[float, float, float]
@@ -90,9 +89,11 @@ class Spread:
 
 
 def crowd(
-    model: YawModel, spread: Spread, full: float, bend: ThrustCurve | None, count: int, rng: np.random.Generator
-) -> Vehicles:
-    theta = _drawn(model, spread.covariance, count, rng)
+    model: YawModel, covariance: Floats, spread: Spread, full: float, bend: ThrustCurve | None, count: int,
+    rng: np.random.Generator,
+) -> Vehicles:  # fmt: skip
+    """Draw `count` vehicles about a model whose theta has a `covariance` (p, p); the first is the model's."""
+    theta = _drawn(model, covariance, count, rng)
     logged, low, high = spread.volts
     volts = np.append(logged, rng.uniform(low, high, count - 1))
     gain = np.exp(spread.scatter * np.append(0.0, rng.standard_normal(count - 1)))

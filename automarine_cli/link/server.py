@@ -13,7 +13,7 @@ import stat
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -237,12 +237,6 @@ class LinkServer(ThreadingHTTPServer):
             connection.shutdown(socket.SHUT_RDWR)
 
 
-@dataclass(frozen=True)
-class Serving:
-    url: str
-    token: str
-
-
 def token_of(folder: Path) -> str:
     """The vehicle's token, made at the first start, for its owner's eyes only. Raises SettingError, OSError."""
     file = folder / "token"
@@ -267,11 +261,9 @@ def token_of(folder: Path) -> str:
     return token
 
 
-def serve(
-    folder: Path, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[[Serving | str], object]
-) -> None:
-    """Serve a folder until interrupted; `tell` hears the address, then a sentence when a campaign is accepted, refused
-    or over, and of what in the folder is not right. Raises SettingError, OutputError."""
+def serve(folder: Path, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[..., object]) -> None:
+    """Serve a folder until interrupted; `tell` hears the address with the token, then a sentence when a campaign is
+    accepted, refused or over, and of what in the folder is not right. Raises SettingError, OutputError."""
     store = Store(folder)
     store.prepare()
     try:
@@ -281,9 +273,7 @@ def serve(
         raise SettingError(f"{folder} is served already; end that `automarine serve`, or give another folder") from None
 
 
-def _serve(
-    store: Store, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[[Serving | str], object]
-) -> None:
+def _serve(store: Store, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[..., object]) -> None:
     word = secrets.token_hex(8)
     try:
         token = token_of(store.folder)
@@ -298,7 +288,7 @@ def _serve(
     threading.Thread(target=server.serve_forever, daemon=True).start()
     host = f"[{address[0]}]" if ":" in address[0] else address[0]
     old = {campaign.id for campaign in server.state().campaigns if campaign.over}
-    tell(Serving(f"http://{host}:{server.server_address[1]}", token))
+    tell(f"http://{host}:{server.server_address[1]}", token)
     threading.Thread(target=_tell_news, args=(server, tell, old), daemon=True).start()  # the lease waits for no disk
     # without what the store remembers: that would cross to the process
     start = partial(
@@ -325,7 +315,7 @@ def _serve(
             player.join(LEASE_S)
 
 
-def _tell_news(server: LinkServer, tell: Callable[[Serving | str], object], old: set[str]) -> None:
+def _tell_news(server: LinkServer, tell: Callable[[str], object], old: set[str]) -> None:
     """Tell for ever which campaigns are over and what is not right in the folder, beside the `old` news."""
     while True:
         with contextlib.suppress(OSError):

@@ -11,14 +11,14 @@ from automarine_cli.text import printable
 @sections.register
 def _(rehearsal: Rehearsal) -> Sections:
     rows = [
-        {"run": run.name, "begins s": f"{run.begins_s:.1f}", "driven s": f"{run.driven_s:.1f}",
-         "turns deg": "" if run.turned_deg is None else f"{run.turned_deg:+.0f}",
-         "battery left Ah": f"{run.left_Ah:.3f}"}
-        for run in rehearsal.runs
+        {"run": run["name"], "begins s": f"{run['begins_s']:.1f}", "driven s": f"{run['driven_s']:.1f}",
+         "turns deg": "" if run["turned_deg"] is None else f"{run['turned_deg']:+.0f}",
+         "battery left Ah": f"{run['left_Ah']:.3f}"}
+        for run in rehearsal.planned
     ]  # fmt: skip
     campaign, battery = rehearsal.campaign, rehearsal.campaign.battery
     minutes = (campaign.begins(len(rows)) - campaign.runs[-1].wait_s) / 60.0
-    percent = 100.0 * rehearsal.runs[-1].left_Ah / battery.charge_Ah
+    percent = 100.0 * rehearsal.planned[-1]["left_Ah"] / battery.charge_Ah
     text = f"{len(rows)} runs in {minutes:.1f} min; {percent:.0f} % of the battery is left, "
     return Sections([Table.of("Runs", rows), f"{text}{battery.reserve_percent:g} % must be."])
 

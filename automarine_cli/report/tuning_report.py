@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 
-from automarine_cli.control.design import Designed
 from automarine_cli.control.tuning import TUNING, Tuning, TuningCheck, margins_of, promises
 from automarine_cli.report.figures.plan import flown_figure, tuning_figure
 from automarine_cli.report.figures.style import Draw
@@ -23,48 +22,49 @@ FIRST_FLIGHT = (
 
 @sections.register
 def _(tuning: Tuning) -> Sections:
-    designed, listed = tuning.designed, [TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png"]
-    verdict, *more = _sentences(designed)
-    tables = [] if designed.new is None and designed.old is None else [_gains_table(designed), _promised_table(tuning)]
+    listed = [TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png"]
+    verdict, *more = _sentences(tuning)
+    tables = [] if tuning.new is None and tuning.old is None else [_gains_table(tuning), _promised_table(tuning)]
     if line := tuning.plan_command:
         more.insert(1, f"To plan such runs: {line}")
     files: dict[str, Content] = {TUNING.file: tuning.to_json(), "tuning.md": _page(tuning, tables)}
     files |= {name: table.to_csv() for name, table in zip(("gains.csv", "tuning.csv"), tables)}
-    figures: dict[str, Draw] = {"tuning": partial(tuning_figure, designed)} if tables else {}
-    if designed.new is not None:
-        listed.insert(0, designed.target.file)
-        files[designed.target.file] = tuning.target_text()
+    figures: dict[str, Draw] = {"tuning": partial(tuning_figure, tuning)} if tables else {}
+    if tuning.new is not None:
+        listed.insert(0, tuning.target.file)
+        files[tuning.target.file] = tuning.target_text()
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
     for label, *cells in tables[1].rows if tables else ():
         if label.startswith(("settles after", "largest error")):  # the gain and its price
             values = (f"{name} {cell}" for name, cell in zip(tables[1].header[1:], cells))
             more.append(f"{label[0].upper()}{label[1:]}: {', '.join(values)}.")
-    return Sections([verdict, *more, *designed.notes, *tables[:1]], files, figures, listed, rows, details=tables[1:])
+    return Sections(
+        [verdict, *more, *tuning.knowledge.notes, *tables[:1]], files, figures, listed, rows, details=tables[1:]
+    )
 
 
-def _sentences(designed: Designed) -> list[str]:
-    settles = [f"What would settle it: {designed.run}."] if designed.run else []
-    return [f"{VERDICTS[designed.verdict]} {designed.why}", *settles]
+def _sentences(tuning: Tuning) -> list[str]:
+    settles = [f"What would settle it: {tuning.run}."] if tuning.run else []
+    return [f"{VERDICTS[tuning.verdict]} {tuning.why}", *settles]
 
 
-def _gains_table(designed: Designed) -> Table:
-    after, before = ({} if of is None else of.gains for of in (designed.new, designed.old))
+def _gains_table(tuning: Tuning) -> Table:
+    after, before = ({} if of is None else of.gains for of in (tuning.new, tuning.old))
     rows = [
         {
             "parameter": gain.name, "present": number(before.get(gain.name)), "new": number(after.get(gain.name)),
-            "unit": gain.unit.replace("{x}", designed.nominal.dof.units.base),
+            "unit": gain.unit.replace("{x}", tuning.nominal.dof.units.base),
             "documented": f"{gain.low:g} to {gain.high:g}" if math.isfinite(gain.high) else None,
             "what it is": gain.meaning,
         }
-        for gain in designed.target.parameters
+        for gain in tuning.target.parameters
         if gain.searched or after.get(gain.name) not in (None, before.get(gain.name))
     ]  # fmt: skip
     return Table.of("Gains", rows)
 
 
 def _promised_table(tuning: Tuning) -> Table:
-    designed = tuning.designed
-    dof, task = designed.nominal.dof, designed.task
+    dof, task = tuning.nominal.dof, tuning.task
     words = {
         "disk_margin": "disk margin", "gain_margin_dB": "gain margin [dB]", "phase_margin_deg": "phase margin [deg]",
         "delay_margin_s": "delay margin [s]", "overshoot_percent": "overshoot [%]", "settling_s": "settles after [s]",
@@ -74,7 +74,7 @@ def _promised_table(tuning: Tuning) -> Table:
     }  # fmt: skip
     columns = dict[str, dict[str, str]]()
     for name, outcome in tuning.outcomes():
-        bands = margins_of(outcome) | promises(outcome, designed)
+        bands = margins_of(outcome) | promises(outcome, dof)
         columns[name] = {
             key: "never" if of is None else "{} [{}, {}]".format(*map(_or_never, (of.value, *of.ci95)))
             for key, of in bands.items()
@@ -82,34 +82,33 @@ def _promised_table(tuning: Tuning) -> Table:
         columns[name]["settles"] = f"{np.mean(outcome.scores.settles):.0%}"
         columns[name]["keeps"] = f"{outcome.share_with(task.margin):.0%}"
     rows = [{"": label} | {name: cells[key] for name, cells in columns.items()} for key, label in words.items()]
-    count = sum(len(crowd) for crowd in designed.crowds)
+    count = sum(len(crowd) for crowd in tuning.crowds)
     return Table.of("What to expect", rows, [
         f"Median and the band of 95 % of {count} vehicles that the model allows; a step of {dof.logged(task.step):g} "
         f"{dof.units.log}, settled within {dof.shown(task.band):g} {dof.units.shown}, flights of {task.seconds:.0f} s.",
     ])  # fmt: skip
 
 
-def _or_never(value: float) -> str:
-    return number(value, 3) if math.isfinite(value) else "never"
+def _or_never(value: float | None) -> str:
+    return number(value, 3) if value is not None and math.isfinite(value) else "never"
 
 
 def _page(tuning: Tuning, tables: list[Table]) -> str:
-    designed = tuning.designed
-    nominal, noise = designed.nominal, designed.crowds[0].noise[0]
-    parts = [f"# A controller for {designed.target.name}, from {tuning.source}", *_sentences(designed)]
-    if designed.new is not None:
-        parts.append(f"The file to load: `{designed.target.file}`. {FIRST_FLIGHT}")
+    nominal, noise = tuning.nominal, tuning.crowds[0].noise[0]
+    parts = [f"# A controller for {tuning.target.name}, from {tuning.source}", *_sentences(tuning)]
+    if tuning.new is not None:
+        parts.append(f"The file to load: `{tuning.target.file}`. {FIRST_FLIGHT}")
     picture = "![Step and load with present and new gains](tuning.png)" if tables else ""
     rests_on = [
-        *designed.notes,
-        f"Explanations flown: {', '.join(crowd.name for crowd in designed.crowds)}.",
+        *tuning.knowledge.notes,
+        f"Explanations flown: {', '.join(crowd.name for crowd in tuning.crowds)}.",
         f"The whole output gives {nominal.full:.4g} {nominal.force_unit}.",
         f"Only {nominal.dof.name} is designed; roll, pitch, and what the motions do to each other are not.",
         f"Readings are off as those of the logs are, by {nominal.dof.shown(noise):.2g} {nominal.dof.words.units} "
         "(standard deviation); waves and the pilot are not simulated.",
     ]
-    if designed.target.firmware:
-        rests_on.append(f"Names, units and ranges are those of {designed.target.firmware}.")
+    if tuning.target.firmware:
+        rests_on.append(f"Names, units and ranges are those of {tuning.target.firmware}.")
     return document(*parts, *tables, picture, "## What it rests on", bullets(rests_on))
 
 
@@ -120,10 +119,10 @@ def _(check: TuningCheck) -> Sections:
     for step in steps:
         size = f"{dof.logged(step.size):+.3g} {dof.units.log}"
         for label, figure in zip(words, step.figures.values()):
-            flown, low, high = map(_or_never, (figure.value, *figure.band))
+            flown, low, high = map(_or_never, (figure["flown"], *figure["promised"]))
             rows.append({
                 "step": f"{step.run}, {step.begins:.1f} s, {size}", "": label, "flown": flown,
-                "promised": f"{low} to {high}", "held": "yes" if figure.in_band else "no",
+                "promised": f"{low} to {high}", "held": "yes" if figure["held"] else "no",
             })  # fmt: skip
     table = Table.of("Flown and promised", rows)
     failed = sum(not step.held for step in steps)

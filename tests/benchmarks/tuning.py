@@ -146,7 +146,7 @@ def blind(seed: int, out: Path, family: str) -> dict[str, Any]:
     if tuned["verdict"] != "gains":
         return row
     random, promised = np.random.default_rng([seed, 19]), tuned["promised"]
-    flight = flown(truth, result.designed.target, values_of(tuned["gains"]), tuned["flight_s"], random)
+    flight = flown(truth, result.target, values_of(tuned["gains"]), tuned["flight_s"], random)
     did = numbers_of(flight)
     return row | {
         "settled": bool(flight.settles[0]), "flown": did,

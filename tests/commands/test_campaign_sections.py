@@ -3,7 +3,6 @@
 import json
 import shutil
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from automarine_cli.commands.campaign import Campaign, read_campaign
 from automarine_cli.commands.init import init
 from automarine_cli.commands.report import report
 from automarine_cli.commands.run import run_campaign, why_made_again
-from automarine_cli.control import tuning
+from automarine_cli.control import design
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.parallel import silent
 from automarine_cli.report.campaign import STEPS, headlines, make_report, read_steps
@@ -139,7 +138,7 @@ def day(small_day: Path, tmp_path: Path) -> Path:
 
 def test_a_campaign_ends_with_gains_and_its_report_shows_them(day: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a diagnosis the model is tuned; nothing is made again that has not changed."""
-    monkeypatch.setattr(tuning, "design", partial(tuning.design, count=40))
+    monkeypatch.setattr(design, "CROWD", 40)
     campaign, out = day / "pool" / "campaign.toml", day / "out"
     assert "tune" not in {step.step for step in run_campaign(campaign, out=out, until="fit-yaw").steps}
     plan, tune = settings(read_campaign(campaign), "tune", out), load("tune")

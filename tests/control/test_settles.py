@@ -100,13 +100,13 @@ def planned(folder: Path, path: str, half_width: float, *parameters: str, diagno
 def test_the_planned_runs_settle_an_unknown_delay(tmp_path: Path) -> None:
     """The truth is 0.02 s late: its planned runs, diagnosed, give what could not be promised before."""
     path = written(tmp_path, model())
-    assert am.tune(path, target="python").designed.open == "input-delay"
+    assert am.tune(path, target="python").open == "input-delay"
     plan = planned(tmp_path, path, 10.0, "I_r", "input-delay t_d")
     (tmp_path / "truth.toml").write_text(plan.read_text().replace("t_d = 0.2", "t_d = 0.02"))
     am.simulate(tmp_path / "truth.toml", out=tmp_path / "day")
     am.diagnose([str(tmp_path / "day")], model=path, out=tmp_path / "diagnosis")
     found = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python")
-    assert found.designed.verdict == "gains" and found.to_json()["promised"]["settles"] >= 0.95
+    assert found.verdict == "gains" and found.to_json()["promised"]["settles"] >= 0.95
 
 
 @pytest.mark.slow
@@ -117,7 +117,7 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     path = written(tmp_path, diagnosis("input-delay", late, "dead-band"), "diagnosis.json")
     bare = written(tmp_path, model())
     before = am.tune(path, target="python")
-    assert before.designed.verdict == "cannot-promise" and before.designed.open == "dead-band"
+    assert before.verdict == "cannot-promise" and before.open == "dead-band"
     assert f"automarine plan {extended} --diagnosis {path} --parameter I_r -o" in before.plan_command
     plan = planned(tmp_path, extended, 50.0, "I_r", diagnosis=path)
     am.simulate(plan, out=tmp_path / "day")
@@ -132,4 +132,4 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     (effect,) = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())["effects"]
     assert effect["name"] == "input-delay" and not effect["rivals"]
     after = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python")
-    assert after.designed.verdict == "gains" and after.designed.open == ""
+    assert after.verdict == "gains" and after.open == ""

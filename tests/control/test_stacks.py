@@ -130,7 +130,8 @@ def test_what_is_not_uncertain_is_not_drawn() -> None:
     covariance = np.zeros((len(model.theta), len(model.theta)))
     covariance[:2, :2] = [[4e-4, 3e-4], [3e-4, 9e-4]]
     covariance[model.index("thruster-lag.T"), model.index("thruster-lag.T")] = 1e-5
-    drawn = crowd(model, Spread(covariance, 0.03, 0.0, (1.0, 0.9, 1.1)), 30.0, None, 200, np.random.default_rng(1))
+    spread = Spread(0.03, 0.0, (1.0, 0.9, 1.1))
+    drawn = crowd(model, covariance, spread, 30.0, None, 200, np.random.default_rng(1))
     fixed = np.diagonal(covariance) == 0
     assert np.array_equal(drawn.theta[:, fixed], np.tile(model.theta[fixed], (200, 1)))
     assert np.all(drawn.theta[:, ~fixed].std(axis=0) > 0)

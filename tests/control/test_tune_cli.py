@@ -5,7 +5,6 @@ import io
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +26,8 @@ Run = Callable[..., Result]
 
 def smaller(patch: pytest.MonkeyPatch) -> None:
     """Fewer vehicles than a user gets: the verdicts here are clear ones."""
-    patch.setattr(tuning, "design", partial(designing.design, count=48))
-    patch.setattr(tuning, "problem_of", partial(designing.problem_of, count=48))
-    patch.setattr(designing, "PRESENT", 24)
+    patch.setattr(designing, "CROWD", 48)
+    patch.setattr(tuning, "PRESENT", 24)
 
 
 @pytest.fixture(autouse=True)
@@ -148,7 +146,7 @@ def test_what_the_fit_itself_asks_for_is_settled_first(run: Run, tmp_path: Path)
 def test_nothing_is_promised_of_a_thrust_that_is_not_known(more: dict[str, Any], why: str, tmp_path: Path) -> None:
     """A scatter at the bound of its fit, or a gain that goes with the command: a dead-band may hide in it."""
     content = model(0.05, 0.08, 1.0, "nu", lag=0.05, delay=0.05) | more
-    design = am.tune(written(tmp_path, content), target="ardusub", full=1.0).designed
+    design = am.tune(written(tmp_path, content), target="ardusub", full=1.0)
     assert design.verdict == ("cannot-promise" if why else "gains")
     assert not why or (design.why.startswith(why) and design.open == "dead-band")
 
@@ -172,8 +170,8 @@ def test_a_delay_that_the_fit_did_not_have_made_its_inertia_too_large(tmp_path: 
     """The later a vehicle may be, the lighter it is: by sqrt(k tau)/ln 2 for each second."""
     path = written(tmp_path, model(0.5, 1.0, 2.0, "nu"))
     knowledge = read_knowledge(Path(path), None, 0.2, (1.0, 1.0))
-    spread = replace(knowledge.spread, covariance=knowledge.explanations[0].covariance)
-    vehicles = crowd(knowledge.model, spread, 2.0, None, 400, np.random.default_rng(0))
+    covariance = knowledge.explanations[0].covariance
+    vehicles = crowd(knowledge.model, covariance, knowledge.spread, 2.0, None, 400, np.random.default_rng(0))
     slope, _ = np.polyfit(vehicles.late, 0.5 - vehicles.theta[:, 0], 1)
     assert slope == pytest.approx(1.0 / np.log(2.0), rel=0.15)
     path = written(tmp_path, model(0.5, 1.0, 2.0, "nu", lag=0.2))
@@ -184,8 +182,8 @@ def test_a_delay_that_the_fit_did_not_have_made_its_inertia_too_large(tmp_path: 
 def test_present_gains_that_are_as_good_are_left(tmp_path: Path) -> None:
     """What `tune` found is given back to it as the present gains, also where two explanations are open."""
     path = written(tmp_path, model(0.3, 0.5, 1.0, "nu", lag=0.1, delay=0.1))
-    assert am.tune(path, target="ardusub", full=1.0, out=tmp_path / "out").designed.verdict == "gains"
-    again = am.tune(path, target="ardusub", full=1.0, present=tmp_path / "out" / "ardusub.param").designed
+    assert am.tune(path, target="ardusub", full=1.0, out=tmp_path / "out").verdict == "gains"
+    again = am.tune(path, target="ardusub", full=1.0, present=tmp_path / "out" / "ardusub.param")
     assert again.verdict == "leave" and again.why.startswith("The present gains keep the margin of 0.75")
 
 
@@ -214,7 +212,7 @@ def test_what_a_dead_band_does_after_a_while_is_seen(tmp_path: Path) -> None:
         {"name": "sensor-lag", "parameters": {"T_s": estimate(0.168, "s", 0.01)}},
     ]
     path = written(tmp_path, model(0.16, 1.47, 1.0, "nu", effects=effects))
-    design = am.tune(path, target="python", full=1.0, beyond_range=True).designed
+    design = am.tune(path, target="python", full=1.0, beyond_range=True)
     assert design.verdict == "cannot-promise" and "do not settle for 95%" in design.why
 
 
@@ -299,7 +297,7 @@ def test_a_thruster_map_is_flown_with_its_dead_band(run: Run, tmp_path: Path) ->
 
 def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) -> str:
     """A log of two steps, there and back, of the vehicle that was tuned or of one that answers later."""
-    made = found.designed
+    made = found
     one = made.crowds[0].pick(slice(0, 1))
     one = replace(one, late=one.late + later)
     target, random = made.target, np.random.default_rng(2)

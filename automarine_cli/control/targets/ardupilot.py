@@ -60,6 +60,21 @@ class ParameterFile(Target):
 
     of: ClassVar[str]
     gyro_hz: ClassVar[float]
+    numbers = 6
+
+    def cascade(self, numbers: Floats, nominal: NominalPlant, angle: str, rate: str, least: float) -> dict[str, Floats]:
+        """Defaults, but a crossover of the `rate` loop in shares of what the delays allow, and the gain of the `angle`
+        loop and of the sum, which is `least` of it or more, in shares of that."""
+        inner, outer, summed, _, _, lead = numbers.T
+        lag = nominal.lag + self.own_lag
+        crossover = spread(inner, 0.04, 0.9) / lag
+        p = crossover * nominal.inertia
+        return {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
+            angle: crossover * spread(outer, 0.04, 0.7),
+            f"{rate}_P": p,
+            f"{rate}_I": p * crossover * spread(summed, least, 0.5),
+            f"{rate}_D": p * lag * leads(lead),
+        }
 
     def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
         head = f"{self.of} gains for {self.firmware}; names and units may differ in other versions."
@@ -80,7 +95,6 @@ class ArduSub(ParameterFile):
     firmware = "ArduSub 4.1 to 4.5"
     of = "Heading"
     gyro_hz = 20.0
-    numbers = 6
     period = 1.0 / 400.0
     parameters = (
         Parameter("ATC_ANG_YAW_P", "turn rate asked for per error of heading", "1/s", 6.0, 0.0, 6.0, True),
@@ -97,19 +111,11 @@ class ArduSub(ParameterFile):
     )  # fmt: skip
 
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
-        """A crossover of the rate loop in shares of what the delays allow, the other loops in shares of it, and a
-        reference in shares of what the thrusters can follow."""
-        inner, outer, summed, rate, speed_up, lead = numbers.T
-        lag = nominal.lag + self.own_lag
-        crossover = spread(inner, 0.04, 0.9) / lag
-        p = crossover * nominal.inertia
+        """Loops as in `cascade`, and a reference in shares of what the thrusters can follow."""
+        *_, rate, speed_up, _ = numbers.T
         reach = 1.0 / nominal.inertia
         fastest = spread(rate, 0.25, 2.5) * min(nominal.fastest, 20.0 * nominal.step)
-        gains = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
-            "ATC_ANG_YAW_P": crossover * spread(outer, 0.04, 0.7),
-            "ATC_RAT_YAW_P": p,
-            "ATC_RAT_YAW_I": p * crossover * spread(summed, 0.002, 0.5),
-            "ATC_RAT_YAW_D": p * lag * leads(lead),
+        gains = self.cascade(numbers, nominal, "ATC_ANG_YAW_P", "ATC_RAT_YAW", 0.002) | {
             "ATC_RAT_YAW_FLTD": np.full(len(numbers), self.gyro_hz),
             "ATC_RAT_YAW_IMAX": np.full(len(numbers), 0.5),
             "ATC_SLEW_YAW": fastest / CDEG,
@@ -180,7 +186,6 @@ class ArduRover(ParameterFile):
     firmware = "Rover 4.2 to 4.6"
     of = "Steering"
     gyro_hz = 4.0
-    numbers = 6
     period = 0.02
     parameters = (
         Parameter("ATC_STR_ANG_P", "turn rate asked for per error of heading", "1/s", 2.0, 1.0, 10.0, True),
@@ -196,16 +201,9 @@ class ArduRover(ParameterFile):
 
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """As for Sub; feed-forward is one over the steady rate at the whole output."""
-        inner, outer, summed, rate, speed_up, lead = numbers.T
-        lag = nominal.lag + self.own_lag
-        crossover = spread(inner, 0.04, 0.9) / lag
-        p = crossover * nominal.inertia
-        gains = {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
-            "ATC_STR_ANG_P": crossover * spread(outer, 0.04, 0.7),
+        *_, rate, speed_up, _ = numbers.T
+        gains = self.cascade(numbers, nominal, "ATC_STR_ANG_P", "ATC_STR_RAT", 0.01) | {
             "ATC_STR_RAT_FF": np.full(len(numbers), 1.0 / nominal.fastest),
-            "ATC_STR_RAT_P": p,
-            "ATC_STR_RAT_I": p * crossover * spread(summed, 0.01, 0.5),
-            "ATC_STR_RAT_D": p * lag * leads(lead),
             "ATC_STR_RAT_MAX": spread(rate, 0.25, 1.0) * nominal.fastest / RAD,
             "ATC_STR_ACC_MAX": spread(speed_up, 0.1, 1.5) / nominal.inertia / RAD,
         }

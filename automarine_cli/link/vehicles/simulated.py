@@ -93,25 +93,16 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class RehearsedRun:
-    """A run of a campaign: when its log begins, how long it is driven, how far the simulated vehicle turns [degrees]
-    (None without a model), and what is left in the battery [Ah]."""
-
-    name: str
-    begins_s: float
-    driven_s: float
-    turned_deg: float | None
-    left_Ah: float
-
-
-@dataclass(frozen=True)
 class Rehearsal:
+    """What a campaign would be, run by run: its `name`, when its log begins (`begins_s`), how long it is driven
+    (`driven_s`), how far the simulated vehicle turns (`turned_deg`, None without a model), and what is left in the
+    battery (`left_Ah`)."""
+
     campaign: LinkCampaign
-    runs: tuple[RehearsedRun, ...]
+    planned: tuple[dict[str, Any], ...]
 
     def to_json(self) -> dict[str, Any]:
-        runs = [vars(run) for run in self.runs]
-        return {"schema": "automarine/rehearsal/1", "campaign": self.campaign.id, "planned": runs}
+        return {"schema": "automarine/rehearsal/1", "campaign": self.campaign.id, "planned": [*self.planned]}
 
 
 def rehearse(campaign: LinkCampaign, vehicle: Simulated | None, progress: Progress = silent) -> Rehearsal:
@@ -123,6 +114,9 @@ def rehearse(campaign: LinkCampaign, vehicle: Simulated | None, progress: Progre
         if vehicle is not None:
             _, heading, _ = vehicle.track(campaign, run)
             turned = float(np.rad2deg(heading[-1] - heading[0]))
-        runs.append(RehearsedRun(run.name, campaign.begins(number), run.driven, turned, campaign.charge(number + 1)))
+        runs.append({
+            "name": run.name, "begins_s": campaign.begins(number), "driven_s": run.driven, "turned_deg": turned,
+            "left_Ah": campaign.charge(number + 1),
+        })  # fmt: skip
         progress("simulating", number + 1, len(campaign.runs))
     return Rehearsal(campaign, tuple(runs))

@@ -14,8 +14,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend_below, new_figure, panels
 
 if TYPE_CHECKING:  # a plan needs no controllers
-    from automarine_cli.control.design import Designed
-    from automarine_cli.control.tuning import FlownStep
+    from automarine_cli.control.tuning import FlownStep, Tuning
 
 MOST_PANELS = 4
 FEWEST_RUNS = 3  # below which a curve is not drawn: nothing is known yet
@@ -37,13 +36,13 @@ def plan_figure(plan: Plan) -> Figure:
 
 
 @house_style
-def tuning_figure(designed: "Designed") -> Figure:
+def tuning_figure(tuning: "Tuning") -> Figure:
     """Draw what follows a step, and a load from the start, all over the crowd."""
     figure, axes = new_figure(1, 2, PAGE_IN, 2.7)
-    dof, task = designed.nominal.dof, designed.task
+    dof, task = tuning.nominal.dof, tuning.task
     way = dof.shown(task.step)
     for i, title in enumerate(("Step", f"Load of {100 * task.load:g} % from the start")):
-        for name, outcome in (("present", designed.old), ("new", designed.new)):
+        for name, outcome in (("present", tuning.old), ("new", tuning.new)):
             if outcome is not None:
                 flown = dof.shown(outcome.flight.position[:, i])
                 _banded(axes[0, i], outcome.flight.time, flown, name, FURTHEST * way)
