@@ -160,17 +160,20 @@ def _forget_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-@click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Learn more: automarine COMMAND --help, automarine guide",
+)  # fmt: skip
 @verbosity
 @click.option(
     "--version", is_flag=True, is_eager=True, expose_value=False, callback=versions,
     help="Show the versions of automarine and its libraries, and exit.",
 )  # fmt: skip
 def automarine() -> None:
-    """From pool logs of an ROV or AUV to its thruster map and yaw model, and to why they disagree.
+    """Identify the dynamics of an ROV, AUV or boat from its logs, and find out what the model misses.
 
-    With logs of your own begin with `automarine init`, which writes a file for `automarine run`; to look around, with
-    the example below. The help of every command ends with an example.
+    With logs of your own begin with `automarine init`, which writes a file for `automarine run`. To look around, begin
+    with the example below. The help of every command has one above its options.
 
     A LOG is a file (.csv, .csv.gz, .parquet or a vehicle's own), a directory (searched recursively) or a quoted glob.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.command import OUTPUT, argument, command, option
 from automarine_cli.commands.terminal import end_with, verbosity_level
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.parallel import Progress
@@ -24,23 +24,19 @@ ANALYSIS = "analysis"
 @command("collect", report="link_report", saves=False)
 @argument("url", metavar="URL")
 @option(
-    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", required=True,
+    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", required=True, group=OUTPUT,
     help="Fetch the logs into this folder.",
 )  # fmt: skip
 @option(
-    "--token",
-    default="",
-    envvar="AUTOMARINE_TOKEN",
-    show_envvar=True,
-    metavar="T",
+    "--token", default="", envvar="AUTOMARINE_TOKEN", show_envvar=True, metavar="TOKEN",
     help="The token that serve printed.",
-)
+)  # fmt: skip
 @option(
     "--token-file", type=options.FILE, metavar="FILE",
     help="Read the token from this file: others on this computer can see a command line.",
 )  # fmt: skip
 @option(
-    "--campaign", type=click.Path(exists=True, path_type=Path), metavar="FILE",
+    "--campaign", type=click.Path(exists=True, path_type=Path), metavar="PLAN",
     help="Hand over the folder of a plan, or its plan.json, and stay until it was played.",
 )  # fmt: skip
 @option("--stop", is_flag=True, help="On contact, first stop what the vehicle plays, for good.")
@@ -52,7 +48,7 @@ ANALYSIS = "analysis"
     "--then", type=click.Choice(("run",)),
     help="When the campaigns are over, run the campaign.toml in DIR (made as by init) into DIR/analysis.",
 )  # fmt: skip
-@option("--overwrite", is_flag=True, help="Fetch again what was changed in DIR since it was fetched.")
+@option("--overwrite", is_flag=True, group=OUTPUT, help="Fetch again what was changed in DIR since it was fetched.")
 @options.jobs
 @options.as_json
 @options.verbosity
@@ -68,7 +64,10 @@ def collect(
 
     \b
     Example:
-      automarine collect http://192.168.2.2:8722 --token T --campaign out/plan -o out/pool --then run
+      automarine fit-yaw sample_runs/steps -o out/yaw
+      automarine plan out/yaw/yaw_model.json -o out/plan
+      automarine collect http://192.168.2.2:8722 --token TOKEN \\
+        --campaign out/plan -o out/pool --then run
     """
     from automarine_cli.link.collector import Client, Collector
     from automarine_cli.link.document import read_campaign

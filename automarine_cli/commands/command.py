@@ -24,6 +24,8 @@ EXECUTION = ("out", "overwrite", "jobs", "cluster", "as_json")
 """Options that change no result."""
 IN_PROCESS = ("overwrite", "jobs", "cluster", "progress")
 HOLD_OUT = "hold_out"
+INPUT, OUTPUT, GENERAL = "Input", "Output", "General"
+"""Groups of options in a help, between the first two those of the command itself."""
 PNG = ("png",)
 
 Function = Callable[..., Any]
@@ -34,14 +36,15 @@ class Setting:
 
     `reads` says what it names: logs, one file (or the result that would be it), files, of which the manifest lists the
     inputs under `role`, or folders, of which the command's `folder_inputs` does. Only what is `recorded` stands among
-    its options; `seldom` where it is not the default.
+    its options; `seldom` where it is not the default. The help lists it in its `group`: what it reads, or the command.
     """
 
     def __init__(
         self, *args: Any, reads: Literal["", "logs", "file", "files", "folders"] = "", role: str = "",
-        recorded: bool = True, seldom: bool = False, **kwargs: Any,
+        recorded: bool = True, seldom: bool = False, group: str = "", **kwargs: Any,
     ) -> None:  # fmt: skip
         self.reads, self.role, self.recorded, self.seldom = reads, role, recorded, seldom
+        self.group = group or (INPUT if reads else "")
         super().__init__(*args, **kwargs)
 
 
@@ -76,7 +79,9 @@ class Command(click.Command):
         self, name: str, function: Function, report: str, *, saves: bool, figures: bool, by_effects: bool,
         **attributes: Any,
     ) -> None:  # fmt: skip
-        super().__init__(name, help=inspect.getdoc(function), **attributes)
+        super().__init__(
+            name, help=inspect.getdoc(function), epilog=f"Learn more: automarine guide {name}", **attributes
+        )
         self.function, self.report = function, report
         self.saves, self.figures, self.by_effects = saves, figures, by_effects
         self.takes = set(inspect.signature(function).parameters)
@@ -93,6 +98,18 @@ class Command(click.Command):
             inspect.Parameter(str(param.name), inspect.Parameter.KEYWORD_ONLY if i else
                               inspect.Parameter.POSITIONAL_OR_KEYWORD) for i, param in enumerate(self.own)
         ])  # fmt: skip
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the options in groups; click's own, which have none, are general."""
+        noun = str(self.name).partition("-")[0].capitalize()
+        groups: dict[str, list[tuple[str, str]]] = {INPUT: [], noun: [], OUTPUT: [], GENERAL: []}
+        for param in self.get_params(ctx):
+            if isinstance(param, click.Option) and (record := param.get_help_record(ctx)):
+                groups[getattr(param, "group", GENERAL) or noun].append(record)
+        for group, records in groups.items():
+            if records:
+                with formatter.section(group):
+                    formatter.write_dl(records)
 
     def __call__(
         self, *first: object, out: str | Path | None = None, figure_formats: Sequence[str] = PNG, **settings: Any

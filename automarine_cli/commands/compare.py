@@ -26,7 +26,9 @@ def compare(results: tuple[Path, ...]) -> "ResultComparison":
 
     \b
     Example:
-      automarine compare out/fit-yaw out/hidden
+      automarine fit-yaw sample_runs/steps -o out/yaw
+      automarine fit-yaw sample_runs/hidden_one -o out/hidden_one
+      automarine compare out/yaw out/hidden_one
     """
     from automarine_cli.comparison.side_by_side import differences, read_sides
     from automarine_cli.report.compare_report import ResultComparison

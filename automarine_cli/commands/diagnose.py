@@ -32,13 +32,15 @@ def diagnose(
     Every effect of the library is tried on whole runs with everything refitted; an effect counts if it gains more
     than chance would on the same runs. The verdict is a name (with the rivals that the runs cannot exclude), a
     suspicion that the held-out runs do not confirm, nothing missing, or unexplained. What no effect explains is
-    learned as a curve over one variable or logged column. With a thruster map as the model, bollard tests are
+    learned as a curve over one variable or logged column. With a thrusters.json as the model, bollard tests are
     diagnosed in the same way.
 
     \b
     Example:
-      automarine fit-yaw sample_runs/hidden_one --fit-to whole-runs -o out/hidden
-      automarine diagnose sample_runs/hidden_one --model out/hidden/yaw_model.json -o out/diagnosis
+      automarine fit-yaw sample_runs/hidden_one --fit-to whole-runs \\
+        -o out/hidden_one
+      automarine diagnose sample_runs/hidden_one \\
+        --model out/hidden_one/yaw_model.json -o out/diagnose_one
     """
     from automarine_cli.logs import given_columns
     from automarine_cli.models.store import PLANAR_MODEL

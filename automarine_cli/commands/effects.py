@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 @command("effects", report="effect_cards", saves=False)
 @argument("name", required=False, metavar="[NAME]")
 @option(
-    "--motion", metavar="NAME",
-    help="Only what may act in this motion (surge, say), in its words, letters and units.  [default: all, of yaw]",
+    "--motion", metavar="MOTION",
+    help="yaw, surge, sway or heave: only what may act there, in its units.  [default: every effect, in those of yaw]",
 )  # fmt: skip
 @options.together(options.as_json, options.verbosity)
 def effects(name: str | None, motion: str | None) -> "EffectCards":

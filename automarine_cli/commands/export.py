@@ -6,41 +6,39 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.command import OUTPUT, argument, command, option
 from automarine_cli.commands.terminal import verbosity_level
 
 if TYPE_CHECKING:
     from automarine_cli.exports.export import Exported, Targets
-
-POSITIVE = options.Finite(positive=True)
 
 
 @command("export", report="sections", saves=False)
 @argument("model", metavar="[MODEL.json]", required=False, type=options.FILE, reads="file")
 @option("--to", metavar="NAME", help="The target: see --list.")
 @option("--list", "show_list", is_flag=True, help="List the targets, their forms and frames, and exit.")
-@option("--form", metavar="NAME", help="Form of the target; by default from FILE's extension.")
+@option("--form", metavar="NAME", help="Form of the target.  [default: by FILE's extension]")
 @option("--number", metavar="N", help="Number of the yaw model in the file.  [default: the preferred one]")
 @option("--frame", metavar="NAME", help="ENU or NED.  [default: the target's own]")
 @option(
-    "--rigid-inertia", type=POSITIVE, metavar="VALUE",
+    "--rigid-inertia", type=options.POSITIVE, metavar="VALUE",
     help="The vehicle's own part of I_r; the rest is written as added inertia.",
 )  # fmt: skip
-@option("--rigid-mass", type=POSITIVE, metavar="KG", help="gz-sim, of a planar model: the vehicle's own mass.")
+@option("--rigid-mass", type=options.POSITIVE, metavar="KG", help="gz-sim, of a planar model: the vehicle's own mass.")
 @option(
-    "--newton-metres-per-nu", type=POSITIVE, metavar="VALUE",
+    "--newton-metres-per-nu", type=options.POSITIVE, metavar="VALUE",
     help="The moment in N m that one normalised unit stands for.",
 )  # fmt: skip
 @option(
-    "--mesh-torque", type=POSITIVE, nargs=2, metavar="QUADRATIC VISCOUS",
+    "--mesh-torque", type=options.POSITIVE, nargs=2, metavar="QUADRATIC VISCOUS",
     help="stonefish: yaw drag [N m] of your mesh at 1 rad/s with a coefficient of 1.",
 )  # fmt: skip
 @option("--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, error and all.")
-@option("--n-max", type=POSITIVE, metavar="VALUE", help="thrusters: the largest control signal.")
-@option("--lag", type=POSITIVE, metavar="SECONDS", help="thrusters: time constant of the propeller's speed.")
+@option("--n-max", type=options.POSITIVE, metavar="VALUE", help="thrusters: the largest control signal.")
+@option("--lag", type=options.POSITIVE, metavar="SECONDS", help="thrusters: time constant of the propeller's speed.")
 @option("--allow-partial", is_flag=True, help="Leave out what the target cannot represent, and say so.")
 @option(
-    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", group=OUTPUT,
     help="The file to write; without it the text goes to standard output.",
 )  # fmt: skip
 @options.overwrite
@@ -55,7 +53,8 @@ def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: An
     \b
     Example:
       automarine fit-yaw sample_runs/steps -o out/yaw
-      automarine export out/yaw/yaw_model.json --to gz-sim --newton-metres-per-nu 1.5 -o out/vehicle.sdf
+      automarine export out/yaw/yaw_model.json --to gz-sim \\
+        --newton-metres-per-nu 1.5 -o out/vehicle.sdf
     """
     from automarine_cli.exports.export import export_model, export_targets
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import Command, Function, command, option
+from automarine_cli.commands.command import INPUT, Command, Function, command, option
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import SettingError
 
@@ -22,12 +22,13 @@ WHOLE_RUNS = "whole-runs"
 HELP = {
     "yaw": """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
 
-    Each run is trimmed to its first half-turn and fitted twice: by the paper's steady rates and velocity
-    errors, and by maximum likelihood on the headings. Logs without steps are fitted as whole runs.
+    Logs hold heading_deg and tau (or n_port and n_stbd with --thrusters and --arm). Each run is trimmed to its
+    first half-turn and fitted twice: by the paper's steady rates and velocity errors, and by maximum likelihood
+    on the headings. Logs without steps are fitted as whole runs.
 
     \b
     Example:
-      automarine fit-yaw sample_runs/steps -o out/fit-yaw
+      automarine fit-yaw sample_runs/steps -o out/yaw
       automarine fit-yaw sample_runs/steps --tail 90
     """,
     "surge": """Identify the surge model from step runs: distance against force, drag (Table 1) and mass (Table 2).
@@ -64,8 +65,8 @@ HELP = {
     """,
 }
 within = option(
-    "--within", type=options.ABOVE_ZERO, metavar="METRES",
-    help="Follow each step for so many metres, before the wall is felt; without it to its end.",
+    "--within", type=options.POSITIVE, metavar="METRES",
+    help="Follow each step for so many metres, before the wall is felt.  [default: to its end]",
 )  # fmt: skip
 depths = option(
     "--depths", nargs=2, type=float, metavar="FROM TO",
@@ -144,7 +145,7 @@ def _checked(place: str, dof: Dof, type: click.ParamType = click.STRING) -> opti
 
 
 def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
-    steps, unit = ("half-turns", "DEGREES") if dof is YAW else ("steps", "METRES")
+    steps, unit, limits = ("half-turns", "DEGREES", "15 to 165") if dof is YAW else ("steps", "METRES", "above 0")
     where = " enough runs have them" if dof is YAW else " there are enough"
     fit_to = option(
         "--fit-to", type=click.Choice(("auto", steps, WHOLE_RUNS)), default="auto", show_default=True,
@@ -153,20 +154,19 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
 
     tail = option(
         "--tail", type=_checked("fits.paper.asked_tail", dof, options.Finite()), metavar=unit,
-        help="Start of the steady tails of the paper's method; by default where the expected error of drag and inertia "
-        "is smallest.",
+        help=f"Where the steady part of a step begins, {limits}, for the paper's method.  [default: where the expected "
+        f"error of drag and {dof.words.inertia} is smallest]",
     )  # fmt: skip
 
     channels = option(
         "--channels", type=_checked("runs.channels.wanted_channels", dof), default="auto", show_default=True,
-        metavar="WHICH", seldom=True, help=options.CHANNELS_HELP,
+        metavar="WHICH", seldom=True, group=INPUT, help=options.CHANNELS_HELP,
     )  # fmt: skip
 
     with_effects = option(
         "--with", "with_effects", default="", type=_checked("fits.driven.wanted_effects", dof, options.Names()),
         metavar="EFFECTS", seldom=True,
-        help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven "
-        "ones.",
+        help="Effects to fit with the drag, such as dead-band,input-delay. Takes whole runs, as of driven logs.",
     )  # fmt: skip
 
     def fit(jobs: int, progress: "Progress", **settings: Any) -> "YawFit":

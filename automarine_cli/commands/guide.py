@@ -1,7 +1,6 @@
 """`guide`: the list of the pages of the guide, or one of them."""
 
 import sys
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -56,7 +55,7 @@ def _width() -> int:
 def _options(command: click.Command) -> str:
     formatter = click.HelpFormatter(width=_width())
     command.format_options(click.Context(command, help_option_names=["-h", "--help"]), formatter)
-    return textwrap.dedent(formatter.getvalue().partition("\n")[2])
+    return formatter.getvalue().strip("\n")
 
 
 def _show(ctx: click.Context, result: Any) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.command import OUTPUT, argument, command, option
 from automarine_cli.commands.terminal import folded, verbosity_level, width_of
 from automarine_cli.errors import LogError
 
@@ -22,7 +22,7 @@ MAKE_LOGS = ("simulate", "slice")
 @command("init", report="campaign_file", saves=False)
 @argument("folder", metavar="[DIR]", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @option(
-    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", group=OUTPUT,
     help="The campaign file to write.  [default: DIR/campaign.toml]",
 )  # fmt: skip
 @options.columns

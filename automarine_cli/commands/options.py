@@ -7,26 +7,23 @@ from typing import Any
 
 import click
 
-from automarine_cli.commands.command import HOLD_OUT, Function, argument, option
+from automarine_cli.commands.command import GENERAL, HOLD_OUT, INPUT, OUTPUT, Function, argument, option
 from automarine_cli.commands.terminal import verbosity as verbosity
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
-ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
 
 
-class Finite(click.ParamType):
-    """A finite number, above zero if `positive`, or within the bounds of a `click.FloatRange`."""
-
-    name = "float"
-
-    def __init__(self, positive: bool = False, **bounds: Any) -> None:
-        self.type = click.FloatRange(**bounds) if bounds else ABOVE_ZERO if positive else click.FLOAT
+class Finite(click.FloatRange):
+    """A finite number within bounds."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = float(self.type.convert(value, param, ctx))
+        number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number; give one", param, ctx)
         return number
+
+
+POSITIVE = Finite(min=0, min_open=True)
 
 
 class Checked(click.ParamType):
@@ -76,20 +73,19 @@ columns = option(
 )
 model = option(
     "--model", type=FILE, required=True, metavar="FILE", reads="file",
-    help="A yaw_model.json (or surge, sway, heave) of a fit (for diagnose also a thrusters.json).",
+    help="The model file of a fit, such as yaw_model.json.",
 )  # fmt: skip
 thrusters = option(
     "--thrusters", type=FILE, metavar="FILE", reads="file",
-    help="A thrusters.json: makes the moment of n_port and n_stbd, or the force of these or n_vert.",
+    help="A thrusters.json: the map between thruster commands and moment or force.",
 )  # fmt: skip
 arm = option(
-    "--arm", type=Finite(positive=True), metavar="METRES",
-    help="Lever arm of the two thrusters, with --thrusters.",
-)  # fmt: skip
-CHANNELS_HELP = "Sensors that count: auto (those that agree with the position), position, all, or names with commas."
+    "--arm", type=POSITIVE, metavar="METRES", group=INPUT, help="Lever arm of the two thrusters of --thrusters."
+)
+CHANNELS_HELP = "Sensors to use: auto (those that agree with the position), position, all, or names with commas."
 channels = option(
-    "--channels", default="auto", show_default=True, metavar="WHICH", seldom=True, help=CHANNELS_HELP
-)  # fmt: skip
+    "--channels", default="auto", show_default=True, metavar="WHICH", seldom=True, group=INPUT, help=CHANNELS_HELP
+)
 
 
 def _check_known(text: str) -> None:
@@ -100,28 +96,33 @@ def _check_known(text: str) -> None:
 
 known_parameters = option(
     "--known", multiple=True, type=Checked(_check_known), metavar="NAME=VALUE[±STDERR]", seldom=True,
-    help="What is known of a parameter beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "
+    help="A parameter that is known beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "
     "with commas, or repeated.",
 )  # fmt: skip
 inputs = option(
-    "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="FOLDER",
+    "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="DIR", group=INPUT,
     help="Look for the recorded inputs in this folder and below; may be repeated.",
 )  # fmt: skip
-strict = option("--strict", is_flag=True, help="Refuse an unusable run instead of setting it aside.")
+strict = option(
+    "--strict", is_flag=True, group=INPUT, help="Stop at the first unusable run, instead of setting it aside."
+)
 seed = option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Random seed."
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", group=GENERAL, help="Random seed."
+)
+out = option(
+    "-o", "--out", type=click.Path(path_type=Path), metavar="DIR", group=OUTPUT,
+    help="Write the results into this folder.",
 )  # fmt: skip
-out = option("-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write the results into this folder.")
-overwrite = option("--overwrite", is_flag=True, help="Replace results that are there already.")
+overwrite = option("--overwrite", is_flag=True, group=OUTPUT, help="Replace results that are there already.")
 jobs = option(
-    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", group=GENERAL,
     help="Parallel processes (results do not change).",
 )  # fmt: skip
 cluster = option(
-    "--cluster", metavar="ADDRESS",
+    "--cluster", metavar="ADDRESS", group=GENERAL,
     help="A Dask scheduler, such as tcp://host:8786, whose workers do the work (results do not change).",
 )  # fmt: skip
-as_json = option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+as_json = option("--json", "as_json", is_flag=True, group=OUTPUT, help="Print the result as JSON and nothing else.")
 
 
 def ending(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:

@@ -45,12 +45,12 @@ def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> N
 def plan(progress: Progress, **settings: Any) -> "Plan":
     """The next pool campaign for a yaw model: which runs, in which order, and what intervals to expect of them.
 
-    Runs are chosen by Fisher information (with all that differs from run to run), within the
-    time, the battery and the moments that the limits allow. With a diagnosis, runs that separate its rivals come
-    first.
+    Runs are chosen by Fisher information (with all that differs from run to run), within the time, the battery and
+    the moments that the limits allow. With a diagnosis, runs that separate its rivals come first.
 
     \b
     Example:
+      automarine fit-yaw sample_runs/steps -o out/yaw
       automarine plan out/yaw/yaw_model.json -o out/plan
     """
     from automarine_cli.planning.campaign import make_plan

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @command("report", report="campaign", saves=False)
 @argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@option("--title", show_default="such as Yaw identification", help="Heading of the page.")
+@option("--title", help="Heading of the page.  [default: by the models, such as Yaw identification]")
 @options.overwrite
 @options.as_json
 @options.verbosity
@@ -25,6 +25,7 @@ def report(folder: Path, title: str | None, overwrite: bool) -> "Report":
 
     \b
     Example:
+      automarine run sample_runs/pool_day.toml --until fit-yaw -o out/pool_day
       automarine report out/pool_day
     """
     from automarine_cli.pipeline.results_folder import write_whole

@@ -13,7 +13,7 @@ import click
 
 from automarine_cli.commands import load, options
 from automarine_cli.commands.campaign import Campaign, read_campaign
-from automarine_cli.commands.command import argument, command, given_as, option
+from automarine_cli.commands.command import OUTPUT, argument, command, given_as, option
 from automarine_cli.commands.terminal import echo_warnings, end_with
 from automarine_cli.errors import AutomarineError, OutputError, SettingError, TooFewRunsError
 from automarine_cli.pipeline.parallel import Progress, silent
@@ -43,8 +43,13 @@ def _steps() -> tuple[str, ...]:
     "--until", type=options.OneOf(_steps), metavar="STEP",
     help="Stop after this step, by its name in the table of results, such as fit-yaw.",
 )  # fmt: skip
-@option("--force", is_flag=True, help="Run every step, also where nothing has changed.")
-@options.ending(options.jobs, options.cluster)
+@option("--force", is_flag=True, help="Run every step again, also where nothing has changed.")
+@options.out
+@option(
+    "--overwrite", is_flag=True, group=OUTPUT,
+    help="Take DIR although it holds results of another command or campaign, and replace them.",
+)  # fmt: skip
+@options.together(options.jobs, options.cluster, options.as_json, options.verbosity)
 def run_campaign(
     campaigns: Sequence[Path], until: str | None, force: bool, out: Path | None, overwrite: bool, jobs: int,
     cluster: str | None, progress: Progress,
@@ -52,7 +57,7 @@ def run_campaign(
     """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with a section
     [surge], [sway] or [heave] its fit, validation and diagnosis too.
 
-    Each step has a folder of its own in DIR, by default "results" beside the campaign file. A step is kept if its
+    Each step has a folder of its own in DIR, by default "results" next to the campaign file. A step is kept if its
     result is there and its inputs, settings and versions have not changed; for every other the reason is printed.
     `automarine init` writes a campaign file.
 

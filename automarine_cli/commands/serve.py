@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from automarine_cli.link.vehicles.base import Vehicle
     from automarine_cli.link.vehicles.simulated import Rehearsal
 
-POSITIVE = options.ABOVE_ZERO
+POSITIVE = click.FloatRange(min=0, min_open=True)
 VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", "can": "bus"}
 """The option that each vehicle needs."""
 
@@ -46,9 +46,9 @@ VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", 
 )  # fmt: skip
 @options.thrusters
 @options.arm
-@option("--depth-limit", type=POSITIVE, default=math.inf, metavar="METRES", help="Stop ArduSub where it is deeper.")
+@option("--depth-limit", type=POSITIVE, default=math.inf, metavar="METRES", help="Stop ArduSub below this depth.")
 @option(
-    "--heading-limit", type=POSITIVE, default=1080.0, show_default=True, metavar="DEG",
+    "--heading-limit", type=POSITIVE, default=1080.0, show_default=True, metavar="DEGREES",
     help="Stop ArduSub where a run turns it further to one side.",
 )  # fmt: skip
 @option(
@@ -61,7 +61,7 @@ VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", 
 )  # fmt: skip
 @option("--dry-run", is_flag=True, help="Look at a campaign, simulate it, and play nothing.")
 @option(
-    "--campaign", type=click.Path(exists=True, path_type=Path), metavar="FILE",
+    "--campaign", type=click.Path(exists=True, path_type=Path), metavar="PLAN",
     help="With --dry-run: the folder of a plan, or its plan.json.",
 )  # fmt: skip
 @options.as_json
@@ -76,7 +76,10 @@ def serve(
 
     \b
     Example:
-      automarine serve out/vehicle --vehicle simulated --model out/yaw/yaw_model.json --dry-run --campaign out/plan
+      automarine fit-yaw sample_runs/steps -o out/yaw
+      automarine plan out/yaw/yaw_model.json -o out/plan
+      automarine serve out/vehicle --vehicle simulated \\
+        --model out/yaw/yaw_model.json --dry-run --campaign out/plan
     """
     from automarine_cli.link import server
     from automarine_cli.link.document import read_campaign

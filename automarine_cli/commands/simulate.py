@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.command import GENERAL, OUTPUT, argument, command, option
 
 if TYPE_CHECKING:
     from automarine_cli.pipeline.parallel import Progress
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 @command("simulate", report="simulation_tables", figures=False)
 @argument("specification", type=options.FILE, metavar="SPEC.toml", reads="file", recorded=False)
 @option(
-    "-o", "--out", type=click.Path(path_type=Path), required=True, metavar="DIR",
+    "-o", "--out", type=click.Path(path_type=Path), required=True, metavar="DIR", group=OUTPUT,
     help="Write the logs and the truth into this folder.",
 )  # fmt: skip
 @options.overwrite
-@option("--seed", type=click.IntRange(min=0), metavar="N", help="Instead of the specification's seed.")
+@option("--seed", type=click.IntRange(min=0), metavar="N", group=GENERAL, help="Instead of the specification's.")
 @options.together(options.jobs, options.as_json, options.verbosity)
 def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> "Simulation":
     """A pool campaign with known truth, made from a specification.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import command, option
+from automarine_cli.commands.command import OUTPUT, command, option
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.text import printable
 
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 @options.columns
 @option("--keep", multiple=True, metavar="MODE", help="Keep only this flight mode; may be repeated.")
 @option(
-    "--lead", type=click.FloatRange(min=0), default=2.0, show_default=True, metavar="S",
-    help="Seconds of rest to keep before a constant command.",
+    "--lead", type=click.FloatRange(min=0), default=2.0, show_default=True, metavar="SECONDS",
+    help="Rest to keep before a constant command.",
 )  # fmt: skip
 @option(
-    "--shortest", type=click.FloatRange(min=0), default=1.0, show_default=True, metavar="S",
-    help="Minimum duration of a run in seconds.",
+    "--shortest", type=click.FloatRange(min=0), default=1.0, show_default=True, metavar="SECONDS",
+    help="Shortest run to keep.",
 )  # fmt: skip
 @option(
     "--format", "form", type=click.Choice(["csv", "csv.gz", "parquet"]), default="csv", show_default=True,
-    help="File format of the runs.",
+    group=OUTPUT, help="File format of the runs.",
 )  # fmt: skip
 @options.ending(options.strict, options.jobs)
 def slice_log(
@@ -52,7 +52,8 @@ def slice_log(
 
     \b
     Example:
-      automarine slice sample_runs/validation/there_and_back.csv --by moment -o out/slices
+      automarine slice sample_runs/validation/there_and_back.csv \\
+        --by moment -o out/slices
     """
     from functools import partial
 

@@ -93,9 +93,9 @@ class WrongUsage(click.UsageError):
 
 
 def examples(command: click.Command) -> list[str]:
-    tail = (command.help or "").partition("Example:")[2]
-    lines = [line.strip() for line in tail.splitlines()]
-    return [line for line in lines if line.startswith("automarine ")]
+    """Command lines of a help, each on one line."""
+    tail = re.sub(r"\s*\\\n\s*", " ", (command.help or "").partition("Example:")[2])
+    return [line for line in map(str.strip, tail.splitlines()) if line.startswith("automarine ")]
 
 
 def versions(ctx: click.Context, param: click.Parameter, requested: bool) -> None:

@@ -6,40 +6,40 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import argument, command, option
+from automarine_cli.commands.command import INPUT, argument, command, option
 from automarine_cli.pipeline.parallel import Progress
 
 if TYPE_CHECKING:
     from automarine_cli.control.tuning import Tuning, TuningCheck
-
-POSITIVE = options.Finite(positive=True)
 
 
 @command("tune", report="tuning_report")
 @argument("model", type=options.FILE, metavar="MODEL.json", reads="file")
 @option("--extended", type=options.FILE, hidden=True, reads="file", help="The model of a diagnosis.")
 @option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover, pid or python.")
-@option("--step", type=POSITIVE, metavar="DEG", help="Step of the heading.  [default: 90; of others 1 m]")
+@option("--step", type=options.POSITIVE, metavar="SIZE", help="Step to design for.  [default: 90 degrees, or 1 m]")
 @option(
     "--load", type=options.Finite(min=0, max=100, min_open=True, max_open=True), default=10.0, show_default=True,
-    metavar="PERCENT", help="Load to hold against.",
+    metavar="PERCENT", help="Load to hold against, of the whole output.",
 )  # fmt: skip
 @option(
     "--margin", type=options.Finite(min=0, max=2, min_open=True, max_open=True), default=0.75, show_default=True,
     metavar="M", help="Disk margin to keep.",
 )  # fmt: skip
-@option("--full", type=POSITIVE, metavar="VALUE", help="Moment or force of the whole output, in the model's unit.")
+@option(
+    "--full", type=options.POSITIVE, metavar="VALUE", help="Moment or force of the whole output, in the model's unit."
+)
 @option(
     "--delay", type=options.Finite(min=0, max=5), metavar="SECONDS", help="Longest delay that the logs cannot show."
 )
 @option(
     "--supply", type=(options.Finite(min=0, max=1, min_open=True), options.Finite(min=1, max=3, max_open=True)),
     default=(0.88, 1.08), show_default=True, metavar="LOW HIGH",
-    help="Lowest and highest supply voltage, in shares of that of the logs.",
+    help="Lowest supply voltage (above 0, to 1) and highest (from 1, below 3), as shares of that of the logs.",
 )  # fmt: skip
 @option(
     "--present", type=options.FILE, metavar="FILE", reads="file",
-    help="The vehicle's .param file.  [default: defaults]",
+    help="The vehicle's .param file.  [default: the firmware's defaults]",
 )  # fmt: skip
 @option(
     "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
@@ -50,7 +50,7 @@ POSITIVE = options.Finite(positive=True)
     "--check", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role="log",
     help="A log flown with the gains: MODEL.json is then the tuning.json. May be repeated.",
 )  # fmt: skip
-@option("--reference", metavar="COLUMN", help="Column of such a log with the heading asked for.")
+@option("--reference", metavar="COLUMN", group=INPUT, help="Column of such a log with the requested heading.")
 @options.thrusters
 @options.arm
 @options.columns
@@ -66,7 +66,8 @@ def tune(*, check: Any, reference: str | None, progress: Progress, **settings: A
     \b
     Example:
       automarine fit-yaw sample_runs/steps -o out/yaw
-      automarine tune out/yaw/yaw_model.json --for ardusub --full 1.2 --delay 0.1 -o out/tuning
+      automarine tune out/yaw/yaw_model.json --for ardusub --full 1.2 \\
+        --delay 0.1 -o out/tuning
     """
     if check:
         from automarine_cli.control.tuning import check_tuning

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import command, option
+from automarine_cli.commands.command import OUTPUT, command, option
 from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
@@ -20,22 +20,23 @@ if TYPE_CHECKING:
 @options.thrusters
 @options.arm
 @options.channels
-@option("--figures/--no-figures", default=True, show_default=True, help="Draw a figure of every run into DIR.")
+@option("--figures/--no-figures", default=True, show_default=True, group=OUTPUT, help="Draw a figure of every run.")
 @options.ending(options.strict, options.seed, options.jobs)
 def validate(
     logs: Any, model: Any, columns: Any, thrusters: Any, arm: float | None, channels: str, figures: bool, strict: bool,
     seed: int, jobs: int, progress: Any,
 ) -> "Validation":  # fmt: skip
-    """Simulate each log with each model of a yaw_model.json, and compare the headings.
+    """Simulate each log with each model of a fit, and compare what was measured.
 
-    The models see the commands only. Scores, for each run and over all: heading error of the free run, of a run
-    restarted at each change of moment, yaw-rate error, fit percent, and the noise level beside them. With -o a
-    figure a run: headings, errors, moment.
+    The models see the commands only. Scores, for each run and over all: error of the free run, of a run restarted
+    at each change of command, error of the speed, fit percent, and the noise level. With -o there is a figure of
+    each run: motion, errors, command.
 
     \b
     Example:
       automarine fit-yaw sample_runs/steps -o out/yaw
-      automarine validate sample_runs/validation --model out/yaw/yaw_model.json -o out/validation
+      automarine validate sample_runs/validation \\
+        --model out/yaw/yaw_model.json -o out/validation
     """
     from automarine_cli.comparison.validation import compare, predictions_of, usable_runs
     from automarine_cli.logs import given_columns

@@ -34,7 +34,8 @@ def verify(folders: Sequence[Path], inputs: Sequence[Path]) -> "Verification":
 
     \b
     Example:
-      automarine verify out/fit-yaw
+      automarine fit-yaw sample_runs/steps -o out/yaw
+      automarine verify out/yaw
     """
     from automarine_cli.report.verification import Verification
 

@@ -1,6 +1,7 @@
 """The command line: start-up, exit statuses, one-line refusals, interrupts, help texts and their examples."""
 
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -249,18 +250,32 @@ def test_bar_comes_late_and_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.parametrize("name", ["", *COMMANDS])
-def test_help_ends_with_an_example_that_parses(name: str) -> None:
+def test_help_has_an_example_that_parses_in_a_fresh_folder(name: str) -> None:
     command = COMMANDS[name] if name else automarine
-    lines = (line.strip() for line in (command.help or "").partition("Example:")[2].splitlines())
-    examples = [shlex.split(line)[1:] for line in lines if line.startswith("automarine ")]
+    examples = [shlex.split(line)[1:] for line in echo.examples(command)]
     assert examples, f"the help of {name or 'automarine'} has no line `automarine ...` after `Example:`"
-    assert CliRunner().invoke(command, ["--help"]).exit_code == 0
     assert not name or examples[-1][0] == name  # what comes before makes the files that it needs
+    written: list[str] = []
     for arguments in examples:
+        out = arguments[arguments.index("-o") + 1] if "-o" in arguments else ""
+        read = [word for word in arguments[1:] if word.startswith("out/") and word != out and arguments[0] != "serve"]
+        assert [word for word in read if not any(f"{word}/".startswith(f"{place}/") for place in written)] == []
+        written.append(out or "nothing")
         try:
             COMMANDS[arguments[0]].make_context(arguments[0], arguments[1:])
         except click.BadParameter as problem:  # a file that another example makes
             assert "does not exist" in problem.message
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_options_in_groups_and_a_page_to_go_on(name: str) -> None:
+    result = CliRunner(env={"COLUMNS": "80"}).invoke(automarine, [name, "--help"])
+    groups = re.findall(r"^([A-Z]\w+):$", result.stdout, flags=re.MULTILINE)
+    noun = name.partition("-")[0].capitalize()
+    assert result.exit_code == 0 and groups == [g for g in ("Input", noun, "Output", "General") if g in groups]
+    assert {"Output", "General"} <= set(groups) and "Options:" not in result.stdout
+    assert result.stdout.endswith(f"  Learn more: automarine guide {name}\n")
+    assert max(map(len, result.stdout.splitlines())) <= 80
 
 
 @pytest.mark.parametrize("name", COMMANDS)
