@@ -11,10 +11,10 @@ if TYPE_CHECKING:
     from automarine_cli.report.log_tables import Check
 
 
-@command("check", report="log_tables", figures=False)
+@command("check", report="log_tables")
 @options.logs
 @options.columns
-@options.ending(options.strict, options.jobs)
+@options.ending(options.strict, options.jobs, draws=False)
 def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: "Progress") -> "Check":
     """Inspect logs and list their problems.
 

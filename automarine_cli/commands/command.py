@@ -20,7 +20,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.text import printable
 
-EXECUTION = ("out", "overwrite", "jobs", "cluster", "as_json")
+EXECUTION = ("out", "overwrite", "figure_formats", "jobs", "cluster", "as_json")
 """Options that change no result."""
 IN_PROCESS = ("overwrite", "jobs", "cluster", "progress")
 HOLD_OUT = "hold_out"
@@ -76,14 +76,14 @@ class Command(click.Command):
     """
 
     def __init__(
-        self, name: str, function: Function, report: str, *, saves: bool, figures: bool, by_effects: bool,
-        **attributes: Any,
-    ) -> None:  # fmt: skip
+        self, name: str, function: Function, report: str, *, saves: bool, by_effects: bool, **attributes: Any
+    ) -> None:
         super().__init__(
             name, help=inspect.getdoc(function), epilog=f"Learn more: automarine guide {name}", **attributes
         )
         self.function, self.report = function, report
-        self.saves, self.figures, self.by_effects = saves, figures, by_effects
+        self.saves, self.by_effects = saves, by_effects
+        self.draws = saves and any(param.name == "figure_formats" for param in self.params)
         self.takes = set(inspect.signature(function).parameters)
         settings = [param for param in self.params if isinstance(param, Setting) and param.name not in EXECUTION]
         self.own = sorted(settings, key=lambda param: not isinstance(param, click.Argument))
@@ -180,7 +180,7 @@ class Command(click.Command):
                 map_fn = stack.enter_context(lasting_map(jobs, cluster=cluster, progress=progress))
             execution = {
                 "jobs": jobs, "cluster": cluster, "progress": progress, "map_fn": map_fn, "out": out,
-                "overwrite": overwrite,
+                "overwrite": overwrite, "figure_formats": figure_formats,
             }  # fmt: skip
             taken_up = {key: value for key, value in execution.items() if key in self.takes}
             result = self.function(**settings, **taken_up)
@@ -191,7 +191,7 @@ class Command(click.Command):
 
                 if map_fn is None:
                     map_fn = stack.enter_context(lasting_map(jobs, progress=progress))
-                sections(result).save(folder, figure_formats if settings.get("figures", True) else (), map_fn)
+                sections(result).save(folder, figure_formats, map_fn)
         return result
 
     def manifest(self, settings: Mapping[str, Any], figure_formats: Sequence[str] = PNG) -> dict[str, Any]:
@@ -215,7 +215,7 @@ class Command(click.Command):
                 options[name] = list(value) if isinstance(value, tuple) else value
             elif param.role == HOLD_OUT:
                 options[name] = [file.name for file in value]
-        return options | ({"figure_formats": list(figure_formats)} if self.figures else {})
+        return options | ({"figure_formats": list(figure_formats)} if self.draws else {})
 
     def inputs(self, settings: Mapping[str, Any]) -> list[Any]:
         """List every file that the settings name, as a manifest does."""
@@ -249,13 +249,14 @@ class Command(click.Command):
         values = {param.name: ctx.params[param.name] for param in self.own}
         execution = {key: ctx.params[key] for key in EXECUTION if key in ctx.params}
         as_json = execution.pop("as_json", False)
+        kinds = execution.get("figure_formats", ())
         with augment_usage_errors(ctx):
             result = self.run(self.settings(values), **execution, progress=terminal_progress())
-        self.echo(result, as_json=as_json, out=execution.get("out"))
+        self.echo(result, as_json=as_json, out=execution.get("out"), kinds=kinds)
         self.finish(ctx, result)
         return result
 
-    def echo(self, result: Any, *, as_json: bool, out: Path | None) -> None:
+    def echo(self, result: Any, *, as_json: bool, out: Path | None, kinds: Sequence[str]) -> None:
         tables: Sequence[Any] = ()
         files: Sequence[str] = ()
         answer = ""
@@ -263,7 +264,7 @@ class Command(click.Command):
             from automarine_cli.report.sections import sections
 
             page = sections(result)
-            answer, files = page.answer, page.listed
+            answer, files = page.answer, page.listed_as(kinds)
             tables = (*page.printed, *(page.details if verbosity_level() > 0 else ()))
         echo_result(
             result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), answer=answer,
@@ -272,19 +273,18 @@ class Command(click.Command):
 
 
 def command(
-    name: str, *, report: str = "", saves: bool = True, figures: bool = True, by_effects: bool = False
+    name: str, *, report: str = "", saves: bool = True, by_effects: bool = False
 ) -> Callable[[Function], Command]:
     """Make a command of a function, whose decorators below this one are its options; see `Command`.
 
-    `figures`: its manifest records their formats; `by_effects`: effects of one's own are among its inputs.
+    `by_effects`: effects of one's own are among its inputs.
     """
 
     def decorated(function: Function) -> Command:
         params = list(reversed(getattr(function, "__click_params__", [])))
         return Command(
-            name, function, report, saves=saves, figures=figures and saves, by_effects=by_effects,
-            params=params, short_help=short_help(name),
-        )  # fmt: skip
+            name, function, report, saves=saves, by_effects=by_effects, params=params, short_help=short_help(name)
+        )
 
     return decorated
 

@@ -46,6 +46,15 @@ class Names(click.ParamType):
         return tuple(part.strip() for part in parts if part.strip())
 
 
+class Figures(Names):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        from automarine_cli.report.figures.style import refuse_unknown
+
+        kinds = () if value == "none" else super().convert(value, param, ctx)
+        refuse_unknown(kinds)
+        return kinds
+
+
 class OneOf(click.ParamType):
     """One of the names that a registry holds, looked up when one is given: asking for help loads no room."""
 
@@ -114,6 +123,10 @@ out = option(
     help="Write the results into this folder.",
 )  # fmt: skip
 overwrite = option("--overwrite", is_flag=True, group=OUTPUT, help="Replace results that are there already.")
+figures = option(
+    "--figures", "figure_formats", type=Figures(), default="png", show_default=True, metavar="KINDS", group=OUTPUT,
+    help="Kinds of figures, with commas: png, svg, pdf, slides (16:9, large letters); or none.",
+)  # fmt: skip
 jobs = option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", group=GENERAL,
     help="Parallel processes (results do not change).",
@@ -125,9 +138,9 @@ cluster = option(
 as_json = option("--json", "as_json", is_flag=True, group=OUTPUT, help="Print the result as JSON and nothing else.")
 
 
-def ending(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:
+def ending(*options: Callable[[Function], Function], draws: bool = True) -> Callable[[Function], Function]:
     """Where results go and how they are told, with `options` between."""
-    return together(out, overwrite, *options, as_json, verbosity)
+    return together(out, overwrite, *[figures] * draws, *options, as_json, verbosity)
 
 
 def together(*decorators: Callable[[Function], Function]) -> Callable[[Function], Function]:

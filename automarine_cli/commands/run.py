@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 RESULTS = "results"
 """The folder beside the campaign file that takes the results of who names none."""
-FIGURES = ("png", "svg")  # for a person, and for the report
+PAGE = "svg"  # the figures of the report
 NO_PAGE = "no step has a result to show"
 
 
@@ -51,8 +51,8 @@ def _steps() -> tuple[str, ...]:
 )  # fmt: skip
 @options.together(options.jobs, options.cluster, options.as_json, options.verbosity)
 def run_campaign(
-    campaigns: Sequence[Path], until: str | None, force: bool, out: Path | None, overwrite: bool, jobs: int,
-    cluster: str | None, progress: Progress,
+    campaigns: Sequence[Path], until: str | None, force: bool, out: Path | None, overwrite: bool,
+    figure_formats: Sequence[str], jobs: int, cluster: str | None, progress: Progress,
 ) -> "CampaignRun | Campaigns":  # fmt: skip
     """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with a section
     [surge], [sway] or [heave] its fit, validation and diagnosis too.
@@ -69,7 +69,8 @@ def run_campaign(
     Example:
       automarine run sample_runs/pool_day.toml --until fit-yaw -o out/pool_day
     """
-    how: dict[str, Any] = {"until": until, "force": force, "overwrite": overwrite}
+    kinds = tuple(dict.fromkeys((*figure_formats, PAGE))) if figure_formats else ()
+    how: dict[str, Any] = {"until": until, "force": force, "overwrite": overwrite, "kinds": kinds}
     if len(campaigns) == 1 and cluster is None:
         place = campaigns[0].parent / RESULTS if out is None else out
         return _run(campaigns[0], place, **how, jobs=jobs, progress=progress)
@@ -128,7 +129,7 @@ def _below(campaigns: Sequence[Path]) -> list[str]:
 
 
 def _run(
-    path: Path, out: Path, *, until: str | None, force: bool, overwrite: bool, jobs: int = 1,
+    path: Path, out: Path, *, until: str | None, force: bool, overwrite: bool, kinds: Sequence[str], jobs: int = 1,
     progress: Progress = silent,
 ) -> "CampaignRun":  # fmt: skip
     """Run the steps of a campaign file into folders of `out`, then the report.
@@ -157,7 +158,7 @@ def _run(
         outcomes.append(StepOutcome(name, did, why))
 
     for step in steps:
-        add(step.name, partial(_do, step, campaign, out, force, overwrite, jobs))
+        add(step.name, partial(_do, step, campaign, out, force, overwrite, kinds, jobs))
     content = _content(campaign, out, steps, outcomes)
     if REPORT in names:
         add(REPORT, lambda _: _report(campaign, out, content, force))
@@ -166,7 +167,14 @@ def _run(
 
 
 def _do(
-    step: "Step", campaign: Campaign, out: Path, force: bool, overwrite: bool, jobs: int, progress: Progress
+    step: "Step",
+    campaign: Campaign,
+    out: Path,
+    force: bool,
+    overwrite: bool,
+    kinds: Sequence[str],
+    jobs: int,
+    progress: Progress,
 ) -> tuple[str, str]:
     """Do a step, and say what became of it and why; a result that is no longer of this campaign is taken away."""
     from automarine_cli.pipeline.results_folder import manifest_of
@@ -179,13 +187,13 @@ def _do(
     settings = campaign.plan(step, out)
     if isinstance(settings, str):
         return without_result("skipped", settings)
-    why = why_made_again(folder, **work.manifest(settings, FIGURES))
+    why = why_made_again(folder, **work.manifest(settings, kinds))
     if why is None and not force:
         return "kept", "inputs, settings and versions unchanged"
     is_former = (manifest := manifest_of(folder)) is not None and manifest.command == step.command
     try:
         work.run(
-            settings, out=folder, overwrite=overwrite or is_former, jobs=jobs, progress=progress, figure_formats=FIGURES
+            settings, out=folder, overwrite=overwrite or is_former, jobs=jobs, progress=progress, figure_formats=kinds
         )
     except OutputError:
         raise
@@ -210,7 +218,8 @@ def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "
     place = out / "thrusters" / THRUSTER_MAP.file
     tested = THRUSTER_MAP.read(place) if place.is_file() else None
     cautioned = tuple(cautions(tested, campaign.sections["vehicle"].get("supply_V")))
-    return RunFile(RUN.schema, campaign.title, campaign.path.name, tuple(entries), cautioned)
+    vehicle = campaign.sections["vehicle"].get("name", "")
+    return RunFile(RUN.schema, campaign.title, campaign.path.name, tuple(entries), cautioned, vehicle)
 
 
 def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> tuple[str, str]:

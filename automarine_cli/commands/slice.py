@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from automarine_cli.runs.slices import By
 
 
-@command("slice", report="log_tables", figures=False)
+@command("slice", report="log_tables")
 @options.logs
 @option(
     "--by", type=click.Choice(["mode", "arm", "moment"]), required=True,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     "--format", "form", type=click.Choice(["csv", "csv.gz", "parquet"]), default="csv", show_default=True,
     group=OUTPUT, help="File format of the runs.",
 )  # fmt: skip
-@options.ending(options.strict, options.jobs)
+@options.ending(options.strict, options.jobs, draws=False)
 def slice_log(
     logs: Sequence[Any], by: "By", columns: Any, keep: tuple[str, ...], lead: float, shortest: float, form: str,
     strict: bool, jobs: int, progress: "Progress",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import OUTPUT, command, option
+from automarine_cli.commands.command import command
 from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
@@ -20,11 +20,10 @@ if TYPE_CHECKING:
 @options.thrusters
 @options.arm
 @options.channels
-@option("--figures/--no-figures", default=True, show_default=True, group=OUTPUT, help="Draw a figure of every run.")
 @options.ending(options.strict, options.seed, options.jobs)
 def validate(
-    logs: Any, model: Any, columns: Any, thrusters: Any, arm: float | None, channels: str, figures: bool, strict: bool,
-    seed: int, jobs: int, progress: Any,
+    logs: Any, model: Any, columns: Any, thrusters: Any, arm: float | None, channels: str, strict: bool, seed: int,
+    jobs: int, progress: Any,
 ) -> "Validation":  # fmt: skip
     """Simulate each log with each model of a fit, and compare what was measured.
 

@@ -151,8 +151,8 @@ def contents(statements: Said) -> tuple[dict[str, Estimate], dict[str, str]]:
 def of_model(file: ModelFile, models: Sequence[str]) -> Said:
     dof, symbols = file.dof, file.dof.symbols
     names = {
-        "quadratic": symbols.quadratic_print, "linear": symbols.linear, "inertia": symbols.inertia,
-        "ratio": f"{symbols.inertia}/{symbols.quadratic_print}", "constant": "constant force",
+        "quadratic": symbols.quadratic, "linear": symbols.linear, "inertia": symbols.inertia,
+        "ratio": f"{symbols.inertia}/{symbols.quadratic}", "constant": "constant force",
         "difference": "half the difference of drag",
     }  # fmt: skip
     for number in models:
@@ -193,15 +193,14 @@ def of_validation(file: ValidationFile, models: Sequence[str]) -> Said:
 
 
 def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Said:
-    symbols, names = file.dof.symbols, ", ".join(effect.name for effect in file.effects)
+    names = ", ".join(effect.name for effect in file.effects)
     yield "verdict", file.verdict + (f": {names}" if names else ""), ""
     for effect in file.effects:
         for name, value in effect.parameters.items():
             if value.stderr != 0:  # a choice of law has no interval
                 yield f"{effect.name}: {name}", value, ""
     for name, moved in file.base.items():
-        label = symbols.quadratic_print if name == symbols.quadratic else name
-        yield f"{label} with what was missing", moved.after, f"base.{name}.after"
+        yield f"{name} with what was missing", moved.after, f"base.{name}.after"
     gap = file.gap
     for name, size in (("gap before", gap.before), ("gap after", gap.after), ("noise", gap.noise_floor)):
         yield f"{name} [{file.unit}]", size, ""

@@ -25,7 +25,6 @@ class Symbols:
     inertia: str
     linear: str
     quadratic: str
-    quadratic_print: str
     quadratic_math: str
     cubic: str
     constant: str = "constant_force"  # a force that always acts

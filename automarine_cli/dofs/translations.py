@@ -9,8 +9,7 @@ def symbols(force: str, velocity: str, position: str) -> Symbols:
     return Symbols(
         position=position, position_print=position, position_math=position, velocity=velocity, force=force,
         force_print=force, force_math=force, inertia=f"m_{velocity}", linear=drag, quadratic=drag + velocity,
-        quadratic_print=f"{drag}|{velocity}|", quadratic_math=f"{force}_{{{velocity}|{velocity}|}}",
-        cubic=drag + 2 * velocity, water=f"{velocity}_w",
+        quadratic_math=f"{force}_{{{velocity}|{velocity}|}}", cubic=drag + 2 * velocity, water=f"{velocity}_w",
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ YAW = Dof(
     turn=2 * pi,
     symbols=Symbols(
         position="psi", position_print="ψ", position_math=r"\psi", velocity="r", force="tau", force_print="τ",
-        force_math=r"\tau", inertia="I_r", linear="k_r", quadratic="k_rr", quadratic_print="k_r|r|",
+        force_math=r"\tau", inertia="I_r", linear="k_r", quadratic="k_rr",
         quadratic_math="k_{r|r|}", cubic="k_rrr",
     ),
     words=Words(

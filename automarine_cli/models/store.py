@@ -128,7 +128,7 @@ class ModelFile(ResultRecord):
     def main_parameters(self) -> Iterator[tuple[str, Given]]:
         """Drag and inertia of the preferred model that it has, in letters for print."""
         names, entry = self.dof.symbols, self.chosen
-        estimates = {names.quadratic_print: entry.quadratic, names.linear: entry.linear, names.inertia: entry.inertia}
+        estimates = {names.quadratic: entry.quadratic, names.linear: entry.linear, names.inertia: entry.inertia}
         return ((name, estimate) for name, estimate in estimates.items() if estimate is not None)
 
 
@@ -136,6 +136,12 @@ MODELS = {
     name: ResultKind(f"{name}_model.json", f"{name}-model", ModelFile, f"fit-{name}", dof) for name, dof in DOFS.items()
 }
 """The model file of each motion, by its name."""
+DRAG_LAWS = {"1": "linear", "2": "linear + quadratic", "3": "quadratic"}
+"""The drag of each model, by its number."""
+
+
+def named_model(number: str) -> str:
+    return f"model {number} ({DRAG_LAWS[number]} drag)" if number in DRAG_LAWS else f"model {number}"
 
 
 @dataclass(frozen=True)
@@ -174,6 +180,7 @@ class DiagnosisFile(ResultRecord):
 
     verdict: str
     gap: GapEntry = field(metadata=keyed("gap/fitted_runs"))
+    gap_held_out: GapEntry | None = field(default=None, metadata=keyed("gap/held_out_runs"))
     model: str = ""
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
     effects: tuple[FoundEffect, ...] = ()

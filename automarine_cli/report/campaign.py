@@ -7,6 +7,7 @@ what only all steps together tell.
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,16 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import OutputError, SetAside
 from automarine_cli.estimate import Given
 from automarine_cli.fits.innovations import sentences_of
-from automarine_cli.models.store import DIAGNOSIS, MODELS, PLANAR_MODEL, DiagnosisFile, ModelFile, Moved, PlanarFile
+from automarine_cli.models.store import (
+    DIAGNOSIS,
+    MODELS,
+    PLANAR_MODEL,
+    DiagnosisFile,
+    ModelFile,
+    Moved,
+    PlanarFile,
+    named_model,
+)
 from automarine_cli.pipeline.records import ResultKind, Shown, to_mapping
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
 from automarine_cli.report.log_tables import CHECK, CheckFile
@@ -36,6 +46,9 @@ MADE = (
     "The `manifest.json` of each folder holds the command, every setting, the seed and the SHA-256 of every input; "
     "`automarine verify` says whether anything in the folder has changed."
 )
+FIRST_DATE_S = 946_684_800.0  # 2000, in seconds since 1970: clocks that show less know no date
+LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: "Missing", TUNING.name: "Gains"}  # in the box at the top
+SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 CAPTIONS = {
     "thrusters": "thrust of one thruster against its control signal: measured points, fitted curves, residuals below",
@@ -70,6 +83,7 @@ class RunFile:
     campaign: str = ""
     steps: tuple[StepDone, ...] = ()
     cautions: tuple[str, ...] = ()
+    vehicle: str = ""
 
 
 RUN = ResultKind("run.json", "run", RunFile, "run", YAW)
@@ -301,18 +315,61 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     lines = {step.name: "not run" for step in STEPS if step.always}
     lines |= {step.step: f"skipped: {step.skipped}" if step.skipped else "refused" for step in ran.steps}
     lines |= headlines(steps)
+    listed = [result for result in reversed(list(steps.values())) if result.step.section]
     text = document(
         f"# {escape(title)}",
         *(f"**{step.step} was refused:** {escape(step.refused)}" for step in ran.steps if step.refused),
         *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
-        Table.of("", [{"step": name, "result": lines[name]} for name in STEP_NAMES if name in lines]),
+        _result_box(steps, ran),
         bullets(escape(f"Caution: {line}") for line in ran.cautions),
-        *(block for result in steps.values() if result.step.name != "check" for block in _page(result, steps)),
+        *(
+            block
+            for name in SECTIONS
+            for result in listed
+            if result.step.section == name
+            for block in _page(result, steps)
+        ),
         *_logs(steps),
         *_set_aside(steps),
+        "## How this was made",
+        Table.of("", [{"step": name, "result": lines[name]} for name in STEP_NAMES if name in lines]),
         *_manifests(steps),
     )
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
+
+
+def _result_box(steps: Steps, ran: RunFile) -> str:
+    """The result in a few lines: what was tested, the final model, how far it is off, what is missing, what is next."""
+    says = headlines(steps)
+    lines = {"Tested": ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))}
+    for result in steps.values():
+        step, motion = result.step, result.step.section
+        if motion not in ("", "thrusters"):
+            word = LABELS.get(step.kind.name, step.title)
+            label = word if motion in (YAW.name, "tune") or word == step.title else f"{word}, {motion}"
+            lines[label] = says[step.name].removeprefix("named: ")
+            if isinstance(result.file, DiagnosisFile):
+                sizes = (_values(effect.parameters) for effect in result.file.effects)
+                lines[label] += "".join(f"; {size}" for size in sizes if size)
+    diagnoses = [result for result in steps.values() if isinstance(result.file, DiagnosisFile)]
+    advice = re.findall(r"^- (To see .*)\.$", "\n".join(result.markdown() for result in diagnoses), flags=re.MULTILINE)
+    if not advice:
+        verdicts = [result.file.verdict for result in diagnoses if result.file.verdict != "named"]
+        nothing = "`automarine tune` and `automarine export` use the model."
+        more = "`automarine plan` plans the runs that tell what is missing."
+        advice = [nothing if verdict == "nothing-missing" else more for verdict in verdicts]
+    if not diagnoses and any(isinstance(result.file, ModelFile) for result in steps.values()):
+        advice = ["`automarine diagnose` says what the model lacks."]
+    box = [f"**{label}:** {escape(text)}" for label, text in lines.items() if text]
+    return bullets([*box, *(f"**Next:** {line}" for line in dict.fromkeys(advice))])
+
+
+def _dates(steps: Steps) -> str:
+    """The days of the runs, where their clocks know them."""
+    runs = steps["check"].file.yaw_runs if "check" in steps else ()
+    begins = [float(run["begins_s"]) for run in runs if run.get("begins_s")]
+    days = sorted({datetime.fromtimestamp(at, UTC).date().isoformat() for at in begins if at > FIRST_DATE_S})
+    return " to ".join(dict.fromkeys(days[:: max(len(days) - 1, 1)]))
 
 
 def captions(dof: Dof) -> dict[str, str]:
@@ -360,19 +417,20 @@ def _headline(result: StepResult, steps: Steps) -> str:
         case DiagnosisFile():
             names = ", ".join(effect.name for effect in file.effects)
             verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
-            return f"{verdict}; gap {number(file.gap.before, 3)} to {number(file.gap.after, 3)} {file.unit}"
+            gap, of = file.gap_held_out or file.gap, " of runs held out" * (file.gap_held_out is not None)
+            return f"{verdict}; gap{of} {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
     return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
 def _of_model(file: ModelFile, dof: Dof, steps: Steps) -> str:
     """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
-    keys, before = {dof.symbols.quadratic_print: dof.symbols.quadratic}, dict(file.main_parameters())
+    before = dict(file.main_parameters())
     added, base = _added_by(steps, dof)
-    after = {name: base[keys.get(name, name)].after for name in before if keys.get(name, name) in base}
+    after, model = {name: base[name].after for name in before if name in base}, named_model(file.preferred)
     if len(after) < len(before):
-        return f"model {file.preferred}: {_values(before)}"
+        return f"{model}: {_values(before)}"
     alone = ", ".join(number(value.value) for value in before.values())
-    return f"model {file.preferred} with {added}: {_values(after)} (without: {alone})"
+    return f"{model} with {added}: {_values(after)} (without: {alone})"
 
 
 def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> str:
@@ -390,7 +448,7 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
         return f"heading {error} {over}"
     added, _ = _added_by(steps, dof)
     details = f"{number(score.restarted, 3)} {dof.units.key} restarted, noise {number(file.noise_floor, 2)}"
-    return f"without {added}, " * bool(added) + f"model {model}: {error}, {details} {dof.units.key}, {over}"
+    return f"without {added}, " * bool(added) + f"{named_model(model)}: {error}, {details} {dof.units.key}, {over}"
 
 
 def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Moved]]:
@@ -402,11 +460,13 @@ def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Moved]]:
 
 
 def _values(parameters: Mapping[str, Given]) -> str:
-    return ", ".join(f"{name} {_interval(value)}" for name, value in parameters.items())
+    """Sizes with their intervals; what a fit did not move is left out."""
+    return ", ".join(f"{name} {_interval(value)}" for name, value in parameters.items() if value.stderr != 0)
 
 
 def _interval(value: Given) -> str:
-    return f"{interval(value.estimate)} {value.unit}".rstrip() if value.estimate else number(value.value)
+    unit = value.unit.removeprefix("1")  # without one
+    return f"{interval(value.estimate)} {unit}".rstrip() if value.estimate else number(value.value)
 
 
 def _page(result: StepResult, steps: Steps) -> list[str]:
@@ -420,6 +480,9 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
         first = [*first * bool(added), file.preferred_because, *sentences_of(file.channels, dof)]
         first += [str(file.buoyancy.get("says", "")), *(f"Warning: {line}" for line in file.warnings)]
         first = [line for text in first if (line := escape(text)).removeprefix("Warning: ") not in markdown]
+        first.append(_preferred_table(file).to_markdown())
+        summary = "<details><summary>Tables 1 and 2: all models</summary>"
+        markdown = f"{summary}\n\n{markdown}\n\n</details>" if markdown else ""
     if isinstance(file, ValidationFile):
         about = dof.fill("measured and simulated {position}, their difference, the {force}")
         texts = {f"validation_{stem}": f"Run {run}: {about}" for run, stem in zip(file.logs, file_stems([*file.logs]))}
@@ -431,7 +494,13 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
     pictures = [line for stem, caption in apart if (line := result.picture(stem, caption))]
     if (more := len(pictures) - MOST_FIGURES) > 0:
         pictures[MOST_FIGURES:] = [f"The figures of {more} more runs are in the folder {result.step.folder}."]
-    return [f"## {result.step.title}", *first, text, *["### Figures"] * bool(pictures), *pictures]
+    folded = [*pictures, text] if isinstance(file, ModelFile) else [text, *pictures]
+    return [f"## {result.step.title}", *first, *folded]
+
+
+def _preferred_table(file: ModelFile) -> Table:
+    rows = [{"parameter": name, "value [95 % interval]": _interval(value)} for name, value in file.main_parameters()]
+    return Table.of(named_model(file.preferred).capitalize(), rows)
 
 
 def _logs(steps: Steps) -> list[str]:
@@ -455,4 +524,4 @@ def _set_aside(steps: Steps) -> list[str]:
 def _manifests(steps: Steps) -> list[str]:
     manifests = [result.manifest for result in steps.values() if result.manifest]
     versions = {", ".join(map(" ".join, [("automarine", of.automarine), *of.libraries.items()])) for of in manifests}
-    return ["## How this was made", *(f"Versions: {escape(line)}." for line in sorted(versions)), MADE] * bool(versions)
+    return [*(f"Versions: {escape(line)}." for line in sorted(versions)), MADE] * bool(versions)

@@ -54,7 +54,9 @@ def _(result: ResultComparison) -> Sections:
          "p_value": apart.p_value, "verdict": apart.verdict}
         for apart in result.differences
     ]  # fmt: skip
-    return Sections([*tables, *words], files, {"comparison": partial(compare_figure, result.sides)}, rows=rows)
+    return Sections(
+        [*tables, *words], files, {"comparison": partial(compare_figure, result.sides, result.differences)}, rows=rows
+    )
 
 
 def parameter_table(sides: Sequence[Side]) -> Table:

@@ -69,10 +69,10 @@ def _sections(
             drawings["learned"] = partial(figures.learned_figure, effect.learned, dof or YAW)
     text = document(
         f"# {title}", escape(verdict), *map(escape, below), *page,
-        "## Where the gap is", regions_table(where.regions, unit) if where.regions else NOWHERE,
-        "![Where the gap is](where.png)", "## Why", table, "![Why](why.png)",
         "## The gap before and after", *gaps, "![Before and after](before_after.png)",
-        *(_moves(data) if "base" in data else ()), *appendix,
+        *(_moves(data) if "base" in data else ()),
+        "## Where the gap is", regions_table(where.regions, unit) if where.regions else NOWHERE,
+        "![Where the gap is](where.png)", "## Why", table, "![Why](why.png)", *appendix,
     )  # fmt: skip
     return Sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],

@@ -17,14 +17,13 @@ from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.fits.whole_runs import OutputErrorFit
-from automarine_cli.models.store import units
+from automarine_cli.models.store import DRAG_LAWS, units
 from automarine_cli.report.figures import runs as figures
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Content, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
 
-MODELS = {"1": "linear", "2": "linear and quadratic", "3": "quadratic"}  # drag
 LIKELIEST = ", maximum likelihood"
 WORDS = {
     "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",
@@ -41,17 +40,16 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     drag = {} if fit.seed_method is None else fit.seed_method.drag
-    quadratic, linear = sym.quadratic_print, sym.linear
-    letters = {sym.quadratic: quadratic, linear: linear}
+    quadratic, linear = sym.quadratic, sym.linear
     tests = {m: nested_test(of, drag["2"])["p_value"] for m, of in drag.items() if m != "2" and "2" in drag}
     density = {m: number(float(of.mixed.predictive.sum()), 6) for m, of in ml.items()}
     rows = [
-        *(_row(symbol, {m: e.value for m, e in _named(key, drag).items()}) for key, symbol in letters.items()),
+        *(_row(symbol, {m: e.value for m, e in _named(symbol, drag).items()}) for symbol in (quadratic, linear)),
         _row("SSE", {m: of.sse for m, of in drag.items()}),
-        *(_row(f"{symbol}, 95 %", _named(key, drag)) for key, symbol in letters.items()),
+        *(_row(f"{symbol}, 95 %", _named(symbol, drag)) for symbol in (quadratic, linear)),
         _row("AICc", {m: of.aicc for m, of in drag.items()}),
         _row("F test against 2, p", {m: number(p, 2) for m, p in tests.items()}),
-        *(_row(f"{symbol}{LIKELIEST}", _named(key, ml)) for key, symbol in letters.items()),
+        *(_row(f"{symbol}{LIKELIEST}", _named(symbol, ml)) for symbol in (quadratic, linear)),
         _row("log density of left-out runs", density),
     ]
     if dof.directional:
@@ -76,7 +74,7 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
 
 
 def _row(label: str, of_model: Mapping[str, object]) -> dict[str, object]:
-    return {"Model": label} | {model: of_model.get(model) for model in MODELS}
+    return {"Model": label} | {model: of_model.get(model) for model in DRAG_LAWS}
 
 
 def _named(name: str, fits: Mapping[str, DragFit | OutputErrorFit]) -> dict[str, Estimate]:
@@ -91,7 +89,7 @@ def _signs(dof: Dof) -> tuple[str, ...]:
     if dof.wraps:
         return ()
     (first, second), sym, force = dof.words.ways, dof.symbols, dof.words.force
-    v, quadratic = sym.velocity, sym.quadratic_print
+    v, quadratic = sym.velocity, sym.quadratic
     constant = f"; the constant {force} is weight less buoyancy, positive {first}" * dof.has_constant
     signs = (
         f"{first.capitalize()} is positive. {sym.linear} and {quadratic} are positive where drag brakes, as in "
@@ -109,7 +107,7 @@ def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and mean at each moment below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     of_model = {} if fit.seed_method is None else fit.seed_method.inertia
-    ratio = f"{sym.inertia}/{sym.quadratic_print} [{dof.units.base}]"
+    ratio = f"{sym.inertia}/{sym.quadratic} [{dof.units.base}]"
     rows = [
         _row(sym.inertia, {m: table.overall.value for m, table in of_model.items()}),
         _row(f"{sym.inertia}, 95 %", {m: table.overall for m, table in of_model.items()}),
@@ -131,12 +129,12 @@ def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
 
 
 def tables(fit: YawFit) -> tuple[Table, Table]:
-    """Make tables 1 and 2 with what must be known of their parameters below."""
+    """Make tables 1 and 2, each sentence that must be known of their parameters below one of them."""
     seed = fit.seed_method
     why = f"{fit.why_no_seed_method}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
-    drag = (caution.sentence for caution in fit.cautions if set(DRAG) & set(caution.parameters))
+    drag = [caution.sentence for caution in fit.cautions if set(DRAG) & set(caution.parameters)]
     inertia = (caution.sentence for caution in fit.cautions if INERTIA in caution.parameters)
-    return drag_table(fit, (why, *drag)), inertia_table(fit, (why, *inertia))
+    return drag_table(fit, (why, *drag)), inertia_table(fit, tuple(line for line in inertia if line not in drag))
 
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
@@ -145,11 +143,11 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     symbols, used = dof.symbols, len(fit.read)
     main = (symbols.inertia, symbols.linear, symbols.quadratic)
     values = ", ".join(_valued(name, e) for name, e in preferred.estimates.items() if name in main)
-    model, runs = f"{MODELS[preferred.number]} drag (model {preferred.number})", used + len(fit.set_aside)
+    model, runs = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})", used + len(fit.set_aside)
     lines = [f"{dof.name.capitalize()}: {model} from {used} of {runs} runs: {values}."]
     if fit.use is not None:
         lines.insert(int(fit.use.of_use), fit.use.sentence(dof))
-    derived = {f"{symbols.inertia}/{symbols.quadratic_print}": preferred.inertial_turn_angle}
+    derived = {f"{symbols.inertia}/{symbols.quadratic}": preferred.inertial_turn_angle}
     derived |= {f"drag {way}": e for way, e in preferred.ways.drag.items()} if preferred.ways else {}
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
         lines.append(f"{text}.")

@@ -8,6 +8,8 @@ from importlib.resources import files
 from itertools import count, groupby
 from pathlib import Path
 
+from automarine_cli.report.tables import with_symbols
+
 Picture = Callable[[str, str], str]
 """HTML of the picture at a place (relative, as written), told in words by the other argument."""
 
@@ -15,7 +17,6 @@ FOLDS = re.compile(r"<details><summary>(.*)</summary>|</details>")
 PICTURE = re.compile(r"!\[((?:\\.|[^\]\\])*)\]\(([^()\s]+)\)")
 HEADING = re.compile(r"(#{1,6}) +(.+)")
 TOKEN = re.compile(r"(?<!\\)`([^`]*)`|(?<!\\)\*\*((?:\\.|[^*\\])+)\*\*")
-SYMBOL = re.compile(r"(?<![\w-])(k_r\|r\||k_rr|k_r|I_r|a_f|a_b|n_0|n_sat|T_w)(?![\w|])")
 LONG = 36  # letters from which on a cell may be broken
 
 
@@ -65,9 +66,9 @@ def words(text: str) -> str:
 
 
 def _symbols(text: str) -> str:
-    """Escaped text in which k_r|r| stands as in print, and no per cent sign begins a line."""
+    """Escaped text with symbols as in print, in which no per cent sign begins a line."""
     tied = escape(text).replace(" %", "\N{NO-BREAK SPACE}%")
-    return SYMBOL.sub(lambda match: "<var>{}</var><sub>{}</sub>".format(*match[1].split("_")), tied)
+    return with_symbols(tied, "<var>{}</var><sub>{}</sub>")
 
 
 def _table(block: Sequence[str]) -> str:

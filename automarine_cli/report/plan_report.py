@@ -98,8 +98,7 @@ def _interval_table(plan: Plan) -> Table:
 
 def _symbol(name: str, plan: Plan) -> str:
     dof, symbols = plan.fitting.model.dof, plan.fitting.model.dof.symbols
-    length = f"{symbols.inertia}/{symbols.quadratic_print}"
-    return {symbols.quadratic: symbols.quadratic_print, dof.words.inertial_length: length}.get(name, name)
+    return f"{symbols.inertia}/{symbols.quadratic}" if name == dof.words.inertial_length else name
 
 
 def _precision(estimate: Estimate | None) -> str:

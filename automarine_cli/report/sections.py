@@ -72,6 +72,13 @@ class Sections:
 
         return pd.DataFrame(list(self.rows))
 
+    def listed_as(self, kinds: Sequence[str]) -> Sequence[str]:
+        """The files that the terminal names, figures in the first of their kinds."""
+        from automarine_cli.report.figures.style import file_name
+
+        kind = next(iter(kinds), "png")
+        return [file_name(name[:-4], kind) if name.endswith(".png") else name for name in self.listed]
+
     def figure(self, name: str | None = None) -> Any:
         """Draw a figure, by default the first. Raises SettingError with the names that there are."""
         if not self.figures:

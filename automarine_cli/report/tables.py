@@ -132,7 +132,7 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def to_latex(self) -> str:
-        """A `table` environment with booktabs rules; symbols such as k_r|r| are set as such, all else is escaped."""
+        """A `table` environment with booktabs rules; symbols such as k_rr are set as such, all else is escaped."""
         sides = "".join("r" if right else "l" for right in self._right())
         lines = [r"\begin{table}", r"\centering"]
         if self.title:  # without a number, which LaTeX gives
@@ -202,7 +202,8 @@ def interval(estimate: Estimate | None) -> str:
 
 
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \((known|at its bound)\))?$")
-_SYMBOL = re.compile(r"(?<![\w.-])([kIXYZm]_[a-z](?:\|[a-z]\|)?)(?![\w|])")  # such as k_r and k_r|r|
+SYMBOL = re.compile(r"(?<![\w.-])([kIXYZmanT])\\?_(rr|uu|vv|ww|sat|[a-z0])(?!\\?[\w|])")
+"""A letter and its index, such as k_r and k_rr, printed with the index r|r|; LaTeX escapes the line between."""
 _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%",
     "_": r"\_", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "<": r"\textless{}",
@@ -238,13 +239,12 @@ def _latex(cell: str) -> str:
             return rf"${mantissa}\times 10^{{{int(exponent)}}}$"
         return f"${mantissa}$" if mantissa[0] in "-+" else mantissa
     safe = "{}" if text[:1] in ("[", "*") else ""  # after the line end of a row these two would be its options
-    parts = enumerate(_SYMBOL.split(text))
-    return safe + "".join(_symbol(part) if i % 2 else "".join(_LATEX.get(c, c) for c in part) for i, part in parts)
+    return safe + with_symbols("".join(_LATEX.get(c, c) for c in text), "${}_{{{}}}$")
 
 
-def _symbol(text: str) -> str:
-    letter, index = text.split("_")
-    return f"${letter}_{{{index}}}$"
+def with_symbols(text: str, form: str) -> str:
+    """Set every symbol of a text in a `form` that takes letter and index."""
+    return SYMBOL.sub(lambda match: form.format(match[1], re.sub(r"^(.)\1$", r"\1|\1|", match[2])), text)
 
 
 def _latex_row(row: Sequence[str]) -> str:

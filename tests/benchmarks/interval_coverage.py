@@ -12,7 +12,7 @@ import numpy as np
 from campaigns import BOTH_SIDES, LARGE, make_campaign
 from made_runs import INERTIA, K_RR
 from scipy import stats
-from specified import make_runs, specified
+from specified import make_runs
 
 from automarine_cli import effects
 from automarine_cli.commands.fit_thrusters import fit_thrusters
@@ -30,7 +30,7 @@ from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.simulation.specification import SCHEMA
+from automarine_cli.simulation.specification import SCHEMA, specification_from
 
 LOW, HIGH = 92, 98  # %
 SCATTERS = (0.0, 0.03, 0.05, 0.18)
@@ -111,7 +111,7 @@ def effect_specification(name: str) -> dict[str, Any]:
 def effect_trial(index: int, name: str) -> Trial:
     """Simulate one campaign, fit the base model with the effect, and compare every interval with the truth."""
     base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
-    runs = make_runs(specified(effect_specification(name)), 1000 + index)
+    runs = make_runs(specification_from(effect_specification(name), "specification"), 1000 + index)
     study = replace(study_of(runs, base), driven=False)
     values = tuple(
         study.reference(each.reference) if each.reference else PLANTED[name].get(each.name, each.start)

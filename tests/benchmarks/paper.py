@@ -30,8 +30,8 @@ Floats = NDArray[np.float64]
 Values = dict[str, Floats]
 
 CONSTANT = 0.0275
-"""c of tau = k_r|r| |r| r + c that the printed numbers ask for. The vehicle obeys I r' = tau + b - k_r|r| |r| r, in
-steady state tau = k_r|r| |r| r - b: so the hidden bias moment is b = -c."""
+"""c of tau = k_rr |r| r + c that the printed numbers ask for. The vehicle obeys I r' = tau + b - k_rr |r| r, in
+steady state tau = k_rr |r| r - b: so the hidden bias moment is b = -c."""
 
 LARGE_MOMENT = 0.5  # Table 2's inertia of model 1 follows from model 3's for a mean over moments from here on
 TURNED_HARDLY = 0.75  # as `moment_most` of the specification
@@ -39,15 +39,15 @@ TURNED_HARDLY = 0.75  # as `moment_most` of the specification
 PRINTED = (
     ("1", "1", "k_r", "k_r of model 1", 0.9961),
     ("1", "1", "SSE", "SSE of model 1", 1.8908),
-    ("1", "2", "k_r|r|", "k_rr of model 2", 1.259),
+    ("1", "2", "k_rr", "k_rr of model 2", 1.259),
     ("1", "2", "k_r", "k_r of model 2", 0.02753),
     ("1", "2", "SSE", "SSE of model 2", 0.8019),
-    ("1", "3", "k_r|r|", "k_rr of model 3", 1.257),
+    ("1", "3", "k_rr", "k_rr of model 3", 1.257),
     ("1", "3", "SSE", "SSE of model 3", 0.8353),
     ("1", "1 less 3", "SSE", "SSE of model 1 less model 3", 1.0555),
     ("1", "3 less 2", "SSE", "SSE of model 3 less model 2", 0.0334),
-    ("1", "3 less 2", "k_r|r|", "k_rr of model 3 less model 2", -0.002),
-    ("1", "2 as 3+c", "k_r|r|", "k_rr of model 3+c", 1.259),
+    ("1", "3 less 2", "k_rr", "k_rr of model 3 less model 2", -0.002),
+    ("1", "2 as 3+c", "k_rr", "k_rr of model 3+c", 1.259),
     ("1", "2 as 3+c", "c", "c of model 3+c", 0.02753),
     ("1", "2 as 3+c", "SSE", "SSE of model 3+c", 0.8019),
     ("1", "3 less 3+c", "SSE", "SSE of model 3 less model 3+c", 0.0334),
@@ -56,7 +56,7 @@ PRINTED = (
     ("2", "3", "I_r", "I_r of model 3", 1.018),
 )
 """Table, model, symbol, key of `run_trial` and value of every printed number, and what follows from them. Model "3+c"
-is tau = k_r|r| |r| r + c: the reading under which the numbers printed for model 2 are those of a constant moment."""
+is tau = k_rr |r| r + c: the reading under which the numbers printed for model 2 are those of a constant moment."""
 
 
 HIDDEN = f"constant moment {CONSTANT}"
@@ -152,7 +152,7 @@ def judging_table(results: Sequence[Values]) -> Table:
         ),
         f"least k3 - k2 that the printed k_r of {k_r} needs; printed is {gap}": lambda v: k_r * v["sum ratio"].min(),
         f"% of campaigns with a constant of {k_r} or more": lambda v: 100 * np.mean(np.abs(v["c of model 3+c"]) >= k_r),
-        "k_r|r| of model 3, dilution taken off as by fit-yaw, median": lambda v: np.median(v["corrected k_rr"]),
+        "k_rr of model 3, dilution taken off as by fit-yaw, median": lambda v: np.median(v["corrected k_rr"]),
         "k_r of model 2, dilution taken off as by fit-yaw, median": lambda v: np.median(v["corrected k_r"]),
         "campaigns in which no tail reaches its bias limit": lambda v: np.sum(v["steady"] == 0),
         "start of the tail [degrees], median": lambda v: np.median(v["tail from"]),
@@ -164,7 +164,7 @@ def judging_table(results: Sequence[Values]) -> Table:
         {"": name, **{setting: number(float(of(v)), 3) for setting, v in zip(SETTINGS, results)}}
         for name, of in measures.items()
     ]
-    note = f"Hidden constant moment: c = {CONSTANT}, that is b = -c in I r' = tau + b - k_r|r| |r| r."
+    note = f"Hidden constant moment: c = {CONSTANT}, that is b = -c in I r' = tau + b - k_rr |r| r."
     return Table.of("What judges them", rows, [note])
 
 

@@ -48,13 +48,21 @@ def test_heave_has_its_own_steps_and_report(tmp_path: Path) -> None:
         "check": "done", "fit-thrusters": "skipped", "fit-yaw": "skipped", "validate": "skipped",
         "diagnose": "skipped", "fit-heave": "done", "validate-heave": "done",
     }  # fmt: skip
-    assert result.says["fit-heave"].startswith("model 3: Z_w|w| 45") and "cm free run" in result.says["validate-heave"]
+    assert (
+        result.says["fit-heave"].startswith("model 3 (quadratic drag): Z_ww 45")
+        and "cm free run" in result.says["validate-heave"]
+    )
     options = json.loads((out / "heave" / "manifest.json").read_text())["options"]
     assert options["tail"] == 1.1 and options["depths"] == [0, 3.6]
     again = run_campaign(file, out=out, until="validate-heave")
     assert {step.step: step.did for step in again.steps}["validate-heave"] == "kept"
     text = make_report(out).files["report.md"]
-    for part in ("## Heave model", "| fit-heave | model 3: ", "Buoyancy: a constant force of 2", "## Heave validation"):
+    for part in (
+        "## Heave model",
+        "| fit-heave | model 3 (quadratic drag): ",
+        "Buoyancy: a constant force of 2",
+        "## Heave validation",
+    ):
         assert part in text
     assert "## Yaw model" not in text and "heave/steps.png" in text
 

@@ -15,7 +15,7 @@ from automarine_cli.dofs import DOFS, Dof
 
 ROTATION = (
     "yaw heading headings moment moments inertia compass gyro turn turns turned turning half-turn half-turns degree "
-    "degrees deg ° clockwise torsional revolution rad I_r k_r k_rr k_r|r| psi tau ψ τ yaw_rate"
+    "degrees deg ° clockwise torsional revolution rad I_r k_r k_rr k_rr psi tau ψ τ yaw_rate"
 )
 TRANSLATION = "cm force forces mass"
 SIDES = "distance distances depth depths port starboard"

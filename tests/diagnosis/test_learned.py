@@ -177,7 +177,7 @@ def test_the_result_holds_the_curve_and_its_model_is_better_on_the_logs_and_expo
     model, errors = folder / "diagnosis" / "extended_model.json", []
     for number, path in enumerate([folder / "fit" / "yaw_model.json", model]):
         out = tmp_path / str(number)
-        assert run("validate", folder / "logs", "--model", path, "-o", out, "--no-figures").exit_code == 0
+        assert run("validate", folder / "logs", "--model", path, "-o", out, "--figures", "none").exit_code == 0
         errors.append(json.loads((out / "validation.json").read_text())["models"]["3"]["rmse_deg"])
     assert errors[1] < 0.5 * errors[0]
     assert run("export", model, "--to", "card", "-o", tmp_path / "card.md").exit_code == 0

@@ -180,7 +180,7 @@ def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[...
     for inertia, says in ((1.0, "predicts 5 s ahead to "), (60.0, "is not usable: it predicts 5 s")):
         models = {number: {"I_r": quantity(inertia, "nu s²"), **drag} for number, drag in DRAGS.items()}
         model, out = model_file(tmp_path / f"{inertia:g}.json", models=models), tmp_path / f"out_{inertia:g}"
-        result = run("validate", tmp_path / "logs", "--model", model, "-o", out, "--no-figures")
+        result = run("validate", tmp_path / "logs", "--model", model, "-o", out, "--figures", "none")
         assert result.exit_code == 0, result.output
         text = (out / "validation.md").read_text()
         assert text.startswith(f"Model 3, which the fit preferred, {says}") and "from the filtered state" in text

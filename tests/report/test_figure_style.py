@@ -5,10 +5,9 @@ from collections.abc import Callable
 import matplotlib
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from automarine_cli.report.figures.style import FORMATS, MODEL_COLOURS, MODEL_LINES, house_style, new_figure
+from automarine_cli.report.figures.style import FORMATS, house_style, model_look, new_figure
 
 png, svg, pdf = (FORMATS[kind] for kind in ("png", "svg", "pdf"))
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -18,8 +17,8 @@ pytestmark = pytest.mark.usefixtures("drawn_figures")
 def small() -> Figure:
     """Text, lines and a legend."""
     figure, axes = new_figure(2, 1, 3.0, 3.0, sharex=True)
-    for model, colour in MODEL_COLOURS.items():
-        axes[0, 0].plot([-1.0, float(model)], color=colour, linestyle=MODEL_LINES[model], label=f"model {model}")
+    for model in "123":
+        axes[0, 0].plot([-1.0, float(model)], **model_look(model, "3"), label=f"model {model}")
     axes[1, 0].set_xlabel(r"moment $\tau$")
     axes[0, 0].legend()
     return figure
@@ -66,6 +65,6 @@ def test_letters_that_a_font_lacks_are_no_warning() -> None:
 
 
 def test_models_differ_in_grey() -> None:
-    luminance = [float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(colour))) for colour in MODEL_COLOURS.values()]
-    assert min(np.diff(sorted(luminance))) > 0.2  # Rec. 709: what a grey print shows
-    assert len({str(line) for line in MODEL_LINES.values()}) == 3
+    looks = [model_look(model, preferred) for preferred in "123" for model in "123"]
+    assert all(len({str(look.get("ls")) for look in looks[i : i + 3]}) == 3 for i in (0, 3, 6))
+    assert [look["lw"] > 1.0 for look in looks] == [i % 4 == 0 for i in range(9)]

@@ -238,11 +238,11 @@ def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
     })  # fmt: skip
     text, lines = make_report(tmp_path).files["report.md"], headlines(read_steps(tmp_path))
     assert lines["fit-yaw"] == (
-        "model 3 with water-swirl: k_r|r| 1.247 [1.227, 1.267] nu s², I_r 1.017 [0.997, 1.037] nu s² "
+        "model 3 (quadratic drag) with water-swirl: k_rr 1.247 [1.227, 1.267] nu s², I_r 1.017 [0.997, 1.037] nu s² "
         "(without: 1.165, 1.059)"
     )
-    assert lines["validate"].startswith("without water-swirl, model 3: 42.0 deg free run")
-    assert "k_r\\|r\\| 1.247 " in text.partition("## ")[0]
+    assert lines["validate"].startswith("without water-swirl, model 3 (quadratic drag): 42.0 deg free run")
+    assert "k_rr 1.247 " in text.partition("## ")[0]
     assert "This is the model without water-swirl" in text.partition("## Yaw model")[2]
 
 
@@ -252,13 +252,13 @@ def test_what_must_not_be_used_stands_first(tmp_path: Path) -> None:
     text = make_report(tmp_path).files
     assert text["report.md"].splitlines()[2].startswith("**This model is not usable: ")
     assert "`" not in Elements(text["report.html"]).text and "<code>automarine diagnose</code>" in text["report.html"]
-    assert headlines(read_steps(tmp_path))["fit-yaw"].startswith("not usable: model 3: k_r|r| 1.165 [1.145, 1.185]")
+    assert headlines(read_steps(tmp_path))["fit-yaw"].startswith(
+        "not usable: model 3 (quadratic drag): k_rr 1.165 [1.145, 1.185]"
+    )
 
 
 def test_markdown_is_text_whatever_it_holds() -> None:
-    body = to_html(
-        "# A <b>\n\nx \\*y\\* **z** `a<b` k_r\\|r\\| &lt; <i>\n\n| a | b |\n| --- | ---: |\n| \\| | 1 |\n", str
-    )
+    body = to_html("# A <b>\n\nx \\*y\\* **z** `a<b` k_rr &lt; <i>\n\n| a | b |\n| --- | ---: |\n| \\| | 1 |\n", str)
     assert '<h1 id="a-b">A &lt;b&gt;' in body
     assert "<p>x *y* <strong>z</strong> <code>a&lt;b</code> <var>k</var><sub>r|r|</sub> &lt; &lt;i&gt;</p>" in body
     assert '<th scope="row">|</th><td class="n">1</td>' in body

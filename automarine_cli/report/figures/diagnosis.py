@@ -16,6 +16,7 @@ from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.report.figures import style
+from automarine_cli.report.tables import number
 
 STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey", "not fitted": "yellow"}
 """Colours of what became of candidates; the bars of those that were not fitted are promises."""
@@ -33,8 +34,11 @@ def where_figure(where: ResidualRegions) -> Figure:
     for ax, variable in zip(axes.flat, drawn):
         _bins(ax, variable)
     style.legend_below(figure, axes.flat[0])
-    rest = dict.fromkeys(variable.column.name for variable in variables if not variable.stands_out.any())
-    figure.suptitle(fill(f"Within chance: {', '.join(rest) or 'none'}", LONGEST_LINE), parse_math=False)
+    names = dict.fromkeys(variable.column.name for variable in out)
+    rest = dict.fromkeys(variable.column.name for variable in variables if variable.column.name not in names)
+    finding = f"The gap depends on {', '.join(names) or 'nothing beyond chance'}"
+    lines = (fill(line, LONGEST_LINE) for line in (finding, f"Within chance: {', '.join(rest) or 'none'}"))
+    figure.suptitle("\n".join(lines), parse_math=False)
     return figure
 
 
@@ -66,6 +70,8 @@ def why_figure(rows: Sequence[Mapping[str, Any]], threshold: float, line: str) -
     axes.invert_yaxis()
     axes.margins(x=0.08, y=0.01)
     axes.set_xlabel("evidence gained over the base model [deviance]")
+    best = ", ".join(f"{row['effect']} {row['evidence gained']:.0f}" for row in rows[:2])
+    axes.set_title(f"Evidence: {best or 'none'}; needed {threshold:.0f}", loc="left", parse_math=False)
     style.legend_below(figure, axes, ncols=5)
     return figure
 
@@ -92,7 +98,9 @@ def planar_before_after(search: PlanarDiagnosis) -> Figure:
     for r, run in list(enumerate(search.every.runs))[search.fitted * held_out :]:
         lines = [(time[r, p.target[p.run == r]], np.asarray(YAW.shown(p.error[p.run == r]))) for p in ahead]
         residuals.append((run.name, lines))
-    title = f"Headings of runs {'held out' if held_out else 'fitted'}, predicted {ahead[0].horizon:g} s ahead"
+    before, after = (number(float(YAW.shown(np.sqrt(np.mean(p.error**2)))), 3) for p in ahead)
+    runs = f"Headings of runs {'held out' if held_out else 'fitted'}, predicted {ahead[0].horizon:g} s ahead"
+    title = f"{runs}: {before} → {after} {YAW.units.shown}"
     floor = float(YAW.shown(search.after.fit.noise_of[YAW.position]))
     return style.residuals_figure(residuals, BEFORE_AFTER, YAW.units.shown, floor, title)
 
@@ -105,7 +113,8 @@ def thruster_before_after(result: ThrusterDiagnosis) -> Figure:
         if data is not None
     ]
     control = f"control signal n [{result.data.n_unit or 'as logged'}]"
-    title = f"Thrust of one thruster; before is the {result.given.form} map refitted"
+    sizes = " → ".join(number(float(np.sqrt(np.mean(error**2))), 3) for _, error in residuals[-1][1])
+    title = f"Thrust at {residuals[-1][0]}: {sizes} N; before is the {result.given.form} map refitted"
     return style.residuals_figure(residuals, BEFORE_AFTER, "N", result.gap.floor, title, control, "o")
 
 
@@ -120,5 +129,6 @@ def learned_figure(curve: LearnedCurve, dof: Dof) -> Figure:
     variable = f"{'size of ' * curve.sized}{curve.variable}" + f" [{curve.unit}]" * bool(curve.unit)
     axes.set_xlabel(variable, parse_math=False)
     axes.set_ylabel(f"{names[curve.kind]} [{unit}]", parse_math=False)
+    axes.set_title(f"No effect of the library is like it: {curve.kind} by {variable}", loc="left", parse_math=False)
     axes.legend()
     return figure

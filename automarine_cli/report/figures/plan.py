@@ -17,6 +17,7 @@ if TYPE_CHECKING:  # a plan needs no controllers
     from automarine_cli.control.tuning import FlownStep, Tuning
 
 MOST_PANELS = 4
+WORTH_IT = 1.1  # how many times wider intervals would be
 FEWEST_RUNS = 3  # below which a curve is not drawn: nothing is known yet
 LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
 MOST_STEPS = 4
@@ -26,11 +27,17 @@ FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 @house_style
 def plan_figure(plan: Plan) -> Figure:
     """Draw a panel for each parameter, run by run."""
-    names, minutes = list(plan.errors)[:MOST_PANELS], plan.minutes[FEWEST_RUNS - 1 :]
+    names, minutes = list(plan.errors)[:MOST_PANELS], plan.minutes
     figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
+    half = int(np.searchsorted(minutes, 0.5 * minutes[-1]))
+    wider = max(plan.errors[name][half] / plan.errors[name][-1] for name in names)
+    advice = "Go on to the end" if wider > WORTH_IT else "Stop at half"
+    time = f"after {minutes[half]:.0f} of {minutes[-1]:.0f} minutes"
+    figure.suptitle(f"{advice}: {time} intervals are up to {wider:.2g} times as wide")
     for ax, name in zip(axes.flat, names):
-        ax.plot(minutes, plan.errors[name][FEWEST_RUNS - 1 :], color=COLOURS["blue"], marker=".", ms=3)
-        ax.set_title(name, loc="left", parse_math=False)
+        percent = plan.errors[name]
+        ax.plot(minutes[FEWEST_RUNS - 1 :], percent[FEWEST_RUNS - 1 :], color=COLOURS["blue"], marker="o", markevery=[-1])
+        ax.set_title(f"{name}: {percent[-1]:.2g} %", loc="left", parse_math=False)
         ax.set(xlabel="minutes in the pool", ylabel="standard error [%]")
     return figure
 
@@ -41,11 +48,17 @@ def tuning_figure(tuning: "Tuning") -> Figure:
     figure, axes = new_figure(1, 2, PAGE_IN, 2.7)
     dof, task = tuning.nominal.dof, tuning.task
     way = dof.shown(task.step)
-    for i, title in enumerate(("Step", f"Load of {100 * task.load:g} % from the start")):
-        for name, outcome in (("present", tuning.old), ("new", tuning.new)):
-            if outcome is not None:
-                flown = dof.shown(outcome.flight.position[:, i])
-                _banded(axes[0, i], outcome.flight.time, flown, name, FURTHEST * way)
+    outcomes = {name: of for name, of in (("new", tuning.new), ("present", tuning.old)) if of is not None}
+    settling = [float(np.median(of.scores.settling)) for of in outcomes.values()]
+    largest = [float(dof.shown(np.median(of.scores.error))) for of in outcomes.values()]
+    settles = (f"settles after {time:.3g} s" if np.isfinite(time) else "never settles" for time in settling)
+    price = "Price: u" if largest[0] > largest[-1] else "U"
+    load = f"{price}nder a load of {100 * task.load:g} %\nup to "
+    load += " instead of ".join(f"{size:.3g}{dof.units.mark}" for size in largest)
+    for i, title in enumerate(("\nbefore: ".join(settles).capitalize(), load)):
+        for name, outcome in outcomes.items():
+            flown = dof.shown(outcome.flight.position[:, i])
+            _banded(axes[0, i], outcome.flight.time, flown, name, FURTHEST * way)
         axes[0, i].set_title(title, loc="left")
         axes[0, i].set(xlabel="Time [s]", ylabel=f"{dof.words.position.capitalize()} [{dof.units.shown}]")
     axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
@@ -63,7 +76,8 @@ def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
         ax.fill_between(step.time, low, high, color=COLOURS["sky"], alpha=0.6, lw=1.0, label="promised, 95 %")
         ax.plot(step.time, dof.shown(step.position), ".", color=COLOURS["black"], ms=1.5, label="flown")
         ax.plot(step.time, dof.shown(step.reference), color="0.4", lw=0.6, ls=":")
-        ax.set_title(f"{step.run}, {step.begins:.0f} s", loc="left", parse_math=False)
+        held = "as promised" if step.held else "not as promised"
+        ax.set_title(f"{step.run}, {step.begins:.0f} s\n{held}", loc="left", parse_math=False)
         ax.set_xlabel("Time [s]")
     axes[0, 0].set_ylabel(f"{dof.words.position.capitalize()} [{dof.units.shown}]")
     axes[0, 0].legend(loc="lower right")

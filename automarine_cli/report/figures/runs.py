@@ -16,16 +16,18 @@ from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.planar_structure import PLACES
+from automarine_cli.models.store import DRAG_LAWS, named_model
 from automarine_cli.models.yaw_model import response, steady_rate
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures import style
-from automarine_cli.report.tables import number
+from automarine_cli.report.tables import interval, number
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.load import GAP_IN_PERIODS
 from automarine_cli.runs.run import Run
+from automarine_cli.text import plural
 
 DEGREES = 180.0 / np.pi
-LONGEST_TITLE = 90
+LONGEST_TITLE = 60
 QUANTITIES = {
     "heading": (r"Heading $\psi$ [deg]", DEGREES), "surge": ("Surge $u$ [m/s]", 1.0), "sway": ("Sway $v$ [m/s]", 1.0),
     "yaw_rate": ("Yaw rate $r$ [deg/s]", DEGREES),
@@ -35,8 +37,9 @@ TIME = "Time from the start of the run [s]"
 
 
 @style.house_style
-def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
-    """Draw one run: `free` holds its free run under each model, `floor` is the noise of its position [deg or cm]."""
+def validation_figure(free: Mapping[str, FreeRun], preferred: str, floor: float) -> Figure:
+    """Draw one run: `free` holds its free run under each model, `floor` is the noise of its position [deg or cm]. The
+    scales are those of the preferred model."""
     run = next(iter(free.values())).run
     dof, letters, unit, measured = run.dof, run.dof.symbols, run.dof.units.shown, run.dof.shown(run.position)
     figure, axes = style.new_figure(3, 1, style.PAGE_IN, 6.0, sharex=True, height_ratios=(2.0, 1.3, 0.9))
@@ -45,26 +48,29 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
     for model, simulated in free.items():
         error = np.where(simulated.diverged, np.nan, dof.shown(simulated.error))
         rmse = "diverges" if simulated.diverged else f"rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {unit}"
-        positions.plot(*_with_gaps(run, measured - error), label=f"model {model}: {rmse}", **_style(model))
-        errors.plot(*_with_gaps(run, error), lw=1.0, **_style(model))
-    low, high = float(measured.min()), float(measured.max())
-    style.limit(positions, low, high, 2.0 * max(high - low, 1.0))
-    style.limit(errors, 0.0, 0.0, 3 * floor + 2.0 * max(high - low, 1.0))
-    band = f"± 2 × noise level of {number(floor, 2)} {unit}"
+        look = style.model_look(model, preferred)
+        positions.plot(*_with_gaps(run, measured - error), label=f"{named_model(model)}: {rmse}", **look)
+        errors.plot(*_with_gaps(run, error), **look)
+    error = dof.shown(free[preferred].error)
+    finding, reach = "diverges", float(np.ptp(measured)) + 1.0
+    if not free[preferred].diverged:
+        largest = float(np.abs(error).max())
+        finding, reach = f"drifts up to {number(largest, 2)} {unit}", 0.3 * largest + 3.0 * floor
+        style.limit(errors, float(error.min()), float(error.max()), reach)
+    style.limit(positions, float(measured.min()), float(measured.max()), max(reach, 0.2 * float(np.ptp(measured))))
+    name = style.shortened(run.name, LONGEST_TITLE)
+    title = f"{name}: model {preferred} {finding}; {dof.position} noise {number(floor, 2)} {unit}"
+    band = f"twice the {dof.position} noise"
     errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
     command.axhline(0.0, color="0.4", lw=0.7, zorder=1)
     command.plot(*_with_gaps(run, run.command), color=style.COLOURS["green"], drawstyle="steps-mid")
     positions.set_ylabel(f"{dof.position.capitalize()} ${letters.position_math}$ [{unit}]")
-    positions.set_title(style.shortened(run.name, LONGEST_TITLE), parse_math=False)
+    positions.set_title(title, loc="left", parse_math=False)
     errors.set_ylabel(f"Measured − simulated [{unit}]")
     command.set(ylabel=f"{dof.words.force.capitalize()} ${letters.force_math}$ [{run.moment_unit}]", xlabel=TIME)
     style.legend_below(figure, positions, errors)
     figure.align_ylabels()
     return figure
-
-
-def _style(model: str) -> dict[str, Any]:
-    return {"color": style.MODEL_COLOURS[model], "ls": style.MODEL_LINES[model], "zorder": 4 if model == "2" else 3}
 
 
 def _with_gaps(run: Run, values: Floats) -> tuple[Floats, Floats]:
@@ -84,21 +90,24 @@ def planar_figure(free: FreeRun) -> Figure:
         if reading is not None and free.error_of(channel) is not None:
             panel.plot(time, factor * reading, "o", **MEASURED)
         if channel in simulated:
-            look = {"label": "simulated, free run", **_style("3")}
+            look = {"label": "simulated, free run", **style.PREFERRED}
             panel.plot(*_with_gaps(run, factor * simulated[channel]), **look)
         panel.set(ylabel=label, xlabel=TIME)
     north, east = (run.channel(name) for name in PLACES)
     if free.distance is not None and north is not None and east is not None:
         places.plot(east, north, "o", **MEASURED)
     if set(PLACES) <= simulated.keys():
-        places.plot(simulated["east"], simulated["north"], **_style("3"))
+        places.plot(simulated["east"], simulated["north"], **style.PREFERRED)
     places.set_aspect("equal", adjustable="datalim")
     places.set(xlabel="East [m]", ylabel="North [m]")
     for dof, colour in ((SURGE, "black"), (SWAY, "green"), (YAW, "orange")):
         label = f"{dof.words.full_force} [{dof.units.forces[1]}]"
         commands.step(time, run.command_of(dof), where="mid", color=style.COLOURS[colour], label=label)
     commands.set(ylabel="Command [N, N m]", xlabel=TIME)
-    title = style.shortened(run.name, LONGEST_TITLE) + ": the simulation diverges" * free.diverged
+    error, title = None if free.diverged else free.error_of(YAW.position), style.shortened(run.name, LONGEST_TITLE)
+    title += ": the simulation diverges" * free.diverged
+    if error is not None:
+        title += f": by the commands alone the heading drifts up to {number(np.nanmax(np.abs(error)) * DEGREES, 2)} deg"
     figure.suptitle(title, parse_math=False)
     style.legend_below(figure, axes[0, 0], commands)
     return figure
@@ -113,8 +122,11 @@ def whole_runs_figure(fit: YawFit) -> Figure:
         run, errors = free.run, (free.error, free.run.position - fitted[i][: len(free.run)])
         residuals.append((run.name, [(run.time - run.time[0], dof.shown(error)) for error in errors]))
     labels = f"model {fit.preference.number} by the commands alone", "with the run's own thrust and start"
-    noise = float(dof.shown(fit.preferred.noise or mixed.noise))
-    return style.residuals_figure(residuals, labels, dof.units.shown, noise, f"What is left of {len(residuals)} runs")
+    noise, unit = float(dof.shown(fit.preferred.noise or mixed.noise)), dof.units.shown
+    largest = max(float(np.nanmax(np.abs(error))) for _, ((_, error), _) in residuals)
+    title = f"By the commands alone model {fit.preference.number} drifts up to {number(largest, 2)} {unit}"
+    title += f"; {dof.position} noise {number(noise, 2)} {unit}"
+    return style.residuals_figure(residuals, labels, unit, noise, title)
 
 
 def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Figure:
@@ -126,9 +138,10 @@ def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Fig
     for i, run in enumerate(runs):
         lines = [(time[i][p.target[p.run == i]], np.asarray(dof.shown(p.error[p.run == i]))) for p in ahead]
         residuals.append((run.name, lines))
-    labels = [f"predicted {p.horizon:g} s ahead" for p in ahead]
-    title = f"{dof.words.position.capitalize()} from filtered states" + ", runs left out of the fit" * (use.runs > 1)
-    return style.residuals_figure(residuals, labels, dof.units.shown, float(dof.shown(noise)), title)
+    labels, unit = [f"predicted {p.horizon:g} s ahead" for p in ahead], dof.units.shown
+    sizes = (f"{number(float(dof.shown(np.sqrt(np.mean(p.error**2)))), 2)} {unit} after {p.horizon:g} s" for p in ahead)
+    title = f"{dof.words.position.capitalize()} error {', '.join(sizes)}" + ", runs held out" * (use.runs > 1)
+    return style.residuals_figure(residuals, labels, unit, float(dof.shown(noise)), title)
 
 
 @style.house_style
@@ -146,6 +159,7 @@ def half_turns_figure(fit: YawFit) -> Figure:
     x = dof.symbols.position_print
     ylabel = f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]"
     ax.set(xlabel="Time since the step [s]", ylabel=ylabel)
+    ax.set_title(f"{plural(len(fitted), words.step)}, one a run, in colour where fitted", loc="left")
     style.legend_below(figure, ax)
     figure.colorbar(drawn, label=_size_of_force(fit), pad=0.01)
     return figure
@@ -172,13 +186,24 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     dof, moment = fit.dof, np.array([turn.moment for turn in fit.turns])
     rate = f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]"
     labels = _full_force(fit), rate, f"Residual [{fit.moment_unit}]"
-    figure, top, bottom = style.above_residuals(4.6, 4.6, labels)
+    figure, top, bottom = style.above_residuals(style.PAGE_IN, 5.2, labels)
     top.plot(moment, dof.shown(seed.tails.rate), "o", mfc="none", mec=style.MEASURED, label="measured, one run each")
     grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
-    for model, drag in ((model, seed.drag[model]) for model in style.MODEL_COLOURS if model in seed.drag):
-        top.plot(grid, dof.shown(steady_rate(*drag.acting(grid))), label=f"model {model}", **_style(model))
-        bottom.plot(moment, drag.residuals, "o", ms=2.6, color=style.MODEL_COLOURS[model])
-    top.legend(loc="upper left")
+    preferred, left, sym = fit.preferred.number, dict[str, float](), dof.symbols
+    letters, v = {sym.linear: sym.linear, sym.quadratic: sym.quadratic_math}, sym.velocity
+    terms = {sym.linear: rf"{sym.linear}\,{v}", sym.quadratic: rf"{sym.quadratic_math}\,|{v}|\,{v}"}
+    for model, drag in ((model, seed.drag[model]) for model in DRAG_LAWS if model in seed.drag):
+        there = {name: drag.estimates[name] for name in letters if name in drag.estimates}
+        sizes = ", ".join(f"${letters[name]}$ {interval(estimate)} {estimate.unit}" for name, estimate in there.items())
+        label = f"model {model}: ${sym.force_math} = {' + '.join(terms[name] for name in there)}$ with {sizes}"
+        look = style.model_look(model, preferred)
+        top.plot(grid, dof.shown(steady_rate(*drag.acting(grid))), label=label, **look)
+        bottom.plot(moment, drag.residuals, "o", ms=3.0, mfc="none", color=look["color"], zorder=look["zorder"])
+        left[model] = float(np.sqrt(np.mean(drag.residuals**2)))
+    said = dict.fromkeys(model for model in (preferred, max(left, key=left.__getitem__)) if model in left)
+    texts = [f"{DRAG_LAWS[model]} drag leaves {number(left[model], 2)} {fit.moment_unit}" for model in said]
+    top.set_title(", ".join(texts), loc="left")
+    style.legend_below(figure, top, ncols=1)
     return figure
 
 
@@ -187,21 +212,26 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     """Draw the inertia of each run, its mean at each force, and over all by both methods (the paper's Fig. 9)."""
     dof = fit.dof
     models = [model for model in ("1", "3") if model in seed.inertia]
-    figure, axes = style.new_figure(1, len(models), style.PAGE_IN, 3.0)
+    figure, axes = style.new_figure(1, len(models), style.PAGE_IN, 3.0, sharey=True)
     moment = np.array([turn.moment for turn in fit.turns])
     for ax, model in zip(axes[0], models):
         table, ml = seed.inertia[model], fit.output_error[model].estimates[dof.symbols.inertia]
-        ax.plot(moment, table.per_run, "o", mfc="none", mec=style.MEASURED, mew=0.8, label="one run")
-        means, label = np.transpose(sorted(table.per_moment.items())), f"mean at one {dof.words.force}"
-        ax.plot(*means, "D", ms=4, color=style.COLOURS["vermilion"], mec="none", label=label)
+        ax.plot(moment, table.per_run / ml.value, "o", mfc="none", mec="0.3", mew=0.8, zorder=3, label="one run")
+        at, means = np.transpose(sorted(table.per_moment.items()))
+        look: dict[str, Any] = {"color": style.COLOURS["orange"], "label": f"mean at one {dof.words.force}"}
+        ax.plot(at, means / ml.value, "D", ms=6, mec="none", **look)
         ends = moment.min() * 1.05, moment.max() * 1.05
         methods = (table.overall, "black", "--", "velocity error"), (ml, "blue", "-", "maximum likelihood")
         for estimate, colour, line, name in methods:
-            ax.hlines(estimate.value, *ends, color=style.COLOURS[colour], ls=line, lw=1.1, label=f"overall, {name}")
-            ax.fill_between(ends, *estimate.ci95, color=style.COLOURS[colour], alpha=0.15, lw=0)
-        ax.set(title=f"model {model}", xlabel=_full_force(fit), ylim=(min(0.0, ax.get_ylim()[0]), None))
-    unit = dof.unit_of("inertia", fit.moment_unit)
-    axes[0, 0].set_ylabel(f"{dof.words.full_inertia.capitalize()} ${dof.symbols.inertia}$ [{unit}]")
+            look = {"color": style.COLOURS[colour], "ls": line, "label": f"overall, {name}"}
+            ax.hlines(estimate.value / ml.value, *ends, lw=1.1, **look)
+            low, high = (end / ml.value for end in estimate.ci95)
+            ax.fill_between(ends, low, high, color=style.COLOURS[colour], alpha=0.15, lw=0)
+        spread = f"means differ by a factor of {number(float(means.max() / means.min()), 2)}"
+        said = f"{DRAG_LAWS[model].capitalize()} drag: {spread}" if means.min() > 0 else named_model(model).capitalize()
+        ax.set_title(f"{said}\n{dof.symbols.inertia} {interval(ml)} {ml.unit}", loc="left")
+        ax.set(xlabel=_full_force(fit), ylim=(min(0.0, ax.get_ylim()[0]), None))
+    axes[0, 0].set_ylabel(f"${dof.symbols.inertia}$ of a run [× overall]")
     style.legend_below(figure, axes[0, 0], ncols=4)
     return figure
 
@@ -232,7 +262,9 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
         drawn = ax.scatter(time, value, c=size, cmap="cividis", s=4.0, linewidths=0)
     grid = np.linspace(0.0, float(time.max(initial=0.0)), 400)
     alike = dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0])
-    top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label="model 3")
+    top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label=named_model("3"))
+    rms, ways = number(float(np.sqrt(np.mean(off**2))), 2), ", each way with its own drag" * bool(difference)
+    top.set_title(f"All runs on one curve{ways}: {rms} {unit} off it", loc="left")
     top.legend(loc="upper left")
     figure.colorbar(drawn, ax=[top, bottom], label=_size_of_force(fit), pad=0.01)
     return figure

@@ -5,6 +5,7 @@ own matplotlib settings say, and leaves them alone afterwards.
 """
 
 import io
+import pickle
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -15,6 +16,7 @@ import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from automarine_cli.errors import Attempt, SettingError, attempted
@@ -27,8 +29,8 @@ COLOURS = {
     "black": "#000000", "orange": "#E69F00", "blue": "#0072B2", "sky": "#56B4E9", "vermilion": "#D55E00",
     "green": "#009E73", "purple": "#CC79A7", "yellow": "#F0E442", "grey": "#808080",
 }  # fmt: skip
-MODEL_COLOURS = {"1": COLOURS["orange"], "2": COLOURS["black"], "3": COLOURS["blue"]}
-MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": "-"}
+MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": (0, (5, 1.5, 1.2, 1.5))}
+PREFERRED: dict[str, Any] = {"color": COLOURS["blue"], "lw": 1.8, "zorder": 4}
 MEASURED = COLOURS["grey"]
 
 TWO_LOOKS: tuple[dict[str, Any], ...] = (
@@ -37,6 +39,7 @@ TWO_LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 PAGE_IN = 7.2  # width of a page [inch]
+SLIDE_IN, SLIDE_PT = (13.33, 7.5), 18.0
 MOST_RUNS, MOST_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
 LONGEST_NAME = 26  # letters that have room beside and above a panel
 
@@ -78,10 +81,21 @@ def _file(kind: str, settings: dict[Any, Any], nameless: Sequence[str], figure: 
     return buffer.getvalue()
 
 
+def _slide(figure: Figure) -> bytes:
+    """Return the figure as PNG for a slide: 16:9, its letters of 18 pt."""
+    slide: Figure = pickle.loads(pickle.dumps(figure))
+    for text in slide.findobj(Text):
+        text.set_fontsize(SLIDE_PT / 8.0 * float(text.get_fontsize()))
+    slide.set_size_inches(SLIDE_IN)
+    slide.set_layout_engine("constrained")
+    return FORMATS["png"](slide)
+
+
 FORMATS: Mapping[str, Callable[[Figure], bytes]] = {
     "png": partial(_file, "png", {}, ("Software",)),
     "svg": partial(_file, "svg", {"svg.hashsalt": "automarine", "svg.fonttype": "none"}, ("Date", "Creator")),
     "pdf": partial(_file, "pdf", {"pdf.fonttype": 42}, ("CreationDate", "Creator", "Producer")),
+    "slides": _slide,
 }  # text stays text, letters that other programs can edit
 
 
@@ -109,6 +123,11 @@ def panels(count: int, columns: int, row_in: float, beyond_in: float, **subplots
     for ax in axes.flat[count:]:
         ax.set_axis_off()
     return figure, axes
+
+
+def model_look(model: str, preferred: str) -> dict[str, Any]:
+    """The line of a model: the preferred one bold, the others thin and grey."""
+    return PREFERRED if model == preferred else {"color": "0.45", "lw": 0.8, "ls": MODEL_LINES[model], "zorder": 3}
 
 
 Residuals = tuple[str, Sequence[tuple[Floats, Floats]]]
@@ -181,11 +200,15 @@ def write_figures(
             folder.write(name, content)
 
 
+def file_name(figure: str, kind: str) -> str:
+    return f"{figure}_slide.png" if kind == "slides" else f"{figure}.{kind}"
+
+
 def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[tuple[tuple[str, bytes], ...]]:
     name, draw = drawing
 
     def work() -> tuple[tuple[str, bytes], ...]:
         figure = draw()
-        return tuple((f"{name}.{kind}", FORMATS[kind](figure)) for kind in formats)
+        return tuple((file_name(name, kind), FORMATS[kind](figure)) for kind in formats)
 
     return attempted(f"The figure {name} could not be drawn", work)
