@@ -32,7 +32,7 @@ from automarine_cli.pipeline.records import ResultKind, Shown, to_mapping
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
-from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.text import plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
@@ -48,21 +48,13 @@ MADE = (
 )
 FIRST_DATE_S = 946_684_800.0  # 2000, in seconds since 1970: clocks that show less know no date
 LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: "Missing", TUNING.name: "Gains"}  # in the box at the top
+FOLLOW = {
+    "nothing-missing": "`automarine tune` and `automarine export` use the model.",
+    "suspected": "`automarine plan` plans the runs that tell what is missing.",
+    "unexplained": "`automarine plan` plans the runs that tell what is missing.",
+}  # by the verdict of a diagnosis
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
-CAPTIONS = {
-    "thrusters": "thrust of one thruster against its control signal: measured points, fitted curves, residuals below",
-    "drag": "steady {rate} against {full_force}: one point a run, the curves of models 1, 2 and 3, residuals below",
-    "inertia": "{full_inertia} of each run against its {force}, with the overall value of both methods",
-    "{step}s": "{position} against time of every {step}: the part that was fitted in colour, what was cut in grey",
-    "collapse": "{position} against time times the root of the {force}: all runs on one curve if model 3 holds",
-    "whole_runs": "what the model leaves of the {position} of whole runs, beside the noise",
-    "planar_runs": "errors of the {position} as predicted 2 and 5 s ahead",
-    "where": "where the gap between simulated and measured {position} is: against each variable that stands out",
-    "why": "evidence for each effect of the library",
-    "learned": "learned curve, which no effect of the library explains, with its 95 % confidence band",
-    "before_after": "the gap before and after the missing effect was added, against the noise of the {position}",
-}
 
 
 @dataclass(frozen=True)
@@ -316,19 +308,14 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     lines |= {step.step: f"skipped: {step.skipped}" if step.skipped else "refused" for step in ran.steps}
     lines |= headlines(steps)
     listed = [result for result in reversed(list(steps.values())) if result.step.section]
+    listed.sort(key=lambda result: SECTIONS.index(result.step.section))  # what is missing stands first in each
     text = document(
         f"# {escape(title)}",
         *(f"**{step.step} was refused:** {escape(step.refused)}" for step in ran.steps if step.refused),
         *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
         _result_box(steps, ran),
         bullets(escape(f"Caution: {line}") for line in ran.cautions),
-        *(
-            block
-            for name in SECTIONS
-            for result in listed
-            if result.step.section == name
-            for block in _page(result, steps)
-        ),
+        *(block for result in listed for block in _page(result, steps)),
         *_logs(steps),
         *_set_aside(steps),
         "## How this was made",
@@ -340,28 +327,20 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
 
 def _result_box(steps: Steps, ran: RunFile) -> str:
     """The result in a few lines: what was tested, the final model, how far it is off, what is missing, what is next."""
-    says = headlines(steps)
+    says, missing = headlines(steps), "`automarine diagnose` says what the model lacks."
     lines = {"Tested": ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))}
     for result in steps.values():
-        step, motion = result.step, result.step.section
-        if motion not in ("", "thrusters"):
-            word = LABELS.get(step.kind.name, step.title)
-            label = word if motion in (YAW.name, "tune") or word == step.title else f"{word}, {motion}"
-            lines[label] = says[step.name].removeprefix("named: ")
-            if isinstance(result.file, DiagnosisFile):
-                sizes = (_values(effect.parameters) for effect in result.file.effects)
-                lines[label] += "".join(f"; {size}" for size in sizes if size)
-    diagnoses = [result for result in steps.values() if isinstance(result.file, DiagnosisFile)]
-    advice = re.findall(r"^- (To see .*)\.$", "\n".join(result.markdown() for result in diagnoses), flags=re.MULTILINE)
-    if not advice:
-        verdicts = [result.file.verdict for result in diagnoses if result.file.verdict != "named"]
-        nothing = "`automarine tune` and `automarine export` use the model."
-        more = "`automarine plan` plans the runs that tell what is missing."
-        advice = [nothing if verdict == "nothing-missing" else more for verdict in verdicts]
-    if not diagnoses and any(isinstance(result.file, ModelFile) for result in steps.values()):
-        advice = ["`automarine diagnose` says what the model lacks."]
+        label = LABELS.get(result.step.kind.name, "{}").format(result.step.title)
+        if result.step.section not in ("", "thrusters"):
+            lines[label] = "; ".join(filter(None, [lines.get(label), says[result.step.name]]))
+        if isinstance(result.file, DiagnosisFile):
+            lines[label] += "".join(
+                f"; {size}" for effect in result.file.effects if (size := _values(effect.parameters))
+            )
+            advice = re.findall(r"^- (To see .*)$", result.markdown(), flags=re.MULTILINE)
+            missing = " ".join(advice) or FOLLOW.get(result.file.verdict, "")
     box = [f"**{label}:** {escape(text)}" for label, text in lines.items() if text]
-    return bullets([*box, *(f"**Next:** {line}" for line in dict.fromkeys(advice))])
+    return bullets([*box, *[f"**Next:** {missing}"] * bool(missing and "Tested" in lines)])
 
 
 def _dates(steps: Steps) -> str:
@@ -370,11 +349,6 @@ def _dates(steps: Steps) -> str:
     begins = [float(run["begins_s"]) for run in runs if run.get("begins_s")]
     days = sorted({datetime.fromtimestamp(at, UTC).date().isoformat() for at in begins if at > FIRST_DATE_S})
     return " to ".join(dict.fromkeys(days[:: max(len(days) - 1, 1)]))
-
-
-def captions(dof: Dof) -> dict[str, str]:
-    texts = {dof.fill(stem).replace("-", "_"): dof.fill(text) for stem, text in CAPTIONS.items()}
-    return {stem: f"{text[0].upper()}{text[1:]}" for stem, text in texts.items()}
 
 
 def _refusal(file: Any) -> str:
@@ -470,37 +444,29 @@ def _interval(value: Given) -> str:
 
 
 def _page(result: StepResult, steps: Steps) -> list[str]:
-    """The page of a step: its Markdown with headings a level lower and pictures by their place from here, then the
-    figures that it does not show."""
-    dof, file, texts, first = result.dof, result.file, captions(result.dof), list[str]()
-    markdown = result.markdown()
-    if isinstance(file, ModelFile):
-        added, _ = _added_by(steps, dof)
-        first = [f"This is the model without {added}, which the diagnosis added: the final numbers are at the top."]
-        first = [*first * bool(added), file.preferred_because, *sentences_of(file.channels, dof)]
-        first += [str(file.buoyancy.get("says", "")), *(f"Warning: {line}" for line in file.warnings)]
-        first = [line for text in first if (line := escape(text)).removeprefix("Warning: ") not in markdown]
-        first.append(_preferred_table(file).to_markdown())
-        summary = "<details><summary>Tables 1 and 2: all models</summary>"
-        markdown = f"{summary}\n\n{markdown}\n\n</details>" if markdown else ""
-    if isinstance(file, ValidationFile):
-        about = dof.fill("measured and simulated {position}, their difference, the {force}")
-        texts = {f"validation_{stem}": f"Run {run}: {about}" for run, stem in zip(file.logs, file_stems([*file.logs]))}
-    text = re.sub(r"^## ", "### ", re.sub(r"\A# .*\n", "", markdown), flags=re.MULTILINE)
-    text = re.sub(r"^\*\*(Table \d.*)\*\*$", r"### \1", text, flags=re.MULTILINE)
+    """The page of a step: its Markdown with headings a level lower and pictures by their place from here, and the
+    figures that it does not show; tables of models that were rejected are folded."""
+    file, first = result.file, list[str]()
+    text = re.sub(r"^## ", "### ", re.sub(r"\A# .*\n", "", result.markdown()), flags=re.MULTILINE)
     inside = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
-    text = inside.sub(lambda match: result.picture(match[2], texts.get(match[2], match[1])), text)
-    apart = [(stem, caption) for stem, caption in texts.items() if f"/{stem}." not in text]
-    pictures = [line for stem, caption in apart if (line := result.picture(stem, caption))]
-    if (more := len(pictures) - MOST_FIGURES) > 0:
-        pictures[MOST_FIGURES:] = [f"The figures of {more} more runs are in the folder {result.step.folder}."]
-    folded = [*pictures, text] if isinstance(file, ModelFile) else [text, *pictures]
-    return [f"## {result.step.title}", *first, *folded]
-
-
-def _preferred_table(file: ModelFile) -> Table:
-    rows = [{"parameter": name, "value [95 % interval]": _interval(value)} for name, value in file.main_parameters()]
-    return Table.of(named_model(file.preferred).capitalize(), rows)
+    text = inside.sub(lambda match: result.picture(match[2], match[1]), text)
+    stems = sorted({path.stem for kind in ("png", "svg") for path in result.folder.glob(f"*.{kind}")})
+    apart = [stem for stem in stems if f"/{stem}." not in text]
+    pictures = [result.picture(stem, stem.replace("_", " ").capitalize()) for stem in apart[:MOST_FIGURES]]
+    if (more := len(apart) - MOST_FIGURES) > 0:
+        pictures.append(f"The figures of {more} more runs are in the folder {result.step.folder}.")
+    if isinstance(file, ModelFile):
+        rejected = tuple(f"Model {number}" for number in file.models if number != file.preferred)
+        added, _ = _added_by(steps, result.dof)
+        lines = [f"This is the model without {added}, which the diagnosis added: the final numbers are at the top."]
+        lines = [*lines * bool(added), file.preferred_because, *sentences_of(file.channels, result.dof)]
+        lines += [str(file.buoyancy.get("says", ""))]
+        lines += [f"Warning: {line}" for line in file.warnings if not line.startswith(rejected)]
+        rows = [{"parameter": name, "value [95 % interval]": _interval(e)} for name, e in file.main_parameters()]
+        first = [*map(escape, lines), Table.of(named_model(file.preferred).capitalize(), rows).to_markdown()]
+        text = f"<details><summary>Tables 1 and 2: all models</summary>\n\n{text}\n\n</details>" * bool(text)
+        return [f"## {result.step.title}", *first, *pictures, text]
+    return [f"## {result.step.title}", text, *pictures]
 
 
 def _logs(steps: Steps) -> list[str]:

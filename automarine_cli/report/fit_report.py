@@ -104,7 +104,7 @@ def _signs(dof: Dof) -> tuple[str, ...]:
 
 
 def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
-    """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and mean at each moment below."""
+    """Table 2: inertia of the three models; maximum likelihood and inertial turn angle below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
     of_model = {} if fit.seed_method is None else fit.seed_method.inertia
     ratio = f"{sym.inertia}/{sym.quadratic} [{dof.units.base}]"
@@ -117,15 +117,9 @@ def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
     for way in dof.words.ways if dof.directional else ():
         far = {m: of.ways.distance.get(way) for m, of in ml.items() if of.ways}
         rows.append(_row(f"{ratio} {way}{LIKELIEST}", far))
-    levels = sorted({level for table in of_model.values() for level in table.per_moment})
-    rules = (1, len(rows)) if levels else (1,)
-    for level in levels:
-        mean = {m: table.per_moment[level] for m, table in of_model.items()}
-        rows.append(_row(f"mean at {level:+.4g} {unit}", mean))
-    means_of = f"; means over the runs at each {dof.words.force} are by the velocity error" * bool(levels)
-    of_units = f"{sym.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals{means_of}."
+    of_units = f"{sym.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals."
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
-    return Table.of(title, rows, (of_units, *notes), rules).without_empty_rows()
+    return Table.of(title, rows, (of_units, *notes), (1,)).without_empty_rows()
 
 
 def tables(fit: YawFit) -> tuple[Table, Table]:

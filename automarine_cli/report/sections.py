@@ -74,10 +74,7 @@ class Sections:
 
     def listed_as(self, kinds: Sequence[str]) -> Sequence[str]:
         """The files that the terminal names, figures in the first of their kinds."""
-        from automarine_cli.report.figures.style import file_name
-
-        kind = next(iter(kinds), "png")
-        return [file_name(name[:-4], kind) if name.endswith(".png") else name for name in self.listed]
+        return [re.sub(r"(?<=\.)png$", next(iter(kinds), "png"), name) for name in self.listed]
 
     def figure(self, name: str | None = None) -> Any:
         """Draw a figure, by default the first. Raises SettingError with the names that there are."""

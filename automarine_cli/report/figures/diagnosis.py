@@ -16,7 +16,6 @@ from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.report.figures import style
-from automarine_cli.report.tables import number
 
 STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey", "not fitted": "yellow"}
 """Colours of what became of candidates; the bars of those that were not fitted are promises."""
@@ -85,9 +84,8 @@ def motion_before_after(diagnosis: Diagnosis) -> Figure:
         seen = [np.flatnonzero(error) for error in errors]  # what is padded, or was not predicted, is zero
         lines = [(run.time[at] - run.time[0], np.asarray(dof.shown(error[at]))) for at, error in zip(seen, errors)]
         residuals.append((run.name, lines))
-    before, after = (f"{dof.shown(size):.2f}" for size in (gap.before, gap.after))
     ahead = f", predicted {HORIZON:g} s ahead from filtered states" * study.driven
-    title = f"Runs {word}{ahead}: {before} → {after} {dof.units.shown}"
+    title = f"Runs {word}{ahead}"
     return style.residuals_figure(residuals, BEFORE_AFTER, dof.units.shown, float(dof.shown(gap.floor)), title)
 
 
@@ -98,9 +96,7 @@ def planar_before_after(search: PlanarDiagnosis) -> Figure:
     for r, run in list(enumerate(search.every.runs))[search.fitted * held_out :]:
         lines = [(time[r, p.target[p.run == r]], np.asarray(YAW.shown(p.error[p.run == r]))) for p in ahead]
         residuals.append((run.name, lines))
-    before, after = (number(float(YAW.shown(np.sqrt(np.mean(p.error**2)))), 3) for p in ahead)
-    runs = f"Headings of runs {'held out' if held_out else 'fitted'}, predicted {ahead[0].horizon:g} s ahead"
-    title = f"{runs}: {before} → {after} {YAW.units.shown}"
+    title = f"Headings of runs {'held out' if held_out else 'fitted'}, predicted {ahead[0].horizon:g} s ahead"
     floor = float(YAW.shown(search.after.fit.noise_of[YAW.position]))
     return style.residuals_figure(residuals, BEFORE_AFTER, YAW.units.shown, floor, title)
 
@@ -113,8 +109,7 @@ def thruster_before_after(result: ThrusterDiagnosis) -> Figure:
         if data is not None
     ]
     control = f"control signal n [{result.data.n_unit or 'as logged'}]"
-    sizes = " → ".join(number(float(np.sqrt(np.mean(error**2))), 3) for _, error in residuals[-1][1])
-    title = f"Thrust at {residuals[-1][0]}: {sizes} N; before is the {result.given.form} map refitted"
+    title = f"Thrust; before is the {result.given.form} map refitted"
     return style.residuals_figure(residuals, BEFORE_AFTER, "N", result.gap.floor, title, control, "o")
 
 

@@ -36,7 +36,9 @@ def plan_figure(plan: Plan) -> Figure:
     figure.suptitle(f"{advice}: {time} intervals are up to {wider:.2g} times as wide")
     for ax, name in zip(axes.flat, names):
         percent = plan.errors[name]
-        ax.plot(minutes[FEWEST_RUNS - 1 :], percent[FEWEST_RUNS - 1 :], color=COLOURS["blue"], marker="o", markevery=[-1])
+        ax.plot(
+            minutes[FEWEST_RUNS - 1 :], percent[FEWEST_RUNS - 1 :], color=COLOURS["blue"], marker="o", markevery=[-1]
+        )
         ax.set_title(f"{name}: {percent[-1]:.2g} %", loc="left", parse_math=False)
         ax.set(xlabel="minutes in the pool", ylabel="standard error [%]")
     return figure

@@ -121,12 +121,9 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     for i, free in enumerate(free_runs(fit.preferred.model, fit.runs, fit.preferred.offset.value)):
         run, errors = free.run, (free.error, free.run.position - fitted[i][: len(free.run)])
         residuals.append((run.name, [(run.time - run.time[0], dof.shown(error)) for error in errors]))
-    labels = f"model {fit.preference.number} by the commands alone", "with the run's own thrust and start"
-    noise, unit = float(dof.shown(fit.preferred.noise or mixed.noise)), dof.units.shown
-    largest = max(float(np.nanmax(np.abs(error))) for _, ((_, error), _) in residuals)
-    title = f"By the commands alone model {fit.preference.number} drifts up to {number(largest, 2)} {unit}"
-    title += f"; {dof.position} noise {number(noise, 2)} {unit}"
-    return style.residuals_figure(residuals, labels, unit, noise, title)
+    labels, title = ("by the commands alone", "with the run's own thrust and start"), f"Model {fit.preference.number}"
+    noise = float(dof.shown(fit.preferred.noise or mixed.noise))
+    return style.residuals_figure(residuals, labels, dof.units.shown, noise, title)
 
 
 def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Figure:
@@ -138,10 +135,9 @@ def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Fig
     for i, run in enumerate(runs):
         lines = [(time[i][p.target[p.run == i]], np.asarray(dof.shown(p.error[p.run == i]))) for p in ahead]
         residuals.append((run.name, lines))
-    labels, unit = [f"predicted {p.horizon:g} s ahead" for p in ahead], dof.units.shown
-    sizes = (f"{number(float(dof.shown(np.sqrt(np.mean(p.error**2)))), 2)} {unit} after {p.horizon:g} s" for p in ahead)
-    title = f"{dof.words.position.capitalize()} error {', '.join(sizes)}" + ", runs held out" * (use.runs > 1)
-    return style.residuals_figure(residuals, labels, unit, float(dof.shown(noise)), title)
+    labels = [f"predicted {p.horizon:g} s ahead" for p in ahead]
+    title = f"{dof.words.position.capitalize()} error" + " of runs held out" * (use.runs > 1)
+    return style.residuals_figure(residuals, labels, dof.units.shown, float(dof.shown(noise)), title)
 
 
 @style.house_style
@@ -202,7 +198,8 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         left[model] = float(np.sqrt(np.mean(drag.residuals**2)))
     said = dict.fromkeys(model for model in (preferred, max(left, key=left.__getitem__)) if model in left)
     texts = [f"{DRAG_LAWS[model]} drag leaves {number(left[model], 2)} {fit.moment_unit}" for model in said]
-    top.set_title(", ".join(texts), loc="left")
+    title = ", ".join(texts)
+    top.set_title(title[0].upper() + title[1:], loc="left")
     style.legend_below(figure, top, ncols=1)
     return figure
 

@@ -5,7 +5,6 @@ own matplotlib settings say, and leaves them alone afterwards.
 """
 
 import io
-import pickle
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -16,7 +15,6 @@ import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from automarine_cli.errors import Attempt, SettingError, attempted
@@ -39,7 +37,6 @@ TWO_LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 PAGE_IN = 7.2  # width of a page [inch]
-SLIDE_IN, SLIDE_PT = (13.33, 7.5), 18.0
 MOST_RUNS, MOST_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
 LONGEST_NAME = 26  # letters that have room beside and above a panel
 
@@ -81,21 +78,10 @@ def _file(kind: str, settings: dict[Any, Any], nameless: Sequence[str], figure: 
     return buffer.getvalue()
 
 
-def _slide(figure: Figure) -> bytes:
-    """Return the figure as PNG for a slide: 16:9, its letters of 18 pt."""
-    slide: Figure = pickle.loads(pickle.dumps(figure))
-    for text in slide.findobj(Text):
-        text.set_fontsize(SLIDE_PT / 8.0 * float(text.get_fontsize()))
-    slide.set_size_inches(SLIDE_IN)
-    slide.set_layout_engine("constrained")
-    return FORMATS["png"](slide)
-
-
 FORMATS: Mapping[str, Callable[[Figure], bytes]] = {
     "png": partial(_file, "png", {}, ("Software",)),
     "svg": partial(_file, "svg", {"svg.hashsalt": "automarine", "svg.fonttype": "none"}, ("Date", "Creator")),
     "pdf": partial(_file, "pdf", {"pdf.fonttype": 42}, ("CreationDate", "Creator", "Producer")),
-    "slides": _slide,
 }  # text stays text, letters that other programs can edit
 
 
@@ -136,11 +122,11 @@ Residuals = tuple[str, Sequence[tuple[Floats, Floats]]]
 
 @house_style
 def residuals_figure(
-    residuals: Sequence[Residuals], labels: Sequence[str], unit: str, floor: float, title: str,
+    residuals: Sequence[Residuals], labels: Sequence[str], unit: str, floor: float, runs_of: str,
     x_label: str = "time in the run [s]", look: str = "-",
 ) -> Figure:  # fmt: skip
     """Draw what two labelled models leave of the worst runs, and the root mean square of each run, worst first by the
-    first model, beside the noise `floor`; errors in the `unit`."""
+    first model, beside the noise `floor`; errors in the `unit`. The title says what of `runs_of` is left in all."""
     runs = [(name, lines) for name, lines in residuals if all(len(error) for _, error in lines)]
     sizes = np.array([[np.sqrt(np.mean(error**2)) for _, error in lines] for _, lines in runs]).reshape(-1, 2)
     order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MOST_RUNS]
@@ -165,7 +151,9 @@ def residuals_figure(
     axes["all"].invert_yaxis()
     axes["all"].set(xlabel=f"root mean square [{unit}]", xlim=(0.0, None))
     legend_below(figure, axes[0], axes["all"])
-    figure.suptitle(title)
+    every = (np.concatenate([lines[i][1] for _, lines in runs] or [np.zeros(0)]) for i in (0, 1))
+    left = [f"{np.sqrt(np.mean(error**2)):.3g} {unit} {label}" for error, label in zip(every, labels) if len(error)]
+    figure.suptitle(f"{runs_of}: {', '.join(left)}; noise {floor:.2g} {unit}")
     return figure
 
 
@@ -200,15 +188,11 @@ def write_figures(
             folder.write(name, content)
 
 
-def file_name(figure: str, kind: str) -> str:
-    return f"{figure}_slide.png" if kind == "slides" else f"{figure}.{kind}"
-
-
 def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[tuple[tuple[str, bytes], ...]]:
     name, draw = drawing
 
     def work() -> tuple[tuple[str, bytes], ...]:
         figure = draw()
-        return tuple((file_name(name, kind), FORMATS[kind](figure)) for kind in formats)
+        return tuple((f"{name}.{kind}", FORMATS[kind](figure)) for kind in formats)
 
     return attempted(f"The figure {name} could not be drawn", work)
