@@ -264,7 +264,9 @@ class Command(click.Command):
             from automarine_cli.report.sections import sections
 
             page = sections(result)
-            answer, files = page.answer, page.listed_as(kinds)
+            kind = next(iter(kinds), "png")
+            answer = page.answer
+            files = [f"{name[:-4]}.{kind}" if name.endswith(".png") else name for name in page.listed]
             tables = (*page.printed, *(page.details if verbosity_level() > 0 else ()))
         echo_result(
             result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), answer=answer,

@@ -24,7 +24,6 @@ from automarine_cli.models.store import (
     PLANAR_MODEL,
     DiagnosisFile,
     ModelFile,
-    Moved,
     PlanarFile,
     named_model,
 )
@@ -48,11 +47,8 @@ MADE = (
 )
 FIRST_DATE_S = 946_684_800.0  # 2000, in seconds since 1970: clocks that show less know no date
 LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: "Missing", TUNING.name: "Gains"}  # in the box at the top
-FOLLOW = {
-    "nothing-missing": "`automarine tune` and `automarine export` use the model.",
-    "suspected": "`automarine plan` plans the runs that tell what is missing.",
-    "unexplained": "`automarine plan` plans the runs that tell what is missing.",
-}  # by the verdict of a diagnosis
+USE = "`automarine tune` and `automarine export` use the model."
+PLAN = "`automarine plan` plans the runs that tell what is missing."
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 
@@ -327,20 +323,24 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
 
 def _result_box(steps: Steps, ran: RunFile) -> str:
     """The result in a few lines: what was tested, the final model, how far it is off, what is missing, what is next."""
-    says, missing = headlines(steps), "`automarine diagnose` says what the model lacks."
+    says, after = headlines(steps), ""
     lines = {"Tested": ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))}
     for result in steps.values():
-        label = LABELS.get(result.step.kind.name, "{}").format(result.step.title)
-        if result.step.section not in ("", "thrusters"):
-            lines[label] = "; ".join(filter(None, [lines.get(label), says[result.step.name]]))
-        if isinstance(result.file, DiagnosisFile):
-            lines[label] += "".join(
-                f"; {size}" for effect in result.file.effects if (size := _values(effect.parameters))
-            )
+        file, motion, title = result.file, result.step.section, result.step.title
+        if motion in ("", "thrusters"):
+            continue
+        label = LABELS.get(result.step.kind.name, title)
+        text = f"{motion}: " * (label != title and motion in DOFS and motion != YAW.name)
+        text += says[result.step.name].removeprefix("named: ")
+        if isinstance(file, ModelFile | PlanarFile):
+            after = "`automarine diagnose` says what the model lacks."
+        if isinstance(file, DiagnosisFile):
+            text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
             advice = re.findall(r"^- (To see .*)$", result.markdown(), flags=re.MULTILINE)
-            missing = " ".join(advice) or FOLLOW.get(result.file.verdict, "")
+            after = " ".join(advice) or (USE if file.verdict == "nothing-missing" else PLAN)
+        lines[label] = "; ".join(filter(None, [lines.get(label), text]))
     box = [f"**{label}:** {escape(text)}" for label, text in lines.items() if text]
-    return bullets([*box, *[f"**Next:** {missing}"] * bool(missing and "Tested" in lines)])
+    return bullets([*box, *[f"**Next:** {after}"] * bool(after)])
 
 
 def _dates(steps: Steps) -> str:
@@ -425,7 +425,7 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
     return f"without {added}, " * bool(added) + f"{named_model(model)}: {error}, {details} {dof.units.key}, {over}"
 
 
-def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Moved]]:
+def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Any]]:
     """Name what the diagnosis of a motion added to its model, and give the parameters that moved; empty for nothing."""
     result = steps.get("diagnosis" if dof is YAW else f"{dof.name}_diagnosis")
     if result is None or result.file.verdict != "named" or result.file.of_thrusters:

@@ -11,7 +11,7 @@ from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.planar import PlanarDiagnosis
-from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions
+from automarine_cli.diagnosis.residual_regions import ResidualRegions
 from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
@@ -32,9 +32,8 @@ from automarine_cli.thrusters.family import ALPHA
 MORE = {"p_value": "p", "cv_rmse_N": "cross-validated error [N]"}  # of candidates
 OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}  # kinds of learned curves in words
 PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs that separate them."
-NOWHERE = "The error depends on no variable beyond chance."
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
-MOST_NAMED_RUNS, MOST_CANDIDATES, MOST_RIVALS = 5, 5, 3
+MOST_CANDIDATES, MOST_RIVALS = 5, 3
 
 
 def _sections(
@@ -71,8 +70,7 @@ def _sections(
         f"# {title}", escape(verdict), *map(escape, below), *page,
         "## The gap before and after", *gaps, "![Before and after](before_after.png)",
         *(_moves(data) if "base" in data else ()),
-        "## Where the gap is", regions_table(where.regions, unit) if where.regions else NOWHERE,
-        "![Where the gap is](where.png)", "## Why", table, "![Why](why.png)", *appendix,
+        "## Where the gap is", "![Where the gap is](where.png)", "## Why", table, "![Why](why.png)", *appendix,
     )  # fmt: skip
     return Sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
@@ -169,22 +167,6 @@ def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[
             label = name.replace("_", " ").replace("runs", "levels" if "levels" in data else "runs")
             rows.append({"gap": label, **columns, "closed above the noise": closed})
     return [Table.of("", rows, [note])] if rows else []
-
-
-def regions_table(regions: Sequence[Region], unit: str) -> Table:
-    """Lay out the regions that stand out, the most significant first; gaps in `unit`."""
-    rows = []
-    for region in regions:
-        runs, more = ", ".join(region.runs[:MOST_NAMED_RUNS]), len(region.runs) - MOST_NAMED_RUNS
-        rows.append({
-            "variable": region.variable, "from": number(region.low, 3), "to": number(region.high, 3),
-            "unit": region.unit or MISSING, f"gap [{unit}]": number(region.gap, 3),
-            "share of the gap": f"{region.share:.0%}", "seen in": region.seen_in,
-            "p": number(region.p_value, 2), "runs": f"{runs} and {more} more" if more > 0 else runs or MISSING,
-        })  # fmt: skip
-    return Table.of("", rows, [
-        "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one gap."
-    ])  # fmt: skip
 
 
 def _forecast(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> tuple[list[str], str]:

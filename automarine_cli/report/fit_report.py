@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.driven import Judgement, unit_of_quantity
+from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
 from automarine_cli.fits.identify import DRAG, INERTIA, YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
@@ -275,20 +275,24 @@ def planar_sentences(fit: PlanarFit) -> Iterator[str]:
 
 def prediction_table(use: Judgement) -> Table:
     """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
-    rows = []
-    for name, horizons in use.worth.items():
-        for ahead in horizons:
-            sizes = {"model": ahead.error, "constant rate": ahead.constant_rate, "constant": ahead.constant}
-            rows.append({
-                "of": f"{name}, {unit_of_quantity(name, YAW)}", "s ahead": f"{ahead.horizon:g}",
-                **{word: number(YAW.shown(x) if name == YAW.position else x, 3) for word, x in sizes.items()},
-                "predictions": ahead.count,
-            })  # fmt: skip
+    rows = [
+        {"of": f"{name}, {unit_of_quantity(name, YAW)}"} | forecast_cells(ahead, YAW if name == YAW.position else None)
+        for name, horizons in use.worth.items()
+        for ahead in horizons
+    ]
     source = "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run fitted"
     return Table.of("Predictions", rows, [
         f"Root mean square errors. {source}, from its filtered state, which knows the readings until then, by the "
         "commands as they were logged.",
     ])  # fmt: skip
+
+
+def forecast_cells(ahead: ForecastScore, dof: Dof | None) -> dict[str, object]:
+    """Give errors at a horizon as cells: of the model, and of whoever expects no change; positions of a `dof` in the
+    unit that people see."""
+    sizes = {"error": ahead.error, "constant rate": ahead.constant_rate, "constant": ahead.constant}
+    errors = {word: number(float(dof.shown(size)) if dof else size, 3) for word, size in sizes.items()}
+    return {"s ahead": f"{ahead.horizon:g}", **errors, "predictions": ahead.count}
 
 
 def parameter_table(fit: PlanarFit) -> Table:

@@ -72,10 +72,6 @@ class Sections:
 
         return pd.DataFrame(list(self.rows))
 
-    def listed_as(self, kinds: Sequence[str]) -> Sequence[str]:
-        """The files that the terminal names, figures in the first of their kinds."""
-        return [re.sub(r"(?<=\.)png$", next(iter(kinds), "png"), name) for name in self.listed]
-
     def figure(self, name: str | None = None) -> Any:
         """Draw a figure, by default the first. Raises SettingError with the names that there are."""
         if not self.figures:

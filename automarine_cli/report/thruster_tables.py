@@ -18,7 +18,7 @@ SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv ha
 @sections.register
 def _(fit: ThrusterFit) -> Sections:
     maps, lines, analysis = tables(fit), sentences(fit), fit.analysis
-    page = document("# Thruster map", "![Thrust](thrusters.png)", *maps, bullets(map(escape, lines)))
+    page = document("# Thruster map", "![Thrust of one thruster](thrusters.png)", *maps, bullets(map(escape, lines)))
     files: dict[str, Content] = {
         "thrusters.json": fit.to_json(), "thrusters.csv": points_csv(fit), "thrusters.md": page
     }  # fmt: skip

@@ -8,6 +8,7 @@ from automarine_cli.fits.innovations import measured_noises, sensors_of, sentenc
 from automarine_cli.models.store import StoredPlanar
 from automarine_cli.report.figures.runs import planar_figure, validation_figure
 from automarine_cli.report.figures.style import Draw
+from automarine_cli.report.fit_report import forecast_cells
 from automarine_cli.report.sections import Content, Sections, document, file_stems, forms_of, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.run import command_warnings
@@ -109,17 +110,12 @@ def run_table(result: Validation) -> Table:
 
 def ahead_table(result: Validation) -> Table:
     """Lay out each model and horizon: its error beside those of somebody who expects no change."""
-    dof, unit, rows = result.dof, result.dof.units.shown, []
-    for model, predicted in result.predictions.items():
-        for worth in worth_of(predicted):
-            sizes = (worth.error, worth.constant_rate, worth.constant)
-            error, moving, constant = (number(float(dof.shown(size)), 3) for size in sizes)
-            rows.append({
-                "model": model, "s ahead": f"{worth.horizon:g}", f"error {unit}": error,
-                f"constant {dof.words.speed} {unit}": moving, f"constant {dof.position} {unit}": constant,
-                "predictions": worth.count,
-            })  # fmt: skip
-    return Table.of("Predictions from the filtered state", rows, (
+    dof = result.dof
+    rows = [
+        {"model": model} | forecast_cells(score, dof)
+        for model, predicted in result.predictions.items() for score in worth_of(predicted)
+    ]
+    return Table.of(f"Predictions from the filtered state, {dof.position} in {dof.units.shown}", rows, (
         "Root mean square errors on these driven and disturbed runs. The filter knows the readings until each "
         "prediction begins, and the commands after that; how large disturbances and noise are is fitted on these runs, "
         "the models are left as they are.",

@@ -42,11 +42,15 @@ def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
     # the campaign with a hidden effect: a run before, where the gap is, why, and after
     model = folder / "hidden" / "yaw_model.json"
     fit_yaw([HIDDEN], fit_to="whole-runs", out=model.parent)
-    yield "before", of_run(HIDDEN / VALIDATED, model)
+    before = of_run(HIDDEN / VALIDATED, model)
+    yield "before", before
     result = diagnose([HIDDEN], model=model, out=folder / "diagnosis")
     for name in ("where", "why", "before_after"):
         yield name, result.plot(name)
-    yield "after", of_run(HIDDEN / VALIDATED, folder / "diagnosis" / "extended_model.json")
+    after = of_run(HIDDEN / VALIDATED, folder / "diagnosis" / "extended_model.json")
+    for same, ax in zip(before.axes[:2], after.axes):
+        ax.set_ylim(same.get_ylim())
+    yield "after", after
 
     # a day in other people's columns: the thrusters' curve, and the half-turns that the moment made of it explains
     day, written, columns = write_pool_day(folder / "pool_day"), folder / "pool.toml", folder / "columns.toml"
@@ -62,7 +66,8 @@ def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
 def of_run(log: Path, model: Path) -> Figure:
     """A log and what the models of a file make of its commands."""
     result = validate([log], model=model)
-    return validation_figure({name: scored.free[0] for name, scored in result.models.items()}, result.floors[0])
+    free = {name: scored.free[0] for name, scored in result.models.items()}
+    return validation_figure(free, result.stored.preferred, result.floors[0])
 
 
 @house_style

@@ -42,6 +42,7 @@ TEX = (
     "textbf leq geq approx"
 )
 TITLE = "Pool day <2> & more"
+FIRST_SCREEN = 800  # pixels
 
 
 @pytest.fixture(scope="module")
@@ -290,8 +291,10 @@ def test_file_names_of_any_bytes(run: Callable[..., Result], tmp_path: Path) -> 
 LOOK = """<iframe src="report.html" width="{width}" height="900" style="border: 0"></iframe><script>
 onload = () => {{
   const page = document.querySelector("iframe").contentDocument, style = getComputedStyle(page.body);
+  const box = page.querySelector("h1 ~ ul").getBoundingClientRect().bottom;
   page.querySelectorAll("details").forEach(each => {{ each.open = true }});
   const seen = {{
+    box, broken: [...page.images].filter(image => !image.complete || !image.naturalWidth).length,
     width: page.scrollingElement.scrollWidth, text: page.body.innerText, paper: style.backgroundColor, ink: style.color,
     asked: page.defaultView.performance.getEntriesByType("resource").map(each => each.name),
   }};
@@ -319,6 +322,7 @@ def test_a_browser_shows_it_without_a_word_to_anybody(
     assert "CONSOLE" not in shown.stderr  # not even that the page's own policy kept something out
     seen = json.loads(unescape(re.sub("<[^>]*>", "", shown.stdout)))
     assert seen["asked"] == [] and seen["width"] <= width
+    assert seen["broken"] == 0 and 0 < seen["box"] < FIRST_SCREEN
     for words in ("Thruster map", "Table 1. Identified yaw models: drag", "never moved", SHOWN[0], SHOWN[4]):
         assert words in seen["text"]
     paper, ink = (sum(map(int, re.findall(r"\d+", seen[name]))) for name in ("paper", "ink"))

@@ -2,12 +2,20 @@
 
 import csv
 import io
+import re
+import shutil
+import string
+import subprocess
 from functools import partial
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from repository import SAMPLE_RUNS
 
+from automarine_cli.commands.fit_motion import fit_surge, fit_yaw
+from automarine_cli.commands.validate import validate
 from automarine_cli.estimate import Estimate
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
@@ -44,6 +52,38 @@ def test_markdown_keeps_its_columns() -> None:
     ]  # fmt: skip
     note = Table("", ("a",), (("1",),), notes=("look with `automarine diagnose` at `x`",)).to_markdown()
     assert "look with `automarine diagnose` at \\`x\\`" in note  # our own commands stay code
+
+
+def latex_files(folder: Path) -> dict[str, str]:
+    """The LaTeX that commands write for models of yaw and surge, and for a table of awkward cells."""
+    fit_yaw([SAMPLE_RUNS / "steps"], out=folder / "yaw", figure_formats=())
+    fit_surge([SAMPLE_RUNS / "surge"], within=3.0, out=folder / "surge", figure_formats=())
+    validate([SAMPLE_RUNS / "validation"], model=folder / "yaw" / "yaw_model.json", out=folder / "v", figure_formats=())
+    texts = {path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in folder.rglob("*.tex")}
+    return texts | {"awkward": AWKWARD.to_latex()}
+
+
+def test_latex_compiles_as_it_is(tmp_path: Path) -> None:
+    """Nothing that LaTeX would refuse, by rules that need no LaTeX; and compiled where there is one."""
+    texts = latex_files(tmp_path)
+    for name, text in texts.items():
+        labels = re.findall(r"\\label\{(.*?)\}", text)
+        tables = text.split(r"\begin{table}")[1:]
+        assert len(labels) == len(set(labels)) == len(tables) > 0, name
+        assert all(table.count(r"\caption{") == 1 and r"\caption{Table " not in table for table in tables), name
+        rows = [row for table in tables for row in re.findall(r".* & .*", table)]
+        assert rows and all(row.endswith(r" \\") for row in rows), name
+        plain = re.sub(r"\$[^$]*\$|\\[%&#_{}$]|\\[a-z]+|\\(?:label|begin|end)\{.*?\}", "", text.replace(r"\\", ""))
+        assert not re.search(r"[$#%_^~<>|\"\\]", plain), (name, plain)
+        assert set(text) - set(string.printable) <= set("“”’…"), name
+    if (latex := shutil.which("pdflatex")) is None:
+        pytest.skip("no LaTeX is installed (Debian: apt-get install texlive-latex-recommended)")
+    body = "\n".join(texts.values())
+    head = r"\documentclass{article}\usepackage[T1]{fontenc}\usepackage{booktabs}\begin{document}"
+    (tmp_path / "all.tex").write_text(f"{head}\n{body}\n\\end{{document}}\n", encoding="utf-8")
+    command = [latex, "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
 
 
 def test_latex_is_booktabs_and_escaped() -> None:
