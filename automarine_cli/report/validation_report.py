@@ -33,8 +33,8 @@ def _(result: Validation) -> Sections:
         return Sections([table], files, figures, LISTED, score_rows(result), answer=_answer(result, ""))
     tables = [*([ahead_table(result)] if says else []), overall_table(result), run_table(result)]
     sensors = sentences_of(sensors_of(result.channels, measured_noises(runs, dof)), dof)
-    best = result.stored.preferred
-    figures = {name: partial(validation_figure, of, best, floor) for name, of, floor in zip(names, free, result.floors)}
+    of_runs = zip(names, free, result.floors)
+    figures = {name: partial(validation_figure, of_run, result.stored, floor) for name, of_run, floor in of_runs}
     files |= forms_of("validation", *tables)
     text = document(*([says] if says else []), *tables, *sensors)
     files |= {"validation.csv": score_table(result).to_csv(), "validation.md": text}

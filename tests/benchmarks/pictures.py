@@ -19,6 +19,7 @@ from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.init import init
 from automarine_cli.commands.validate import validate
+from automarine_cli.models.store import StoredModels
 from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
 from automarine_cli.report.figures.style import house_style
 from automarine_cli.report.figures.thrusters import thruster_figure
@@ -66,8 +67,9 @@ def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
 def of_run(log: Path, model: Path) -> Figure:
     """A log and what the models of a file make of its commands."""
     result = validate([log], model=model)
+    assert isinstance(result.stored, StoredModels)
     free = {name: scored.free[0] for name, scored in result.models.items()}
-    return validation_figure(free, result.stored.preferred, result.floors[0])
+    return validation_figure(free, result.stored, result.floors[0])
 
 
 @house_style

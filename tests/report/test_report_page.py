@@ -247,6 +247,13 @@ def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
     assert "This is the model without water-swirl" in text.partition("## Yaw model")[2]
 
 
+def test_the_box_says_when_the_runs_were_where_their_clocks_know_it(tmp_path: Path) -> None:
+    runs = [{"begins_s": begins, "half_turn": {}} for begins in (1.7e9, 1.7e9 + 2 * 86400, 1.7e9 + 86400, 12.0)]
+    write(tmp_path, "check/check.json", {"schema": "automarine/check/1", "logs": 2, "yaw_runs": runs})
+    box = make_report(tmp_path).files["report.md"].partition("## ")[0]
+    assert "- **Tested:** 2 logs, 9 runs, 2023-11-14 to 2023-11-16" in box
+
+
 def test_what_must_not_be_used_stands_first(tmp_path: Path) -> None:
     says = "This model is not usable: it predicts less than nothing; `automarine diagnose` looks for what it lacks."
     write_model(tmp_path, prediction={"of_use": False, "says": says}, warnings=[says])

@@ -16,7 +16,7 @@ from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.planar_structure import PLACES
-from automarine_cli.models.store import DRAG_LAWS, named_model
+from automarine_cli.models.store import DRAG_LAWS, StoredModels, named_model
 from automarine_cli.models.yaw_model import response, steady_rate
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures import style
@@ -37,9 +37,10 @@ TIME = "Time from the start of the run [s]"
 
 
 @style.house_style
-def validation_figure(free: Mapping[str, FreeRun], preferred: str, floor: float) -> Figure:
+def validation_figure(free: Mapping[str, FreeRun], stored: StoredModels, floor: float) -> Figure:
     """Draw one run: `free` holds its free run under each model, `floor` is the noise of its position [deg or cm]. The
-    scales are those of the preferred model."""
+    scales are those of the model that the `stored` ones prefer."""
+    preferred, added = stored.preferred, f" with {' and '.join(stored.effects)}" * bool(stored.effects)
     run = next(iter(free.values())).run
     dof, letters, unit, measured = run.dof, run.dof.symbols, run.dof.units.shown, run.dof.shown(run.position)
     figure, axes = style.new_figure(3, 1, style.PAGE_IN, 6.0, sharex=True, height_ratios=(2.0, 1.3, 0.9))
@@ -49,7 +50,7 @@ def validation_figure(free: Mapping[str, FreeRun], preferred: str, floor: float)
         error = np.where(simulated.diverged, np.nan, dof.shown(simulated.error))
         rmse = "diverges" if simulated.diverged else f"rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {unit}"
         look = style.model_look(model, preferred)
-        positions.plot(*_with_gaps(run, measured - error), label=f"{named_model(model)}: {rmse}", **look)
+        positions.plot(*_with_gaps(run, measured - error), label=f"{named_model(model)}{added}: {rmse}", **look)
         errors.plot(*_with_gaps(run, error), **look)
     error = dof.shown(free[preferred].error)
     finding, reach = "diverges", float(np.ptp(measured)) + 1.0
@@ -59,7 +60,7 @@ def validation_figure(free: Mapping[str, FreeRun], preferred: str, floor: float)
         style.limit(errors, float(error.min()), float(error.max()), reach)
     style.limit(positions, float(measured.min()), float(measured.max()), max(reach, 0.2 * float(np.ptp(measured))))
     name = style.shortened(run.name, LONGEST_TITLE)
-    title = f"{name}: model {preferred} {finding}; {dof.position} noise {number(floor, 2)} {unit}"
+    title = f"{name}: model {preferred}{added} {finding}; {dof.position} noise {number(floor, 2)} {unit}"
     band = f"twice the {dof.position} noise"
     errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
     command.axhline(0.0, color="0.4", lw=0.7, zorder=1)

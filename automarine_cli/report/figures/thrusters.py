@@ -27,7 +27,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
         outlier = points.n[~good], points.force[~good]
         thrust.plot(*outlier, "x", color=COLOURS["vermilion"], ms=6.0, label="outlier from its neighbours")
     laws = {side[0]: law for side, law in pooled.square.items() if law is not None}
-    sizes = "".join(f"\n$a_{name}$ {interval(law)} {law.unit}" for name, law in laws.items())
+    sizes = "".join(f"\n$a_{name}$ {interval(law)} {law.unit.replace('us', 'µs')}" for name, law in laws.items())
     chosen, along = pooled.chosen.form.name, np.linspace(min(0.0, *n), max(0.0, *n), 801)
     for square in (True, False) if chosen != "square" else (False,):
         colour = COLOURS["vermilion" if square else "blue"]
