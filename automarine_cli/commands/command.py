@@ -261,12 +261,12 @@ class Command(click.Command):
         files: Sequence[str] = ()
         answer = ""
         if self.report:
-            from automarine_cli.report.sections import sections
+            from automarine_cli.report.sections import figure_file, sections
 
             page = sections(result)
             kind = next(iter(kinds), "png")
             answer = page.answer
-            files = [f"{name[:-4]}.{kind}" if name.endswith(".png") else name for name in page.listed]
+            files = [figure_file(name[:-4], kind) if name.endswith(".png") else name for name in page.listed]
             tables = (*page.printed, *(page.details if verbosity_level() > 0 else ()))
         echo_result(
             result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), answer=answer,

@@ -125,7 +125,7 @@ out = option(
 overwrite = option("--overwrite", is_flag=True, group=OUTPUT, help="Replace results that are there already.")
 figures = option(
     "--figures", "figure_formats", type=Figures(), default="png", show_default=True, metavar="KINDS", group=OUTPUT,
-    help="Kinds of figures, with commas: png, svg, pdf; or none.",
+    help="Kinds of figures, with commas: png, svg, pdf, slides (16:9, letters of 18 points); or none.",
 )  # fmt: skip
 jobs = option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", group=GENERAL,

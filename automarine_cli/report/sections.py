@@ -91,6 +91,10 @@ class Sections:
         write_figures(folder, self.figures if formats else {}, formats, each)
 
 
+def figure_file(name: str, kind: str) -> str:
+    return f"{name}.{'slide.png' if kind == 'slides' else kind}"
+
+
 @singledispatch
 def sections(result: Any) -> Sections:
     """Give the sections of a result; a module of this room registers those of each type. Raises TypeError for none."""

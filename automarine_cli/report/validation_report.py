@@ -113,7 +113,8 @@ def ahead_table(result: Validation) -> Table:
     dof = result.dof
     rows = [
         {"model": model} | forecast_cells(score, dof)
-        for model, predicted in result.predictions.items() for score in worth_of(predicted)
+        for model, predicted in result.predictions.items()
+        for score in worth_of(predicted)
     ]
     return Table.of(f"Predictions from the filtered state, {dof.position} in {dof.units.shown}", rows, (
         "Root mean square errors on these driven and disturbed runs. The filter knows the readings until each "

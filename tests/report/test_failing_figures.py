@@ -89,5 +89,5 @@ def test_what_an_exception_says_stands_on_one_line(problem: BaseException, words
 def test_a_format_that_there_is_not_is_refused_before_any_work(
     command: Callable[..., object], settings: dict[str, str]
 ) -> None:
-    with pytest.raises(SettingError, match=r"^figure format 'gif' is not known; known are png, svg, pdf$"):
+    with pytest.raises(SettingError, match=r"^figure format 'gif' is not known; known are png, svg, pdf, slides$"):
         command("nowhere", **settings, figure_formats=("png", "gif"))
