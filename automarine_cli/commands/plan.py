@@ -38,6 +38,10 @@ def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> N
     "--parameter", "parameters", multiple=True, metavar="NAME",
     help="Shrink the interval of this parameter (k_rr, I_r, ...); may be repeated.  [default: all]",
 )  # fmt: skip
+@option(
+    "--thruster-tests", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs",
+    role="thruster_tests", help="Bollard tests with a current or power column, for the battery; may be repeated.",
+)  # fmt: skip
 @options.thrusters
 @options.arm
 @options.columns

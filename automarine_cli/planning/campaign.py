@@ -18,17 +18,18 @@ from automarine_cli.comparison.simulated_runs import roll
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate
-from automarine_cli.logs import ColumnMap, given_columns
+from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, Shown, Source, read_mapping, to_mapping
 from automarine_cli.planning import candidates as pool
 from automarine_cli.planning import information as info
-from automarine_cli.planning.candidates import PLAN, Candidate, Drive, Limits, Slot, Supply, drive_of
+from automarine_cli.planning.candidates import PLAN, Candidate, Drive, Limits, Slot, Supply, consumption, drive_of
 from automarine_cli.planning.information import Fitting, Intervals, Logger, PriorResults
 from automarine_cli.planning.rivals import Pair, Split, Splitting, contest, head_start, pairs_of, splits, with_effect
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import SCHEMA
+from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 
 FAR = 1.5  # a run turns far if it turns by more than this times what steps may; coasting after a step stays below it
@@ -263,15 +264,8 @@ class Plan(Shown):
     notes: tuple[str, ...]
     drive: Drive | None = None
     columns: ColumnMap = field(default_factory=ColumnMap)
-
-    @property
-    def battery(self) -> str:
-        """What the limits say of the battery, in a sentence."""
-        battery, unit = self.limits.battery, self.fitting.model.moment_unit
-        return (
-            f"Battery: {battery.volts:g} V, {battery.charge_Ah:g} Ah; {battery.idle_A:g} A always and "
-            f"{battery.full_A:g} A more at {self.supply.largest:.4g} {unit}, as stated in the limits."
-        )
+    source: str = ""
+    """Where the current is from, in a sentence."""
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -318,7 +312,7 @@ class Plan(Shown):
                 "minutes": self.minutes, "motion_s": np.cumsum([run.motion for run in self.candidates]).tolist(),
                 "stderr_percent": {name: errors.tolist() for name, errors in self.errors.items()},
             }],
-            "notes": [self.battery, *self.notes],
+            "notes": [self.source, *self.notes],
         }  # fmt: skip
 
     def runs(self) -> list[dict[str, object]]:
@@ -474,13 +468,14 @@ def command_path(slot: Slot) -> str:
 
 def make_plan(
     model: Source, *, diagnosis: Source | None = None, limits: Path | Limits | None = None,
-    parameters: tuple[str, ...] = (), thrusters: Source | ThrusterMap | None = None, arm: float | None = None,
+    parameters: tuple[str, ...] = (), thruster_tests: Sequence[LogFile] = (),
+    thrusters: Source | ThrusterMap | None = None, arm: float | None = None,
     columns: Path | Document | ColumnMap | None = None, seed: int = 0, progress: Progress = silent,
 ) -> Plan:  # fmt: skip
     """Plan the next campaign for the preferred model of the file `model`, and for the rivals in a `diagnosis`.
 
     `parameters` are those whose intervals are to shrink (all by default); `thrusters` and `arm` [m] make commands of
-    moments. Raises ModelError or SettingError."""
+    moments, and with `thruster_tests` the battery's use. Raises ModelError, SettingError, LogError or RunError."""
     prior = info.read_prior_results(model, diagnosis)
     if not prior.model.dof.wraps:
         source, motion = prior.stored.source, prior.model.dof.name
@@ -490,9 +485,11 @@ def make_plan(
     names = given_columns(columns)
     drive = _drive(thrusters, arm, names, prior, limits)
     largest = _largest_moment(prior, limits, drive)
-    supply = Supply(limits.battery.idle_A, limits.battery.full_A, largest)
+    records = load_thruster_logs(thruster_tests, names, progress=progress).records if thruster_tests else None
+    per_test = int(names.defaults.get("thrusters_per_test", 1))
+    supply, source = _supply(limits, largest, prior.stored.moment_unit, drive, per_test, records)
     plan = plan_campaign(prior, limits, largest, supply, wanted=parameters, seed=seed, progress=progress)
-    return replace(plan, drive=drive, columns=names)
+    return replace(plan, drive=drive, columns=names, source=source)
 
 
 def _drive(
@@ -527,3 +524,23 @@ def _largest_moment(prior: PriorResults, limits: Limits, drive: Drive | None) ->
             "paired; ask for less, or pair them by equal commands"
         )
     return drive.largest_rounded if largest is None else largest
+
+
+def _supply(
+    limits: Limits, largest: float, unit: str, drive: Drive | None, per_test: int, records: Sequence[Series] | None
+) -> tuple[Supply, str]:
+    """What is drawn from the battery, and a sentence on where that is from: `records` of thruster tests, else the
+    limits. Raises SettingError for tests without a drive, RunError for tests without a current or power."""
+    battery = limits.battery
+    stated = f"Battery: {battery.volts:g} V, {battery.charge_Ah:g} Ah; {battery.idle_A:g} A always"
+    if records is None:
+        source = f"{stated} and {battery.full_A:g} A more at {largest:.4g} {unit}, as stated in the limits."
+        return Supply(battery.idle_A, battery.full_A, largest), source
+    if drive is None:
+        raise SettingError(
+            "thruster tests give the current only with the thrusters' map; give --thrusters MAP.json and --arm METRES"
+        )
+    powers = zip(consumption(records, per_test, battery.volts)[1:], drive.forces(largest))
+    full = sum(c * force**pool.POWER_LAW for c, force in powers) / battery.volts
+    source = f"{stated}, as stated, and {full:.3g} A more at {largest:.4g} {unit}, from the thruster tests."
+    return Supply(battery.idle_A, full, largest), source

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import optimize
 
 from automarine_cli.dofs import YAW
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.logs.columns import CANONICAL
 from automarine_cli.models.yaw_model import YawModel, steady_rate
@@ -30,6 +30,7 @@ from automarine_cli.simulation.specification import (
     moment_text,
     time_to_turn,
 )
+from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 SCHEMA = "automarine/plan-limits/1"
@@ -337,6 +338,7 @@ def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tupl
 
 
 ROUND_DOWN = 1e-6
+FEWEST = 6  # rows of thruster tests from which on the current is told
 MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm"}
 DIGITS = 6
 
@@ -366,6 +368,10 @@ class Drive:
         """The same, rounded down to three digits."""
         unit = 10.0 ** (floor(log10(self.largest)) - 2)
         return float(f"{floor(self.largest / unit) * unit:.3g}")
+
+    def forces(self, moment: float) -> tuple[float, float]:
+        """Return the thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
+        return self._thrusts(*self._signals(moment))
 
     def commands(self, moment: float) -> tuple[float, float]:
         """Return control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
@@ -401,6 +407,36 @@ def drive_of(thruster_map: ThrusterMap, arm: float, most: float | None, equal_th
             "map's own unit"
         )
     return Drive(ahead, astern, arm, largest, equal_thrust, unit)
+
+
+def consumption(records: Sequence[Series], per_test: int, volts: float) -> tuple[float, float, float]:
+    """Return a [W], c ahead and c astern [W/N^1.5] of one thruster's electrical power, a + c |F|^1.5: by least squares
+    over all rows with a power or a current, none below zero; `per_test` equal thrusters pulled together, `volts` of
+    the supply where a current was logged without a voltage.
+
+    Raises RunError where no test has such a column, or too few rows."""
+    force, power = [], []
+    for series in records:
+        if "power_W" in series.extras:
+            drawn = series.extras["power_W"]
+        elif "current_A" in series.extras:
+            drawn = series.extras["current_A"] * (volts if series.voltage is None else series.voltage)
+        else:
+            continue
+        good = np.isfinite(drawn)
+        force.append(series.force[good] / per_test)
+        power.append(drawn[good] / per_test)
+    count = sum(map(len, force))
+    if count < FEWEST:
+        raise RunError(
+            f"{count} rows of the thruster tests hold a power or a current, and {FEWEST} are needed; name the column "
+            "power_W or current_A, or state the current at full moment with battery.full_A in the limits"
+        )
+    f, p = np.concatenate(force), np.concatenate(power)
+    size = np.abs(f) ** POWER_LAW
+    design = np.stack([np.ones_like(f), np.where(f > 0, size, 0.0), np.where(f < 0, size, 0.0)], axis=1)
+    idle, ahead, astern = map(float, optimize.nnls(design, p)[0])
+    return idle, ahead or astern, astern or ahead
 
 
 @dataclass(frozen=True)

@@ -155,6 +155,6 @@ def _assumptions(plan: Plan, rehearsal: str) -> list[str]:
         f"Heading noise {np.rad2deg(fitting.noise):.3g} degrees {gyro}at {fitting.rate:g} Hz, thrust scatter "
         f"{100 * fitting.scatter:.3g} % from run to run; start heading, gain of the run and the instant of every "
         "change are fitted for each run.",
-        plan.battery,
+        plan.source,
     ]
     return [*lines, *filter(None, [rehearsal]), *plan.notes]

@@ -6,7 +6,7 @@ import io
 import numpy as np
 import pytest
 
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.planning.candidates import (
     Battery,
@@ -16,11 +16,13 @@ from automarine_cli.planning.candidates import (
     Supply,
     allowance,
     command_file,
+    consumption,
     costs,
     drive_of,
     in_words,
     scheduled,
 )
+from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 SUPPLY = Supply(idle=0.3, full=6.0, largest=1.0)
@@ -69,6 +71,15 @@ def test_a_map_of_one_direction_and_an_unknown_end_are_refused() -> None:
         drive_of(ThrusterMap("square", Curve(1e-4), None), 0.1, 150.0, True, 1.0)
     with pytest.raises(SettingError, match=r"thrusters\.largest_command"):
         drive_of(MAP, 0.1, None, True, 1.0)
+
+
+def test_consumption_is_recovered_from_a_current() -> None:
+    force = np.linspace(-6.0, 12.0, 40)
+    power = 2.0 * (4.0 + np.where(force > 0, 1.5, 2.5) * np.abs(force / 2.0) ** 1.5)
+    record = Series("bollard.csv", "", force, force, voltage=np.full(40, 23.0), extras={"current_A": power / 23.0})
+    assert consumption([record], per_test=2, volts=24.0) == pytest.approx((4.0, 1.5, 2.5), rel=1e-9)
+    with pytest.raises(RunError, match=r"0 rows .* name the column power_W or current_A"):
+        consumption([Series("bollard.csv", "", force, force)], 1, 24.0)
 
 
 def command_rows(*arguments: object) -> list[dict[str, str]]:
