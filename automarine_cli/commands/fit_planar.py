@@ -44,5 +44,5 @@ def fit_planar(
     tried = search(campaign.runs, channels, estimator)
     limits = tuple(limit.warning for limit in campaign.limits)
     return PlanarFit(
-        tried, estimator.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), beforehand
+        tried, *estimator.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), beforehand
     )

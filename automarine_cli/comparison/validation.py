@@ -183,9 +183,6 @@ def _interval(draws: Floats, runs: int) -> tuple[float, float] | None:
     return float(low), float(high)
 
 
-START = ("north_m", "east_m", "heading_rad", "surge_m_s", "sway_m_s", "yaw_rate_rad_s")
-
-
 @dataclass(frozen=True)
 class Scored:
     """One model: its free runs and their errors in the order of the runs, and its scores over all of them by name."""
@@ -340,19 +337,10 @@ class Validation(Shown):
             "diverged": list(scored.diverged),
             "runs": {
                 free.run.name: {self.key(name): value for name, value in values.items()}
-                | {"diverged": free.diverged, "start": self._start_json(free)}
+                | {"diverged": free.diverged}
+                | ({"start": free.start.how} if free.start.how else {})
                 for free, values in zip(scored.free, scored.values)
             },
-        }
-
-    def _start_json(self, free: FreeRun) -> dict[str, object]:
-        dof, position, rate = self.dof, free.start.position, free.start.rate
-        if isinstance(self.stored, StoredPlanar):
-            return dict(zip(START, [*position.tolist(), *rate.tolist()]))
-        return {
-            f"{dof.words.position}_{dof.units.key}": float(dof.shown(position)),
-            f"{dof.words.speed}_{dof.units.rate_key}": float(dof.shown(rate)),
-            "how": free.start.how,
         }
 
 

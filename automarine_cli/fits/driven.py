@@ -407,8 +407,9 @@ def both_ways(runs: Sequence[Run]) -> bool:
 
 
 JUDGED = 5.0  # seconds ahead over which a model has to be of use
-LARGE = 1.0
-"""Times the commands, both as root mean squares, from which on a disturbance is said to be as large as they are."""
+LARGE = {False: 1.0, True: 0.5}
+"""Times the commands, both as root mean squares, from which on a disturbance is said to be as large as they are: of one
+motion, and in the plane."""
 
 
 @dataclass(frozen=True)
@@ -549,24 +550,20 @@ def prefer_driven(
     return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
 
 
-def large_disturbance(course: Course, fit: OutputErrorFit) -> str:
-    """A sentence where what pushes the vehicle is as large as the commands; else empty."""
-    dof = fit.model.dof
-    size = fit.model.inertia * fit.mixed.value(f"{dof.name}.disturbance")
-    commands = float(np.sqrt(np.sum(course.commanded[0] ** 2 * course.width) / np.sum(course.width)))
-    if size < LARGE * commands:
+def large_disturbance(course: Course, inertia: Floats, random: Mapping[str, float]) -> str:
+    """A sentence where what pushes the vehicle is as large as the commands; else empty. `inertia` (D,) is that of each
+    motion, `random` the sizes of what is random by name."""
+    usual = np.sqrt(np.sum(course.commanded**2 * course.width, axis=(1, 2)) / np.sum(course.width))
+    listed, plane = [], course.motion.turns
+    for dof, of_motion, commands in zip(course.motion.dofs, inertia, usual):
+        size = of_motion * random[f"{dof.name}.disturbance"]
+        if size >= LARGE[plane] * commands > 0.0:
+            unit = dof.units.forces[1] if plane else course.moment_unit
+            listed.append(f"{dof.words.full_force} {size:.3g} of {commands:.3g} {unit}")
+    if not listed:
         return ""
-    unit, force = fit.model.moment_unit, dof.words.force
     return (
-        f"The disturbance is as large as the commands: a {force} of {size:.3g} {unit} where {commands:.3g} {unit} are "
-        f"commanded (root mean squares). Add runs with larger commands; {dof.words.inertia} and drag may be wrong by "
+        f"The disturbance is {'more than half ' * plane}as large as the commands: {', '.join(listed)} (root mean "
+        "squares). It may answer for what they do. Add runs with larger commands; inertia and drag may be wrong by "
         "more than their intervals."
     )
-
-
-def use_of(
-    course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...], proposed: Mapping[str, float]
-) -> Judgement:
-    """Judge a fit of driven runs on each run by the others; `proposed` is what it lacks."""
-    worth = {fit.model.dof.position: worth_of(predictions)}
-    return Judgement(worth, len(course.names), predictions, course, proposed, large_disturbance(course, fit))

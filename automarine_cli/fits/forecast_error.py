@@ -157,32 +157,24 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
     begins[:, problem.count :] = phi[problem.count :]
     problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
     costs = (problem.scaled(begins) ** 2).sum(axis=(1, 2, 3))
-    climb = _descend(problem, begins[int(np.argmin(costs))], ITERATIONS)
-    problem = replace(problem, scale=np.maximum(problem.rms(climb.phi), 1e-12))
-    climb = _descend(problem, climb.phi, ITERATIONS)
-    units = int(problem.unit.max()) + 1
-    left_out = np.array([_without(problem, climb, u) for u in range(units)])
+    phi, *_ = _descend(problem, begins[int(np.argmin(costs))], ITERATIONS)
+    problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
+    phi, curves, iterations, converged = _descend(problem, phi, ITERATIONS)
+    units, left_out = int(problem.unit.max()) + 1, np.tile(phi, (int(problem.unit.max()) + 1, 1))
+    for unit, row in enumerate(left_out):
+        others = problem.unit != unit
+        if others.any() and not others.all():
+            row[:] = _descend(problem.some(others), phi, OF_LEFT_OUT)[0]
     free, limits = problem.free, driven.limits
-    at_bound = (climb.phi - limits[:, 0] < 1e-9) | (limits[:, 1] - climb.phi < 1e-9)
+    at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
     at_bound[problem.count :] = False
     inside = free[~at_bound[free]]
-    covariance, by_unit = np.zeros((len(climb.phi),) * 2), np.zeros((units, *(len(climb.phi),) * 2))
-    by_unit[:, free[:, None], free] = climb.by_unit + _prior(problem)[1] / units
+    covariance, by_unit = np.zeros((len(phi),) * 2), np.zeros((units, *(len(phi),) * 2))
+    by_unit[:, free[:, None], free] = curves + _prior(problem)[1] / units
     covariance[np.ix_(inside, inside)] = linear_mixed.covariance_of(by_unit.sum(axis=0)[np.ix_(inside, inside)])
     return ForecastFit(
-        climb.phi, left_out, covariance, by_unit,
-        tuple(int(i) for i in np.flatnonzero(at_bound)), climb.iterations, climb.converged,
+        phi, left_out, covariance, by_unit, tuple(int(i) for i in np.flatnonzero(at_bound)), iterations, converged,
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Descent:
-    """Where a search got to; `by_unit` (U, f, f) are the curvatures of the units."""
-
-    phi: Floats
-    by_unit: Floats
-    iterations: int
-    converged: bool
 
 
 def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
@@ -191,8 +183,9 @@ def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
     return mean[problem.free], precision[np.ix_(problem.free, problem.free)]
 
 
-def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> _Descent:
-    """Levenberg and Marquardt's search from phi (p,) within the bounds."""
+def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> tuple[Floats, Floats, int, bool]:
+    """Levenberg and Marquardt's search from phi (p,) within the bounds: where it got to, the curvatures of the units
+    there (U, f, f), after how many iterations, and whether it converged."""
     driven, free, limits = problem.driven, problem.free, problem.driven.limits[problem.free]
     mean, precision = _prior(problem)
     steps = driven.steps(phi)[: len(free)]
@@ -214,7 +207,7 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> _Descent
         gradient = -np.einsum("cha,fcha->f", errors[0], by) - precision @ (phi[free] - mean)
         hessian = curve.sum(axis=0) + precision
         if converged or done == iterations or damping > MOST_DAMPING:
-            return _Descent(phi, curve, done, converged)
+            return phi, curve, done, converged
         done += 1
         trials = np.tile(phi, (len(DAMPINGS), 1))
         for trial, share in zip(trials, DAMPINGS):
@@ -230,14 +223,6 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> _Descent
             damping *= 0.1 if best < len(DAMPINGS) - 1 else 3.0
         else:
             damping *= 100.0
-
-
-def _without(problem: ForecastProblem, climb: _Descent, unit: int) -> Floats:
-    """phi (p,) fitted without one unit; as it is where no other has a forecast."""
-    remaining = problem.unit != unit
-    if not remaining.any() or remaining.all():
-        return climb.phi
-    return _descend(problem.some(remaining), climb.phi, OF_LEFT_OUT).phi
 
 
 def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:

@@ -127,7 +127,7 @@ def step_problem(data: StepData, model: str, prior: Known = NOTHING_KNOWN, sided
         role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]
     ]  # linear drag has either sign beside a quadratic one, as in Table 1
     drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
-    most, blocks = 0.0 if prior.switch_instant else MOST_OFFSET, RunEffects(_blocks(data, prior))
+    blocks = RunEffects(_blocks(data))
 
     def readings(theta: Floats, b: Floats) -> Floats:
         runs, samples = data.time.shape
@@ -149,18 +149,18 @@ def step_problem(data: StepData, model: str, prior: Known = NOTHING_KNOWN, sided
         return np.concatenate(predicted, axis=2)
 
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
-    bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
+    bounds = np.array([(0.0, np.inf), *drags, (-MOST_OFFSET, MOST_OFFSET)])
     positive = np.array([True, *np.logical_not(signed), False])
     problem = Problem(readings, measured, observed, blocks, bounds, positive, names, slots_of(data.channels))
     return problem.informed(prior.parameters)
 
 
-def _blocks(data: StepData, prior: Known) -> tuple[Block, ...]:
-    """What differs from run to run, before the data; what is known does not."""
+def _blocks(data: StepData) -> tuple[Block, ...]:
+    """What differs from run to run, before the data."""
     ones, limits = np.ones((len(data.moment), 1)), data.dof.limits
     return (
-        Block(START_POSITION, (0.0 if prior.start_heading else limits.position_sd) * ones),
-        Block(GAIN, (0.0 if prior.gain else 1.0) * ones, (1e-4, 1.0)),
-        Block(SWITCHES, (0.0 if prior.switch_instant else 1.0) * ones, (1e-3, 1.0)),
+        Block(START_POSITION, limits.position_sd * ones),
+        Block(GAIN, ones, (1e-4, 1.0)),
+        Block(SWITCHES, ones, (1e-3, 1.0)),
         *(Block(bias_of(c.quantity), limits.bias_sd * ones) for c in data.channels if c.velocity),
     )

@@ -377,9 +377,6 @@ class YawFit(Shown):
             "sse": drag.sse,
             "aicc": drag.aicc if np.isfinite(drag.aicc) else None,
             "f_test_against_2": nested_test(drag, seed.drag["2"]) if number != "2" and "2" in seed.drag else None,
-            f"{dof.symbols.inertia}_mean_at_{dof.words.force}": {
-                f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
-            },
             "dilution_taken_off": dict(drag.dilution),
             f"tail_from_{dof.units.key}": float(dof.shown(seed.tail_from)),
             "tail_because": seed.expected.sentence(dof, seed.by_user),
@@ -585,7 +582,9 @@ def _fit_whole(
         preference = driven.prefer_driven(fits, ahead, dof) or whole_runs.prefer(fits)
         number = preference.number
         fits[number], proposed = driven.widened(course, fits[number])
-        use = driven.use_of(course, fits[number], ahead[number], proposed)
+        fit, worth = fits[number], driven.worth_of(ahead[number])
+        large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
+        use = driven.Judgement({dof.position: worth}, len(moving), ahead[number], course, proposed, large)
         how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
         period = float(np.median([run.sample_period for run in moving]))
         if (count := averaged_over(period)) > 1:

@@ -1,4 +1,4 @@
-"""What a user knows before the fit: values of parameters, of the runs' starts and of their gains."""
+"""What a user knows before the fit: values of parameters."""
 
 import difflib
 import math
@@ -32,11 +32,8 @@ class Prior:
 
 @dataclass(frozen=True)
 class Known:
-    """What need not be estimated of the runs, and `parameters` by name, as users write them (I_r, sway.Y_v)."""
+    """What need not be estimated: `parameters` by name, as users write them (I_r, sway.Y_v)."""
 
-    start_heading: bool = False
-    switch_instant: bool = False
-    gain: bool = False
     parameters: Mapping[str, Prior] = field(default_factory=dict)
 
     @classmethod

@@ -14,7 +14,15 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.fits.driven import PLACE, ForecastScore, Judgement, left_out_predictions, starts_near, worth_of
+from automarine_cli.fits.driven import (
+    PLACE,
+    ForecastScore,
+    Judgement,
+    large_disturbance,
+    left_out_predictions,
+    starts_near,
+    worth_of,
+)
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import (
     ITERATIONS,
@@ -45,7 +53,10 @@ def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = Fals
         worth = {name: worth_of(predicted) for name, predicted in zip(names[1:], remaining)}
         if placed:
             worth = {PLACE: _distances(list(worth.values()))}
-        return Judgement({YAW.position: worth_of(heading), **worth}, len(problem.course.names), heading, problem.course)
+    (inertia,) = problem.model.inertia_matrix(fit.of_model[None])
+    large = large_disturbance(problem.course, np.diagonal(inertia), fit.of_chance)
+    runs = len(problem.course.names)
+    return Judgement({YAW.position: worth_of(heading), **worth}, runs, heading, problem.course, large=large)
 
 
 def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastScore, ...]:
@@ -64,7 +75,6 @@ def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastSc
 FULLY = 3  # neighbours of a structure that are fitted, at most
 LIKELIHOOD, FORECASTS = "innovations", "forecasts"
 WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts over 5 s"}  # how a structure is fitted
-AS_LARGE = 0.5  # share of the commands from which on a disturbance may answer for what they do
 
 
 @dataclass(frozen=True)
@@ -121,17 +131,6 @@ class Tried:
     estimated: Estimated
 
 
-@dataclass(frozen=True)
-class Choice:
-    """What is preferred: a structure with its estimate, which of the WAYS that was made (`way`), of what `use` it is,
-    and the sentence that says why."""
-
-    best: Tried
-    way: str
-    use: Judgement
-    because: str
-
-
 def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
     """Structures that were tried, the best one first, then in the order of their criterion.
 
@@ -179,11 +178,15 @@ def _promising(
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The structures that were `tried` on `runs`, the best one first, and what was the `choice`; what was set aside;
+    """The structures that were `tried` on `runs`, the likeliest one first, and the `best`: with its estimate, which of
+    the WAYS that was made, of what `use` it is, and the sentence that says why (`way_because`); what was set aside;
     sentences on what thrusters at their `limits` did not give; the `prior`: what was known beforehand."""
 
     tried: tuple[Tried, ...]
-    choice: Choice
+    best: Tried
+    way: str
+    use: Judgement
+    way_because: str
     runs: tuple[Run, ...]
     observed: Observed
     set_aside: tuple[SetAside, ...] = ()
@@ -192,15 +195,11 @@ class PlanarFit(Shown):
 
     @property
     def found(self) -> Estimated:
-        return self.choice.best.estimated
+        return self.best.estimated
 
     @property
     def structure(self) -> Structure:
-        return self.choice.best.structure
-
-    @property
-    def use(self) -> Judgement:
-        return self.choice.use
+        return self.best.structure
 
     @property
     def model(self) -> PlanarModel:
@@ -246,8 +245,8 @@ class PlanarFit(Shown):
             "fitted_to": "whole runs",
             "structure": str(self.structure),
             "structure_because": self.because,
-            "estimated": WAYS[self.choice.way],
-            "estimated_because": self.choice.because,
+            "estimated": WAYS[self.way],
+            "estimated_because": self.way_because,
             "assumptions": [asdict(assumption) for assumption in self.structure.assumptions],
             "channels": list(self.observed.channels),
             "random": self.found.random,
@@ -260,25 +259,8 @@ class PlanarFit(Shown):
         }
 
     @property
-    def disturbed(self) -> tuple[str, ...]:
-        large = []
-        of_chance = self.found.random
-        for dof, inertia in zip(PLANAR.dofs, np.diagonal(self.model.inertia.matrix)):
-            commands = np.concatenate([run.command_of(dof) for run in self.runs])
-            usual = float(np.sqrt(np.mean(commands**2)))
-            size = inertia * of_chance[f"{dof.name}.disturbance"]
-            if dof in self.observed.dofs and usual > 0 and size > AS_LARGE * usual:
-                unit = "N m" if dof.wraps else "N"
-                large.append(f"{dof.name} {size:.3g} of {usual:.3g} {unit}")
-        if not large:
-            return ()
-        then = " It may answer for what they do; masses and inertia are then too large."
-        says = f"The disturbance is more than half as large as the commands: {', '.join(large)}."
-        return (says + then * (self.choice.way == LIKELIHOOD),)
-
-    @property
     def warnings(self) -> tuple[str, ...]:
-        sentences = [*self.use.warnings(YAW), *self.disturbed]
+        sentences = [*self.use.warnings(YAW)]
         if not self.found.fit.converged:
             sentences.append("The fit did not converge; give more or longer runs.")
         loose = [
@@ -365,7 +347,7 @@ class PlanarLikelihood:
         starts = np.concatenate([neighbour.fit.theta[None], self.starts(problem, None)])
         return _estimated(neighbour.model, with_chance(problem, fit_forecasts(problem, neighbour.fit.phi, starts)))
 
-    def choose(self, tried: Sequence[Tried]) -> Choice:
+    def choose(self, tried: Sequence[Tried]) -> tuple[Tried, str, Judgement, str]:
         """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
         left out best. The best structure by innovations is left for what predicts better by a share of WORTH_IT.
 
@@ -383,7 +365,7 @@ class PlanarLikelihood:
                         fitted.append((replace(trial, estimated=estimated), way, judged))
         best = min(fitted, key=lambda candidate: candidate[2].score)
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
-        return Choice(*chosen, _because(chosen, fitted))
+        return (*chosen, _because(chosen, fitted))
 
     def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated

@@ -6,7 +6,7 @@ The bound of model 3 has its own algebra. With x = sqrt(|tau| k) t/I the heading
     dpsi/dt0 = -sgn(tau) sqrt(|tau|/k) tanh x,         all zero before the step.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,10 @@ from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr
 
-from automarine_cli.fits.half_turns import StepData, half_turn_data
-from automarine_cli.fits.known import Known
+from automarine_cli.fits.half_turns import StepData, half_turn_data, step_problem
+from automarine_cli.fits.linear_mixed import GAIN, START_POSITION, SWITCHES, RunEffects
+from automarine_cli.fits.mixed_model import MixedFit, fit_mixed
 from automarine_cli.fits.paper import fit_velocity_error
-from automarine_cli.fits.whole_runs import OutputErrorFit, fit_half_turns
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
@@ -95,11 +95,11 @@ def run_trial(index: int) -> Trial:
     turns, _ = half_turns(campaign.runs)
     blind = half_turn_data(turns)
     fits = {
-        ALL_KNOWN: _fit(informed, Known(start_heading=True, switch_instant=True, gain=True)),
-        SCATTER_FREE: _fit(informed, Known(start_heading=True, switch_instant=True)),
-        NOTHING_KNOWN: _fit(blind, Known()),
+        ALL_KNOWN: _fit(informed, START_POSITION, SWITCHES, GAIN),
+        SCATTER_FREE: _fit(informed, START_POSITION, SWITCHES),
+        NOTHING_KNOWN: _fit(blind),
     }
-    estimates = {name: fit.mixed.theta[:2] for name, fit in fits.items()}
+    estimates = {name: fit.theta[:2] for name, fit in fits.items()}
     for name, data in ((SEED_METHOD, informed), (SEED_UNKNOWN, blind)):
         seed = fit_velocity_error(data, np.zeros(len(data.moment)))
         estimates[name] = np.array([seed.inertia["3"].overall.value, seed.drag["3"].drag[1]])
@@ -109,11 +109,16 @@ def run_trial(index: int) -> Trial:
         False: bound(since, blind.observed, blind.moment, exact=False),
     }
     errors = {name: values / TRUTH - 1.0 for name, values in estimates.items()}
-    return Trial(errors, bounds, all(fit.mixed.converged for fit in fits.values()))
+    return Trial(errors, bounds, all(fit.converged for fit in fits.values()))
 
 
-def _fit(data: StepData, known: Known) -> OutputErrorFit:
-    return fit_half_turns(data, "3", (1.2 * INERTIA, 0.0, 0.8 * K_RR), "nu", known)
+def _fit(data: StepData, *known: str) -> MixedFit:
+    """Model 3, with what differs from run to run known where it is named."""
+    problem, begin = step_problem(data, "3"), np.array([1.2 * INERTIA, 0.8 * K_RR, 0.0])
+    effects = RunEffects(tuple(replace(b, scale=(b.name not in known) * b.scale) for b in problem.effects.blocks))
+    bounds = problem.bounds.copy()
+    bounds[-1] *= SWITCHES not in known
+    return fit_mixed(replace(problem, effects=effects, bounds=bounds), begin, noise=0.02, factors=np.array([0.03, 0.5]))
 
 
 def efficiency(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[str, Any]]:

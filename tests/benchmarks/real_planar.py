@@ -148,7 +148,7 @@ def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     problem, estimate = likelihood.problem(fit.found.model), fit.found.fit
     course = likelihood.course
     followed = problem.follow(estimate.phi[None], keep=True)
-    if fit.choice.way == FORECASTS:
+    if fit.way == FORECASTS:
         followed = of_model_alone(followed)
     channels = [next(each for each in course.channels if each.quantity == name) for name in UNITS]
     noises = problem.noises(estimate.theta[None])
@@ -177,7 +177,7 @@ def judged(item: tuple[RealSet, str]) -> Row:
     going = still.copy()
     going[:, 0] += states.state[:, 3, None] * np.array(HORIZONS)
     row = {
-        "set": real_set.name, "half": half, "structure": str(fit.structure), "way": fit.choice.way,
+        "set": real_set.name, "half": half, "structure": str(fit.structure), "way": fit.way,
         "parameters": {key: (estimate.value, *estimate.ci95) for key, estimate in fit.estimates.items()},
         "least_squares": squares[HORIZONS.index(5.0)],
         "tool": rms(tool_ahead(fit, held_out, states) - states.reached).tolist(),

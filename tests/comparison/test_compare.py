@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import Result
-from made_runs import written
-from made_sequences import model_file, sequence_run
 from scipy import stats
 
 from automarine_cli.commands.compare import compare
@@ -89,23 +86,6 @@ def test_words_allow_for_the_number_of_comparisons() -> None:
     assert result["p0"].relative == pytest.approx((20.0, 17.23, 22.77), abs=0.01)
 
 
-def test_yaw_models_side_by_side(tmp_path: Path, run: Callable[..., Result]) -> None:
-    days = [
-        yaw_model(tmp_path / "monday" / "yaw"),
-        yaw_model(tmp_path / "tuesday" / "yaw", k_rr=1.40),
-        yaw_model(tmp_path / "friday" / "yaw", I_r=0.99),
-    ]
-    result = compare(days)
-    assert {(row.parameter, row.of): row.verdict for row in result.differences} == {
-        ("k_rr", "tuesday/yaw"): DIFFERS, ("I_r", "tuesday/yaw"): ALIKE,
-        ("k_rr", "friday/yaw"): ALIKE, ("I_r", "friday/yaw"): ALIKE,
-    }  # fmt: skip
-    out = tmp_path / "out"
-    assert "+12.0 [+9.8, +14.2]" in run("compare", *days, "-o", out).stdout
-    assert json.loads(run("compare", *days, "--json").stdout) == json.loads((out / "comparison.json").read_text())
-    assert str(tmp_path) not in (out / "manifest.json").read_text() + (out / "comparison.json").read_text()
-
-
 def test_other_preferred_models_are_told_apart(tmp_path: Path) -> None:
     folders = [yaw_model(tmp_path / "a"), yaw_model(tmp_path / "b", preferred="2")]
     result = compare(folders)
@@ -159,28 +139,20 @@ def test_refusals(tmp_path: Path, make: Callable[[Path], list[Path]], error: typ
         compare([yaw_model(tmp_path / "a"), *make(tmp_path)])
 
 
-def test_two_models_of_the_same_runs_are_compared_run_by_run(tmp_path: Path, run: Callable[..., Result]) -> None:
-    for seed in range(4):
-        written(sequence_run(noise_deg=0.5, seed=seed, hold=2.0 + seed), tmp_path / "logs" / f"{seed}.csv")
+def validation(folder: Path, by_run: dict[str, float]) -> Path:
+    """A folder with the result file of a validation of one model."""
+    runs = {name: {"rmse_deg": error} for name, error in by_run.items()}
+    return result_file(folder, "validation.json", {
+        "schema": "automarine/validation/1", "models": {"3": {"rmse_deg": 1.0, "runs": runs}}, "best": "3",
+        "preferred_by_fit": "3", "logs": {name: {"samples": 100} for name in runs}, "noise_floor_deg": 1.0,
+    })  # fmt: skip
 
-    def validate(logs: Path, model: Path, out: Path) -> dict[str, Any]:
-        assert run("validate", logs, "--model", model, "-o", out, "--figures", "none").exit_code == 0
-        content: dict[str, Any] = json.loads((out / "validation.json").read_text())["models"]["3"]["runs"]
-        return content
 
-    scores = []
-    for name, k_rr in (("good", 1.25), ("bad", 1.4)):
-        drag, inertia = normal(k_rr, 0.01).to_json(), normal(1.02, 0.01).to_json()
-        model = model_file(tmp_path / f"{name}.json", models={"3": {"k_rr": drag, "I_r": inertia}})
-        scores.append(validate(tmp_path / "logs", model, tmp_path / name))
-    done = run("compare", tmp_path / "good", tmp_path / "bad" / "validation.json", "-o", tmp_path / "both")
-    assert "differences are run by run, over the runs that both have" in done.stdout
-    data = json.loads((tmp_path / "both" / "comparison.json").read_text())
-    for row, key in zip(data["differences"], ("rmse_deg", "restarted_rmse_deg"), strict=True):
-        apart = np.array([scores[1][name][key] - scores[0][name][key] for name in scores[0]])
-        interval = stats.ttest_1samp(apart, 0.0).confidence_interval(0.95)
-        assert row["difference"]["value"] == pytest.approx(apart.mean())
-        assert row["difference"]["ci95"] == pytest.approx([interval.low, interval.high])
-    validate(tmp_path / "logs" / "1.csv", tmp_path / "bad.json", tmp_path / "alone")
-    refused = run("compare", tmp_path / "good", tmp_path / "alone")
-    assert refused.exit_code == 1 and "two runs in common" in " ".join(refused.stderr.split())
+def test_validations_of_the_same_runs_are_compared_run_by_run(tmp_path: Path) -> None:
+    good = validation(tmp_path / "good", {"a": 1.0, "b": 1.5, "c": 0.8})
+    (row,) = compare([good, validation(tmp_path / "bad", {"a": 1.3, "b": 1.9, "c": 1.0, "d": 9.0})]).differences
+    interval = stats.ttest_1samp([0.3, 0.4, 0.2], 0.0).confidence_interval(0.95)
+    assert row.difference.value == pytest.approx(0.3)
+    assert row.difference.ci95 == pytest.approx([interval.low, interval.high])
+    with pytest.raises(AutomarineError, match="two runs in common"):
+        compare([good, validation(tmp_path / "alone", {"a": 1.3, "d": 1.0})])

@@ -1,7 +1,6 @@
 """`automarine validate` from the command line to the files, and everything it refuses."""
 
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,8 +12,6 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 
 from automarine_cli.commands.validate import validate
-from automarine_cli.comparison.validation import SCORES
-from automarine_cli.dofs import YAW
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 Run = Callable[..., Result]
@@ -32,25 +29,6 @@ def pool(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model_file(folder / "yaw_model.json")
     (folder / "thrusters.json").write_text(json.dumps(ThrusterMap("square", Curve(1.0), Curve(1.0)).to_json()))
     return folder
-
-
-def test_files_and_tables(pool: Path, run: Run, tmp_path: Path) -> None:
-    result = run("validate", pool / "logs", "--model", pool / "yaw_model.json", "-o", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert result.stderr.startswith("Set aside: 1 run\n  logs/broken.csv, run broken: row 3, column heading_deg")
-    files = {path.name: path for path in (tmp_path / "out").iterdir()}
-    data = json.loads(files["validation.json"].read_text())
-    assert (data["schema"], data["best"], data["runs"]["used"]) == ("automarine/validation/1", "3", 3)
-    assert len(data["logs"]) == 3
-    for model in data["models"].values():
-        assert list(model["runs"]) == list(data["logs"])
-        for scores in (model, *model["runs"].values()):
-            assert all(isinstance(scores[YAW.fill(score.key)], float) for score in SCORES.values())
-        low, high = model["rmse_deg_ci95"]
-        assert low <= model["rmse_deg"] <= high
-    assert data["noise_floor_deg"] == pytest.approx(1.0, rel=0.25)
-    assert data["models"]["3"]["rmse_deg"] == pytest.approx(1.0, rel=0.25)
-    assert len([name for name in files if re.fullmatch(r"validation_[\w.+-]+\.png", name)]) == 3
 
 
 def test_refusals(pool: Path, run: Run, tmp_path: Path) -> None:

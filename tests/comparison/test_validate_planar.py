@@ -116,18 +116,6 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def test_without_what_is_hidden_it_is_worse(tmp_path: Path, model: Path) -> None:
-    content = json.loads(model.read_text())
-    del content["parameters"]["yaw.N_v"]
-    (tmp_path / "bare.json").write_text(json.dumps(content))
-    result = am.validate(SAMPLE_RUNS / "planar_validation", model=model)
-    assert list(result.to_frame()["run"]) == ["crabwise", "zigzag"] and result.plot("validation_zigzag").axes
-    bare = am.validate(SAMPLE_RUNS / "planar_validation", model=tmp_path / "bare.json")
-    truth, without = (each.models["planar"].overall for each in (result, bare))
-    assert truth["surge_rmse_m_s"].value < 0.05 and truth["sway_rmse_m_s"].value < 0.05
-    assert without["heading_rmse_deg"].value > 3 * truth["heading_rmse_deg"].value
-
-
 def test_refusals(tmp_path: Path, model: Path) -> None:
     with pytest.raises(SettingError, match="every channel of its logs is compared; leave --channels out"):
         am.validate(SAMPLE_RUNS / "planar", model=model, channels="position")

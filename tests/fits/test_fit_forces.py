@@ -1,6 +1,5 @@
 """`fit-surge` and `fit-heave`: the truth is in their intervals, mirrored too, and what only translations have."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,14 +67,6 @@ def test_the_truth_is_recovered_and_the_drag_of_each_way(fits: Fits, motion: str
     for way, truth in EACH_WAY[motion].items():
         assert holds(ways.drag[way], truth), way
         assert holds(ways.distance[way], TRUTH[motion][mass] / truth), way
-
-
-def test_a_vehicle_that_floats_up_is_told_the_ballast_it_lacks(fits: Fits) -> None:
-    fit, out = fits["heave"]
-    assert fit.buoyancy is not None and fit.buoyancy.ballast is not None
-    assert fit.buoyancy.ballast.value == pytest.approx(2.0 / 9.81, rel=0.06)
-    assert "up: to balance it add 0.2" in fit.buoyancy.says
-    assert json.loads((out / "heave_model.json").read_text())["buoyancy"]["ballast_in_water"]["unit"] == "kg"
 
 
 @MOTIONS

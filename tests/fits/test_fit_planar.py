@@ -21,7 +21,6 @@ from automarine_cli.fits.mixed_model import search_of
 from automarine_cli.fits.planar_fit import (
     FORECASTS,
     LIKELIHOOD,
-    Choice,
     Estimated,
     PlanarFit,
     PlanarLikelihood,
@@ -66,11 +65,11 @@ def made(seed: int, channels: Sequence[str] = ALL, length: float = 16.0) -> Run:
     return replace(run, position=noisy.pop("heading"), extras={**run.extras, **noisy})
 
 
-def fit_of(model: Tied, runs: int = 3, log_likelihood: float = 0.0, disturbance: float = 0.01) -> InnovationsFit:
+def fit_of(model: Tied, runs: int = 3, log_likelihood: float = 0.0) -> InnovationsFit:
     """A fit of a model, whose last parameter stands at a bound; runs left out move the second by a tenth."""
     free = len(model.free)
     names = (*model.free, *(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in RANDOM))
-    theta = np.array([*model.theta, *[disturbance] * (len(names) - free)])
+    theta = np.array([*model.theta, *[0.01] * (len(names) - free)])
     positive = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in names])
     phi = search_of(theta, positive)
     left_out = np.tile(phi, (runs, 1))
@@ -89,8 +88,8 @@ def use_of(**errors: float) -> Judgement:
     return Judgement(worth, 2)
 
 
-def choice(tried: Tried) -> Choice:
-    return Choice(tried, LIKELIHOOD, use_of(heading=0.5), "")
+def fit_to(runs: Sequence[Run], observed: Observed, *tried: Tried) -> PlanarFit:
+    return PlanarFit(tried, tried[0], LIKELIHOOD, use_of(heading=0.5), "", tuple(runs), observed)
 
 
 class Scripted:
@@ -126,7 +125,7 @@ def fit() -> PlanarFit:
     model = structure.model(rough_sizes(runs))
     model = model.with_theta([TRUTH[name] for name in model.free])
     tried = Tried(structure, Estimated(model, 0.01 * np.eye(len(model.free)), fit_of(model)))
-    return PlanarFit((tried,), choice(tried), runs, seen)
+    return fit_to(runs, seen, tried)
 
 
 def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
@@ -137,7 +136,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     assert tried[0].structure == replace(simplest, laws={**simplest.laws, "surge": LAWS[1]}, couplings=("Y_r",))
     criteria = [each.estimated.criterion for each in tried]
     assert criteria == sorted(criteria) and len({str(each.structure) for each in tried}) == len(tried)
-    because = PlanarFit(tried, choice(tried[0]), runs, seen).because
+    because = fit_to(runs, seen, *tried).because
     assert because.startswith(f"Of {len(tried)} structures this one has the best evidence")
 
 
@@ -174,7 +173,7 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
     near = list(structure.neighbours())
     assert {each.couplings for each in near} == {(), ("N_ur",)} and not any(n.current or n.skewed for n in near)
     tried = search(runs, seen, Scripted())
-    masses = PlanarFit(tried, choice(tried[0]), tuple(runs), seen).estimates
+    masses = fit_to(runs, seen, *tried).estimates
     assert masses["sway.m_v"].value == masses["surge.m_u"].value
     assert masses["sway.m_v"].stderr == masses["surge.m_u"].stderr > 0
     abeam = observed([made(0, ("heading", "sway"))])
@@ -326,7 +325,7 @@ def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
         assert 14.0 < values["surge.m_u"] < 29.0 and 14.0 < values["sway.m_v"] < 29.0
 
 
-def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> Choice:
+def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[Structure, str, str]:
     """What is preferred of the best structure by both ways and the simplest one by both, which miss by `errors`."""
     runs = (smoothed_run(0, 5.0, 0.1),)
     seen = observed(runs)
@@ -339,15 +338,16 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> Choice:
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
     monkeypatch.setattr(PlanarLikelihood, "by_forecasts", lambda self, near: replace(near))
-    return PlanarLikelihood(runs, seen).choose(tried)
+    best, way, _, because = PlanarLikelihood(runs, seen).choose(tried)
+    return best.structure, way, because
 
 
 def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
-    best = chosen(monkeypatch, (0.5, 0.4, 0.6, float("nan")))
-    assert best.way == FORECASTS and best.best.structure.couplings == ("Y_r",)
-    assert "the next best fit misses by 25 % more" in best.because
-    assert chosen(monkeypatch, (0.5, 0.495, 0.6, 0.6)).way == LIKELIHOOD  # too little to leave it
-    assert not chosen(monkeypatch, (0.5, 0.6, 0.7, 0.4)).best.structure.couplings
+    structure, way, because = chosen(monkeypatch, (0.5, 0.4, 0.6, float("nan")))
+    assert way == FORECASTS and structure.couplings == ("Y_r",)
+    assert "the next best fit misses by 25 % more" in because
+    assert chosen(monkeypatch, (0.5, 0.495, 0.6, 0.6))[1] == LIKELIHOOD  # too little to leave it
+    assert not chosen(monkeypatch, (0.5, 0.6, 0.7, 0.4))[0].couplings
 
 
 def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None:
@@ -360,15 +360,14 @@ def test_intervals_rest_on_runs_and_a_bound_has_none() -> None:
     runs = tuple(smoothed_run(seed, 5.0, 0.1) for seed in range(3))
     structure = Structure.simplest(Observed(SPEEDS))
     model = structure.model(rough_sizes(runs))
-    likely = fit_of(model, disturbance=1e3)
+    likely = fit_of(model)
     slopes = np.where(likely.positive, likely.theta, 1.0)[: likely.parameters]
     covariance = run_covariance(likely)[: likely.parameters, : likely.parameters] * np.outer(slopes, slopes)
     tried = Tried(structure, Estimated(model, covariance, likely))
-    fit = PlanarFit((tried,), choice(tried), runs, Observed(SPEEDS))
+    fit = fit_to(runs, Observed(SPEEDS), tried)
     mass = fit.estimates["sway.m_v"]
     spread = np.sqrt(2.0 / 3.0 * np.sum((0.1 * np.arange(3) - 0.1) ** 2))  # the jackknife of three runs
     assert mass.stderr == pytest.approx(mass.value * spread, rel=1e-6)
     assert mass.ci95[1] / mass.value == pytest.approx(np.exp(special.stdtrit(2.0, 0.975) * spread), rel=1e-6)
     assert fit.estimates["yaw.k_rr"].at_bound and fit.estimates["yaw.k_rr"].to_json()["at_bound"] is True
     assert "at its bound" in fit_report.parameter_table(fit).to_markdown()
-    assert fit.warnings[0].startswith("The disturbance is more than half as large as the commands: surge")

@@ -114,11 +114,9 @@ def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance
     }
     preference = prefer_driven(models, ahead, YAW)
     assert preference is not None and preference.number == "1"
-    assert large_disturbance(problem.course, models["3"]) == ""
-    theta = found.theta.copy()
-    theta[found.names.index("yaw.disturbance")] = 2.0
-    sentence = large_disturbance(problem.course, replace(models["3"], mixed=replace(found, theta=theta)))
-    assert sentence.startswith("The disturbance is as large as the commands: a moment of 2 nu where")
+    assert large_disturbance(problem.course, np.ones(1), found.of_chance) == ""
+    sentence = large_disturbance(problem.course, np.ones(1), {"yaw.disturbance": 2.0})
+    assert sentence.startswith("The disturbance is as large as the commands: yaw moment 2 of ")
 
 
 def test_a_fit_that_constants_beat_is_not_usable_whatever_fitted_it() -> None:
