@@ -41,7 +41,7 @@ def fit_planar(
     names = Structure.simplest(channels).names
     beforehand = beforehand.named(names, signed=sorted({*names.values()} - {*OWN}))
     estimator = PlanarLikelihood(campaign.runs, channels, beforehand.parameters)
-    tried = search(campaign.runs, channels, estimator)
+    tried = search(estimator)
     limits = tuple(limit.warning for limit in campaign.limits)
     return PlanarFit(
         tried, *estimator.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), beforehand

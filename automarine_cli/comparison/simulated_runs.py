@@ -97,12 +97,12 @@ LEAST_GAIN = 0.1  # of what a sensor shows of a small move
 
 @dataclass(frozen=True)
 class State:
-    """Position [rad or m] and rate [rad/s or m/s] at the first sample, three of each in the plane, and how they were
-    found."""
+    """Position [rad or m] and rate [rad/s or m/s] at the first sample, three of each in the plane, and how a free
+    run's were found."""
 
     position: Any
     rate: Any
-    how: str
+    how: str = ""
 
 
 def rest_state(run: Run) -> State | None:
@@ -284,7 +284,7 @@ def find_restarts(run: Run) -> Restarts:
     reach = float(np.clip(noise ** (2 / 7), FEWEST_SMOOTHED * run.sample_period, LONGEST)) * (1 + 1e-9)
     rest = rest_state(run)
     states = tuple(
-        State(rest.position, 0.0, "the rest with which the run begins")
+        State(rest.position, 0.0)
         if rest is not None and begins[0] == i + 1
         else _smoothed(run, i, [] if driven else begins, reach)
         for i in at[1:]
@@ -330,14 +330,13 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
         position = float(np.mean(run.position[low:high] - way + way[i - low]))
         lines = sides if bend and high > i + 2 and i > low else [t]
         start, by_time, *_ = np.linalg.lstsq(np.stack([np.ones_like(t), *lines], axis=1), velocity, rcond=None)[0]
-        how = f"{run.dof.position} carried by the {run.dof.words.rate}"
-        return State(position, float(start + by_time * at), f"smoothed: {how} over {count} samples")
+        return State(position, float(start + by_time * at))
     after = [side**2 for side in sides] if bend else [t**2]
     powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, count - 1)]
     c = np.zeros(4)
     c[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
     position, rate = c[0] + c[1] * at + c[2] * at**2, c[1] + 2 * c[2] * at
-    return State(float(position), float(rate), f"smoothed: parabola over {count} samples")
+    return State(float(position), float(rate))
 
 
 PLANAR_STEP = 0.05  # longest step of the simulation [s]
@@ -355,7 +354,7 @@ def planar_free_runs(model: PlanarModel, runs: Sequence[Run]) -> Iterator[FreeRu
         batch = make_batch([run], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
         path = simulate(model, batch, start=Start(start[:3, None, None], start[3:, None, None]))
         simulated = {channel.quantity: path.reading(channel)[0, 0] for channel in batch.channels}
-        yield FreeRun(run, simulated, State(start[:3], start[3:], ""), np.zeros((len(run), 0)))
+        yield FreeRun(run, simulated, State(start[:3], start[3:]), np.zeros((len(run), 0)))
 
 
 def planar_start(run: Run, model: PlanarModel) -> Floats:

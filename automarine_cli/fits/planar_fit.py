@@ -131,20 +131,20 @@ class Tried:
     estimated: Estimated
 
 
-def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
+def search(estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
     """Structures that were tried, the best one first, then in the order of their criterion.
 
     From the simplest one on, those neighbours are fitted briefly that promise most by the slope and curvature of the
     likelihood; the best of them is fitted to the end and taken as long as it is better.
     """
-    simplest, rough = Structure.simplest(observed), rough_sizes(runs)
-    best = Tried(simplest, estimator.estimate(simplest.model(rough)))
+    simplest = Structure.simplest(estimator.observed)
+    best = Tried(simplest, estimator.estimate(simplest.model(estimator.rough)))
     tried = {str(simplest): best}
     while True:
         new = [structure for structure in best.structure.neighbours() if str(structure) not in tried]
         chosen = [
             Tried(structure, estimator.estimate(*estimator.toward(model, best.estimated.random, promise), BRIEF))
-            for structure, model, promise in _promising(best, new, rough, estimator)
+            for structure, model, promise in _promising(best, new, estimator)
         ]
         tried |= {str(trial.structure): trial for trial in chosen}
         better = min(chosen, key=lambda trial: trial.estimated.criterion, default=best)
@@ -157,13 +157,13 @@ def search(runs: Sequence[Run], observed: Observed, estimator: "PlanarLikelihood
 
 
 def _promising(
-    best: Tried, new: Sequence[Structure], rough: Mapping[str, float], estimator: "PlanarLikelihood"
+    best: Tried, new: Sequence[Structure], estimator: "PlanarLikelihood"
 ) -> list[tuple[Structure, Tied, "Promise"]]:
     """The neighbours of the best structure that promise to be better, with their models and what they promise.
 
     What a law of drag gains in place of another is at most what it gains beside it.
     """
-    values = best.estimated.known
+    values, rough = best.estimated.known, estimator.rough
     models = [structure.beside(values, rough) for structure in new]
     added = [tuple(name for name in model.free if name not in best.estimated.model.free) for model in models]
     promises = estimator.promises(best.structure.widest.beside(values, rough), best.estimated, added)

@@ -167,8 +167,8 @@ def judged(item: tuple[RealSet, str]) -> Row:
     begun = time.perf_counter()
     channels = observed(fitted)
     likelihood = PlanarLikelihood(tuple(fitted), channels)
-    tried = search(fitted, channels, likelihood)
-    fit = PlanarFit(tried, likelihood.choose(tried), tuple(fitted), channels)
+    tried = search(likelihood)
+    fit = PlanarFit(tried, *likelihood.choose(tried), tuple(fitted), channels)
     learned, states = states_of(fitted), states_of(held_out)
     start = {name.partition(".")[2]: value for name, value in zip(fit.found.model.free, fit.found.model.theta.tolist())}
     squares = [fit_plain(learned, start, h) for h in HORIZONS]

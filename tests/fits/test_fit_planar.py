@@ -95,8 +95,8 @@ def fit_to(runs: Sequence[Run], observed: Observed, *tried: Tried) -> PlanarFit:
 class Scripted:
     """An estimator without physics: what is named in WORTH explains so much, anything else explains nothing."""
 
-    def __init__(self, *_: object) -> None:
-        pass
+    def __init__(self, runs: Sequence[Run]) -> None:
+        self.observed, self.rough = observed(runs), rough_sizes(runs)
 
     def estimate(self, model: Tied, random: Mapping[str, float] | None = None, iterations: int = 60) -> Estimated:
         return Estimated(model, 0.01 * np.eye(len(model.free)), fit_of(model, log_likelihood=self.worth(model.free)))
@@ -132,7 +132,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     """Linear drag explains as much as both together."""
     runs = (made(0),)
     seen = observed(runs)
-    simplest, tried = Structure.simplest(seen), search(runs, seen, Scripted())
+    simplest, tried = Structure.simplest(seen), search(Scripted(runs))
     assert tried[0].structure == replace(simplest, laws={**simplest.laws, "surge": LAWS[1]}, couplings=("Y_r",))
     criteria = [each.estimated.criterion for each in tried]
     assert criteria == sorted(criteria) and len({str(each.structure) for each in tried}) == len(tried)
@@ -172,7 +172,7 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
         Tied(planar, ("surge.X_u",), {})
     near = list(structure.neighbours())
     assert {each.couplings for each in near} == {(), ("N_ur",)} and not any(n.current or n.skewed for n in near)
-    tried = search(runs, seen, Scripted())
+    tried = search(Scripted(runs))
     masses = fit_to(runs, seen, *tried).estimates
     assert masses["sway.m_v"].value == masses["surge.m_u"].value
     assert masses["sway.m_v"].stderr == masses["surge.m_u"].stderr > 0
@@ -352,6 +352,7 @@ def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch
 
 def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None:
     good, bad = use_of(heading=0.5, surge=0.5), use_of(heading=0.5, surge=1.1)
+    assert bad.warnings(YAW) == (bad.sentence(YAW),) and good.warnings(YAW) == ()
     assert good.of_use and good.sentence(YAW).startswith("The model predicts the heading 5 s ahead to 28.6 deg")
     assert not bad.of_use and bad.sentence(YAW).startswith("This model is not usable: it predicts the surge speed 5 s")
 

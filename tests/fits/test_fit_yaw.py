@@ -142,7 +142,6 @@ HALF_TURNS = ("--fit-to", "half-turns")
 @pytest.mark.parametrize(
     ("make", "options", "parts"),
     [
-        (lambda: campaign(seed=1), ("--tail", "180"), ["tail is 180; expected 15 to 165 degrees"]),
         (lambda: campaign(seed=1), ("--tail", "90", "--fit-to", "whole-runs"), ["whole runs have no tails; leave it"]),
         (lambda: [moving_run(seed, length=18.0)[0] for seed in range(2)], ("--tail", "90"), ["too few for Table 1"]),
         (of_two_units, (), ["expected one unit in a campaign", "--columns"]),

@@ -13,8 +13,6 @@ from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, follow, smoothed
 from automarine_cli.fits.driven import (
-    ForecastScore,
-    Judgement,
     base_starts,
     driven_problem,
     fit_driven,
@@ -117,13 +115,6 @@ def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance
     assert large_disturbance(problem.course, np.ones(1), found.of_chance) == ""
     sentence = large_disturbance(problem.course, np.ones(1), {"yaw.disturbance": 2.0})
     assert sentence.startswith("The disturbance is as large as the commands: yaw moment 2 of ")
-
-
-def test_a_fit_that_constants_beat_is_not_usable_whatever_fitted_it() -> None:
-    worth = (ForecastScore(2.0, 1.0, 0.5, 2.0, 10), ForecastScore(5.0, 3.0, 4.0, 2.0, 10))
-    judged = Judgement({"heading": worth}, 4)
-    assert judged.warnings(YAW) == (judged.sentence(YAW),)
-    assert judged.sentence(YAW).startswith("This model is not usable: it predicts 5 s ahead to")
 
 
 @pytest.mark.slow
