@@ -1,6 +1,7 @@
 """`diagnose`: where simulation and measurement disagree, which effect is missing, and the gap that it closes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.commands import options
@@ -62,8 +63,6 @@ def _of_a_motion(
     channels: str, seed: int, jobs: int, map_fn: Any, *, strict: bool, progress: Any,
 ) -> "Diagnosis":  # fmt: skip
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
-    from dataclasses import replace
-
     from automarine_cli.comparison.validation import usable_runs
     from automarine_cli.diagnosis.diagnose import diagnose_runs, expected_seconds
     from automarine_cli.models.store import load_yaw_models
@@ -98,9 +97,8 @@ def _of_a_motion(
         diagnosis = diagnose_runs(
             runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels
         )
-    return replace(
-        diagnosis, number=stored.preferred, parent=stored.source, parent_sha256=sha256(model), set_aside=tuple(aside)
-    )
+    diagnosis = replace(diagnosis, number=stored.preferred, parent=stored.source, parent_sha256=sha256(model))
+    return replace(diagnosis, set_aside=tuple(aside))
 
 
 def foretell(progress: "Progress", what: str, seconds: float) -> None:
@@ -112,8 +110,6 @@ def _of_the_plane(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, **settings: Any
 ) -> "PlanarDiagnosis":
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
-    from dataclasses import replace
-
     from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
     from automarine_cli.diagnosis.planar import FEWEST_RUNS, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed

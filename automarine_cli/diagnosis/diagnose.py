@@ -47,6 +47,7 @@ from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import Run, SetAside, runs_json
+from automarine_cli.thrusters.fit import value_json
 
 
 @dataclass(frozen=True)
@@ -224,7 +225,7 @@ class NamedEffect:
     name: str
     law: str
     says: str
-    parameters: Mapping[str, Any]  # Estimate, or a thruster curve's Parameter
+    parameters: Mapping[str, Any]  # Estimate, or Given of a thruster curve's at its bound
     confidence: float
     p_value: float | None
     rivals: tuple[NamedRival, ...]
@@ -234,7 +235,7 @@ class NamedEffect:
     def to_json(self) -> dict[str, object]:
         plain = {
             **vars(self),
-            "parameters": {name: estimate.to_json() for name, estimate in self.parameters.items()},
+            "parameters": {name: value_json(value) for name, value in self.parameters.items()},
             "rivals": [_without_blanks(vars(rival)) for rival in self.rivals],
             "learned": self.learned and self.learned.to_json(),
         }

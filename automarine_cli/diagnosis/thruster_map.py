@@ -272,7 +272,7 @@ def _curve_parameters(fit: family.Fitted) -> dict[str, dict[str, Estimate | Give
     """Estimates of every direction's curve ("both" where they share one), by parameter."""
     return {
         name: parameters(side, form, fit.curves[name], fit.at_bound[name], fit.data.n_unit)
-        for name, (_, side, form) in fit.sides.items()
+        for name, (side, form) in fit.sides.items()
     }
 
 

@@ -153,10 +153,8 @@ _CUBICS = {closed: _cubics(closed) for closed in (False, True)}
 
 def basis(x: Floats, low: float, high: float, *, closed: bool) -> Floats:
     """What each of the KNOTS values adds to the curve at `x` (n,): (n, KNOTS)."""
-    rows = [np.full(1, weight) for weight in np.eye(KNOTS).ravel()]
-    columns = [rows[k * KNOTS : (k + 1) * KNOTS] for k in range(KNOTS)]
     ends = np.full(1, low), np.full(1, high)
-    return np.stack([spline(x, *ends, column, closed=closed) for column in columns], axis=1)
+    return np.stack([spline(x, *ends, [*row[:, None]], closed=closed) for row in np.eye(KNOTS)], axis=1)
 
 
 def roughness(closed: bool) -> Floats:

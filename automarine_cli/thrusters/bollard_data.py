@@ -99,8 +99,6 @@ def load_thruster_logs(
                     f"found the columns {listed(table.names)}. Correct the name, or leave the line out"
                 )
         except LogError as refusal:
-            if file.named:
-                raise
             set_aside.append(unreadable(file, refusal))
             continue
         parts = table.labels.get(BY)

@@ -67,15 +67,13 @@ class BollardData(Points):
         weights[index], flags[index] = weight, flag
         return replace(self, weight=weights, flag=flags)
 
-    def parts(self, tied: bool) -> dict[str, tuple[Ints, Side]]:
-        """Point numbers and `Side` of each direction, or of both together as one curve of |n| (`tied`)."""
+    def parts(self, tied: bool) -> dict[str, Side]:
+        """The points of each direction, or of both together as one curve of |n| (`tied`)."""
         if not tied:
-            sides = sides_of(self, self.step, self.tare_stderr)
-            return {name: (np.flatnonzero(self.n * side.sign > 0), side) for name, side in sides.items()}
+            return sides_of(self, self.step, self.tare_stderr)
         size, thrust = np.abs(self.n), np.sign(self.n) * self.force
-        stderr = np.nan_to_num(self.stderr)
-        side = Side("both", 1.0, size, thrust, self.weight, bollard.groups_of(size), None, stderr, self.tare_stderr)
-        return {"both": (np.arange(len(self)), side)}
+        group, stderr, index = bollard.groups_of(size), np.nan_to_num(self.stderr), np.arange(len(self))
+        return {"both": Side("both", 1.0, size, thrust, self.weight, group, None, stderr, self.tare_stderr, index)}
 
     def order_is_free(self) -> bool:
         """Whether the run order can be told from the command: then a drift with it can be a candidate."""
@@ -246,10 +244,10 @@ class Fitted:
         return self.curves.get("forward", shared), self.curves.get("backward", shared)
 
     @cached_property
-    def sides(self) -> dict[str, tuple[Ints, Side, Form]]:
-        """Of each direction, or of both as one: point numbers, points without what multiplies the curve, and form."""
+    def sides(self) -> dict[str, tuple[Side, Form]]:
+        """Of each direction, or of both as one: points without what multiplies the curve, and the curve's form."""
         gain, effects, parts = self.gain(self.data), dict(self.shape.curves), self.data.parts(self.shape.tied)
-        return {name: (i, side.without(gain[i]), form_of(effects[name])) for name, (i, side) in parts.items()}
+        return {name: (side.without(gain[side.index]), form_of(effects[name])) for name, side in parts.items()}
 
     @cached_property
     def predicted(self) -> Floats:
@@ -277,8 +275,8 @@ class Fitted:
     def loss(self) -> Floats:
         """Weighted squared error [N²] of each group, predicted by a fit without it; groups in rising number."""
         squares = np.zeros(len(self.data))
-        for index, side, form in self.sides.values():
-            squares[index] = left_out_squares(side, form)
+        for side, form in self.sides.values():
+            squares[side.index] = left_out_squares(side, form)
         return sums_of(squares, self.data.group)
 
     @property
@@ -297,7 +295,7 @@ def fit_shape(data: BollardData, shape: Shape) -> Fitted:
     fit = Fitted(data, shape, {}, {}, 0.0, 0.0, reference)
     for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
         curves, at_bound = dict[str, Curve](), dict[str, tuple[str, ...]]()
-        for name, (_, side, form) in fit.sides.items():
+        for name, (side, form) in fit.sides.items():
             curves[name], at_bound[name] = best_curve(side, form)
         fit = _with_multipliers(replace(fit, curves=curves, at_bound=at_bound))
     return fit
@@ -403,13 +401,13 @@ def _basis(fit: Fitted) -> Floats:
     """Orthonormal columns (P, K) of what the free parameters can do to the thrust, weighted as in the fit."""
     data, gain = fit.data, fit.gain(fit.data)
     blocks = [multiplier_columns(fit, fit.shape.voltage, fit.shape.sag)]
-    for name, (index, side, form) in fit.sides.items():
+    for name, (side, form) in fit.sides.items():
         curve, scale = fit.curves[name], float(side.magnitude.max())
         top = 1.0 if curve.n_sat is None else min(curve.n_sat / scale, 1.0)
         values = np.array([[curve.a * (scale - curve.n_0) ** curve.p, curve.n_0 / scale, curve.p, top]])
         slopes = jacobian(side.magnitude / scale, values)[0][:, form.mask]
         block = np.zeros((len(gain), slopes.shape[1]))
-        block[index] = (np.sign(data.n) * gain)[index, None] * slopes
+        block[side.index] = (np.sign(data.n) * gain)[side.index, None] * slopes
         blocks.append(block[:, np.any(block != 0.0, axis=0)])
     columns = np.sqrt(data.weight)[:, None] * np.hstack(blocks)
     axes, sizes, _ = np.linalg.svd(columns / np.sqrt(np.sum(columns**2, axis=0)), full_matrices=False)
@@ -436,7 +434,7 @@ class _Levels(Judge[CandidateFit, SearchStep]):
         if np.sqrt(current.squares / len(data)) > ROUNDING * data.full_scale:
             for effect, where, shape in current.shape.additions(data):
                 parts = data.parts(shape.tied)
-                enough = all(parts[name][1].can_leave_out(form_of(effects)) for name, effects in shape.curves)
+                enough = all(parts[name].can_leave_out(form_of(effects)) for name, effects in shape.curves)
                 if enough and (len(model.added) < MOST_EFFECTS or effect in model.added):
                     fits[effect, where] = self.fitted(shape)
         chance = evidence_by_chance(current, fits, self.random) if fits else Chance(np.zeros(1))

@@ -21,9 +21,9 @@ PLAIN, UNBIASED, JACKKNIFE = 0.0, 0.5, 1.0
 class Side:
     """Points of one direction with positive thrust: |n| [unit of n], thrust [N], weights, all of shape (P,).
 
-    `stderr` [N] is of each point's own samples, 0 for one reading; `group` numbers what counts as one independent
-    measurement (see `groups_of`); `record` the test records or voltage steps, where these are a second source of
-    scatter, else None."""
+    `index` is their place among all points; `stderr` [N] is of each point's own samples, 0 for one reading; `group`
+    numbers what counts as one independent measurement (see `groups_of`); `record` the test records or voltage steps,
+    where these are a second source of scatter, else None."""
 
     name: str
     sign: float
@@ -34,6 +34,7 @@ class Side:
     record: Ints | None
     stderr: Floats
     tare_stderr: float
+    index: Ints
 
     @property
     def levels(self) -> int:
@@ -47,8 +48,16 @@ class Side:
         return replace(self, thrust=self.thrust / gain, weight=self.weight * gain**2)
 
 
+def value_json(value: Estimate | Given) -> object:
+    """The contract's form; a plain number where nothing says why it has no interval."""
+    if isinstance(value, Estimate):
+        return value.to_json()
+    nothing = {"value": value.value, "stderr": None, "ci95": None, "unit": value.unit, "at_bound": value.at_bound}
+    return nothing if value.at_bound else value.value
+
+
 def parameters_json(parameters: Mapping[str, Mapping[str, Estimate | Given]]) -> dict[str, object]:
-    by_side = {side: {name: parameter.to_json() for name, parameter in of.items()} for side, of in parameters.items()}
+    by_side = {side: {name: value_json(value) for name, value in of.items()} for side, of in parameters.items()}
     return {side: by_side.get(side) for side, _ in SIDES}
 
 
@@ -63,7 +72,7 @@ def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str,
             levels = [len(np.unique(group[record == number])) for number in np.unique(record)]
             crossed = len(levels) > 1 and min(levels) >= FEWEST_LEVELS
             values = (np.abs(part.n), sign * part.force, part.weight, group, record if crossed else None)
-            sides[name] = Side(name, sign, *values, np.nan_to_num(part.stderr), tare_stderr)
+            sides[name] = Side(name, sign, *values, np.nan_to_num(part.stderr), tare_stderr, np.flatnonzero(inside))
     return sides
 
 
