@@ -69,15 +69,6 @@ def test_nothing_planted_nothing_named(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_two_planted_are_both_named() -> None:
-    among = {"dead-band", "water-swirl", "coulomb-drag", "thrust-exponent", "wall", "tether-spring", "linear-drag"}
-    found = judge(campaign("dead-band", "water-swirl"), base_for(""), among)
-    assert found.verdict == "named" and len(found.effects) == 2
-    for name in ("dead-band", "water-swirl"):
-        assert sum(name in tie for tie in held(found)) == 1, held(found)
-
-
-@pytest.mark.slow
 def test_a_tether_that_snags_is_not_in_the_library() -> None:
     """Now and then something holds the vehicle for a few seconds: no name fits, and none is given."""
     random = np.random.default_rng(5)

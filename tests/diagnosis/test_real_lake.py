@@ -75,17 +75,14 @@ def test_all_ten_runs_are_fitted_whole_and_the_delay_of_the_thrusters_is_propose
     assert "input-delay" in asks and "--with " in asks
 
 
-def test_drag_and_inertia_are_positive_and_of_the_size_of_a_small_boat(nominal: YawFit) -> None:
-    """Signs right: else drag would drive. A boat of 29 kg and 1.3 m has some N m s² of inertia before added water."""
+def test_the_model_is_that_of_a_small_boat_and_of_use(nominal: YawFit) -> None:
+    """Signs right: else drag would drive. A boat of 29 kg and 1.3 m has some N m s² of inertia before added water. Runs
+    left out are predicted 5 s ahead better than by a constant rate or a constant heading."""
     for fit in nominal.output_error.values():
         assert fit.mixed.converged and 5.0 < fit.estimates["I_r"].value < 60.0
     linear = nominal.output_error["1"].estimates["k_r"]
     assert 10.0 < linear.value < 40.0 and linear.ci95[0] > 0
     assert nominal.output_error["3"].estimates["k_rr"].value > 0
-
-
-def test_the_model_is_of_use(nominal: YawFit) -> None:
-    """Runs left out of the fit are predicted 5 s ahead better than by a constant rate or a constant heading."""
     assert nominal.use is not None and nominal.use.of_use
     judged = judged_of(nominal.use.worth["heading"])
     assert judged is not None and judged.horizon == 5.0
