@@ -292,7 +292,7 @@ class Validation(Shown):
         return self.dof.fill(self.scores[name].key)
 
     def to_json(self) -> dict[str, object]:
-        stored, dof, runs, unit = self.stored, self.dof, self.runs, self.dof.units.key
+        stored, dof, runs, unit = self.stored, self.dof, self.runs, self.dof.units.shown
         planar = isinstance(stored, StoredPlanar)
         logs: dict[str, dict[str, object]] = {
             run.name: {"file": run.source, "samples": len(run), "duration_s": float(run.time[-1] - run.time[0])}

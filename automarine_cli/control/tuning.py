@@ -116,7 +116,7 @@ class Tuning(Shown, Problem):
             "target": target.name, "firmware": target.firmware or None, "motion": dof.name, "model": self.source,
             f"{dof.words.force}_unit": nominal.force_unit, f"full_{dof.words.force}": nominal.full,
             "sample_time_s": target.period, f"step_{dof.units.log}": dof.logged(task.step),
-            f"settled_within_{dof.units.key}": dof.shown(task.band), "load_percent": 100.0 * task.load,
+            f"settled_within_{dof.units.shown}": dof.shown(task.band), "load_percent": 100.0 * task.load,
             "margin_asked": task.margin, "flight_s": task.seconds,
             "gains": self.gains(),
             "disk_margin": None if new is None else _json(margins_of(new)["disk_margin"]),
@@ -325,8 +325,8 @@ def promises(outcome: Outcome, dof: Dof) -> dict[str, Estimate | None]:
     return {
         "overshoot_percent": banded(100.0 * scores.overshoot, "%"),
         "settling_s": banded(scores.settling, "s"),
-        f"rms_after_{dof.units.key}": banded(dof.shown(scores.rms), dof.units.shown),
-        f"load_error_{dof.units.key}": banded(dof.shown(scores.error), dof.units.shown),
+        f"rms_after_{dof.units.shown}": banded(dof.shown(scores.rms), dof.units.shown),
+        f"load_error_{dof.units.shown}": banded(dof.shown(scores.error), dof.units.shown),
     }
 
 
@@ -488,7 +488,7 @@ def _flown(
         (
             ("overshoot_percent", 100.0, 3.0 * noise / abs(size)),
             ("settling_s", 1.0, longer),
-            (f"rms_after_{dof.units.key}", float(dof.shown(1.0)), 2.0 * noise),
+            (f"rms_after_{dof.units.shown}", float(dof.shown(1.0)), 2.0 * noise),
         ),
         design.step_scores(time, smooth[None], size, task.band + 2.5 * noise),
         design.step_scores(clock, flown, size, task.band),

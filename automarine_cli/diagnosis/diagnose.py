@@ -138,7 +138,7 @@ class ForecastGain:
         def entry(before: ForecastScore, after: ForecastScore) -> dict[str, object]:
             constants = {"constant_rate": before.constant_rate, f"constant_{dof.words.position}": before.constant}
             sizes = {"before": before.error, "after": after.error, **constants}
-            errors = {f"{name}_{dof.units.key}": float(dof.shown(size)) for name, size in sizes.items()}
+            errors = {f"{name}_{dof.units.shown}": float(dof.shown(size)) for name, size in sizes.items()}
             return {"horizon_s": before.horizon, **errors}
 
         every = [entry(*pair) for pair in self.ahead]
@@ -534,7 +534,7 @@ class Diagnosis(Shown):
             dof.ratio_key: ratio,
             "valid_range": valid_range(ends, model),
             "effects": effects_json(added),
-            f"{dof.words.position}_noise_{dof.units.key}": noise,
+            f"{dof.words.position}_noise_{dof.units.shown}": noise,
             **driven,
             "gain_scatter": float(fit.factor(GAIN)),
             "gain_exponent": exponent and exponent.to_json(),
@@ -550,7 +550,7 @@ class Diagnosis(Shown):
         prediction = {name: ahead and ahead.to_json(dof) for name, ahead in outlooks.items()}
         cycle = {} if study.cycle is None else {"limit_cycle": study.cycle.to_json()}
         of = {**({} if dof.wraps else {"motion": dof.name}), "verdict": self.verdict}
-        units = dof.units.key, dof.shown
+        units = dof.units.shown, dof.shown
         return {
             **diagnosis_json(of, verdict.why, self.effects, self.where, gaps, *units),
             **({"left": verdict.remainder} if verdict.remainder else {}),

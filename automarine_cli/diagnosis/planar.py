@@ -291,7 +291,7 @@ class PlanarDiagnosis(Shown):
         for name, outlook in outlooks.items():
             old, new = outlook.longest if outlook else (None, None)
             gaps[name] = Gap(old.error, new.error, floor, horizon=old.horizon) if old and new else None
-        of, units = {"motion": "planar", "verdict": self.verdict}, (YAW.units.key, YAW.shown)
+        of, units = {"motion": "planar", "verdict": self.verdict}, (YAW.units.shown, YAW.shown)
         return {
             **diagnosis_json(of, self.why, self.effects, self.where, gaps, *units),
             "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},

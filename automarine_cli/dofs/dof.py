@@ -82,7 +82,8 @@ class Units:
     """Units of positions: of all arithmetic (`base`), of the logs (`log`), and as people read them (`shown`).
 
     A position in the base unit times `per_base` is one in that of the logs, times `shown_per_base` one as people read
-    it. `mark` is the shown unit right after a number in text; `forces` are the units in which the force may be logged.
+    it. `shown` also ends keys, `mark` is it right after a number in text; `forces` are the units in which the force may
+    be logged.
     """
 
     base: str = "m"
@@ -92,16 +93,6 @@ class Units:
     shown_per_base: float = 100.0
     mark: str = " cm"
     forces: tuple[str, ...] = ("nu", "N")
-
-    @property
-    def key(self) -> str:
-        """The shown unit as the end of a key."""
-        return self.shown
-
-    @property
-    def rate_key(self) -> str:
-        """The shown unit of a velocity as the end of a key."""
-        return f"{self.shown}_s"
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ class ForecastScore:
         )
 
     def to_json(self, dof: Dof) -> dict[str, object]:
-        key = dof.units.key
+        key = dof.units.shown
         return {
             "horizon_s": self.horizon,
             f"rmse_{key}": float(dof.shown(self.error)),

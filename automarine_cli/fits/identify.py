@@ -378,7 +378,7 @@ class YawFit(Shown):
             "aicc": drag.aicc if np.isfinite(drag.aicc) else None,
             "f_test_against_2": nested_test(drag, seed.drag["2"]) if number != "2" and "2" in seed.drag else None,
             "dilution_taken_off": dict(drag.dilution),
-            f"tail_from_{dof.units.key}": float(dof.shown(seed.tail_from)),
+            f"tail_from_{dof.units.shown}": float(dof.shown(seed.tail_from)),
             "tail_because": seed.expected.sentence(dof, seed.by_user),
         }
         return content
@@ -404,7 +404,7 @@ def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
     return {
         "gain_scatter": fit.gain_scatter.to_json(),
         "switch_offset": fit.offset.to_json(),
-        f"{dof.words.position}_noise_{dof.units.key}": None if fit.noise is None else float(dof.shown(fit.noise)),
+        f"{dof.words.position}_noise_{dof.units.shown}": None if fit.noise is None else float(dof.shown(fit.noise)),
     }
 
 

@@ -195,7 +195,7 @@ class DiagnosisFile(ResultRecord):
 
     @property
     def unit(self) -> str:
-        return "N" if self.of_thrusters else self.dof.units.key
+        return "N" if self.of_thrusters else self.dof.units.shown
 
 
 DIAGNOSIS = ResultKind("diagnosis.json", "diagnosis", DiagnosisFile, "diagnose")

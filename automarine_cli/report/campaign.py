@@ -416,13 +416,13 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
     again = len(logs & result.logs)
     fitted = f" ({again} logs were fitted)" if again else " not fitted" if logs else ""
     band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
-    error = f"{number(score.rmse, 3)}{band} {dof.units.key} free run"
+    error = f"{number(score.rmse, 3)}{band} {dof.units.shown} free run"
     over = f"over {plural(file.runs.used, 'run')}{fitted}"
     if planar:
         return f"heading {error} {over}"
     added, _ = _added_by(steps, dof)
-    details = f"{number(score.restarted, 3)} {dof.units.key} restarted, noise {number(file.noise_floor, 2)}"
-    return f"without {added}, " * bool(added) + f"{named_model(model)}: {error}, {details} {dof.units.key}, {over}"
+    details = f"{number(score.restarted, 3)} {dof.units.shown} restarted, noise {number(file.noise_floor, 2)}"
+    return f"without {added}, " * bool(added) + f"{named_model(model)}: {error}, {details} {dof.units.shown}, {over}"
 
 
 def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Any]]:

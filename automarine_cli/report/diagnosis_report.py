@@ -234,7 +234,7 @@ def _(diagnosis: Diagnosis) -> Sections:
     return _sections(
         diagnosis, diagnosis.extended_model(), partial(figures.motion_before_after, diagnosis),
         f"Diagnosis of the {dof.name} model", verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where,
-        notes=(gap, chance), unit=dof.units.shown, key=dof.units.key, dof=dof,
+        notes=(gap, chance), unit=dof.units.shown, key=dof.units.shown, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
         below=[*below, *sentences_of(sensors_of(diagnosis.channels, channel_noises(search.final.fit, dof)), dof)],
         appendix=appendix,

@@ -215,7 +215,7 @@ def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
 def run_rows(fit: YawFit) -> list[dict[str, object]]:
     """List what was kept of each run, and what both methods give of it."""
     dof, words, data, seed, use = fit.dof, fit.dof.words, fit.data, fit.seed_method, fit.use
-    key, rate_key, mixed, rows = dof.units.key, dof.units.rate_key, fit.preferred.mixed, list[dict[str, object]]()
+    key, rate_key, mixed, rows = dof.units.shown, f"{dof.units.shown}_s", fit.preferred.mixed, list[dict[str, object]]()
     gains = np.exp(mixed.own(GAIN)[:, 0]).tolist()
     if seed is None or data is None:
         for i, run in enumerate(fit.runs):

@@ -67,7 +67,7 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
     rows, notes = [], dict[str, list[str]]()
     words = {"missing": "missing value", "duplicates": "repeated stamp", "glitches": f"{dof.position} spike"}
     for run in runs:
-        turn, key = run.half_turn, f"{dof.words.gone_key}_{dof.units.key}"
+        turn, key = run.half_turn, f"{dof.words.gone_key}_{dof.units.shown}"
         moved = turn and f"{turn[key]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
         dropped = {word: run.counts.get(kind, 0) for kind, word in words.items()}
         rows.append({

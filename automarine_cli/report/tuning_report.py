@@ -68,8 +68,8 @@ def _promised_table(tuning: Tuning) -> Table:
     words = {
         "disk_margin": "disk margin", "gain_margin_dB": "gain margin [dB]", "phase_margin_deg": "phase margin [deg]",
         "delay_margin_s": "delay margin [s]", "overshoot_percent": "overshoot [%]", "settling_s": "settles after [s]",
-        f"rms_after_{dof.units.key}": f"error from then on, rms [{dof.units.shown}]",
-        f"load_error_{dof.units.key}": f"largest error under {100 * task.load:g} % load [{dof.units.shown}]",
+        f"rms_after_{dof.units.shown}": f"error from then on, rms [{dof.units.shown}]",
+        f"load_error_{dof.units.shown}": f"largest error under {100 * task.load:g} % load [{dof.units.shown}]",
         "settles": "share that settles", "keeps": f"share with a disk margin of {task.margin:g}",
     }  # fmt: skip
     columns = dict[str, dict[str, str]]()

@@ -133,7 +133,7 @@ def score_rows(result: Validation) -> list[dict[str, object]]:
             rows.append({"run": run.name, "model": model, **scores})
             if result.restarts:
                 rows[-1] |= {
-                    f"noise_floor_{result.dof.units.key}": result.floors[i],
+                    f"noise_floor_{result.dof.units.shown}": result.floors[i],
                     "restarted_horizon_s": result.restarts[i].horizon, "restarted_at": result.restarts[i].rule,
                     "start": scored.free[i].start.how,
                 }  # fmt: skip
@@ -145,7 +145,7 @@ def score_table(result: Validation) -> Table:
     rows = score_rows(result)
     for model, scored in result.models.items():
         scores = {result.key(name): score.value for name, score in scored.overall.items()}
-        noise = {f"noise_floor_{result.dof.units.key}": result.floor}
+        noise = {f"noise_floor_{result.dof.units.shown}": result.floor}
         rows.append(dict.fromkeys(rows[0]) | {"run": "all runs", "model": model, **scores, **noise})
     cells = [{key: number(x, 6) if isinstance(x, float) else x for key, x in row.items()} for row in rows]
     return Table.of("Scores", cells)

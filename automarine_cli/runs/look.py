@@ -61,14 +61,14 @@ class RunSeen:
     @property
     def ways(self) -> list[bool]:
         """Of each stretch from rest that moved whether it went with the sign of its command."""
-        force, gone = self.dof.words.force, f"{self.dof.words.gone_key}_{self.dof.units.key}"
+        force, gone = self.dof.words.force, f"{self.dof.words.gone_key}_{self.dof.units.shown}"
         least = self.dof.shown(self.dof.limits.unmoved)
         moved = (step for step in self.steps if step["from_rest"] and abs(step[gone]) > least)
         return [step[force] * step[gone] > 0 for step in moved]
 
     def to_json(self) -> dict[str, object]:
         words, dof = self.dof.words, self.dof
-        noise, unit = f"{words.position}_noise_{dof.units.key}", f"{words.force}_unit"
+        noise, unit = f"{words.position}_noise_{dof.units.shown}", f"{words.force}_unit"
         keys = {"noise": noise, "extent": words.range_key, "moment_unit": unit, "half_turn": dof.step_key}
         limits = {"allocation_limits": [limit.to_json() for limit in self.limits]} if self.limits else {}
         plain = {name: value for name, value in vars(self).items() if name not in ("dof", "commanded", "limits")}
@@ -152,7 +152,7 @@ def _step_seen(turn: HalfTurn) -> dict[str, Any]:
         f"start_{dof.words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
         "kept_samples": len(turn.time),
         "kept_s": float(turn.time[-1] - turn.time[0]),
-        f"{dof.words.gone_key}_{dof.units.key}": float(dof.shown(turn.turned)),
+        f"{dof.words.gone_key}_{dof.units.shown}": float(dof.shown(turn.turned)),
         "cut_by": turn.cut_by,
         "steady": turn.steady,
         "why": turn.why or None,
@@ -218,13 +218,9 @@ class Survey:
 
     @property
     def thrusters_drive(self) -> bool:
-        return bool(self.commands) and not {column.key for column in self.columns} & {*names_of(YAW.command)}
-
-    @property
-    def commands(self) -> tuple[str, ...]:
-        """The columns of the commands of both thrusters, none where the logs do not hold both."""
-        sides = {column.key: column.source for column in self.columns if column.key in YAW.thrusters}
-        return tuple(sides.values()) if driven(YAW, sides.keys()) else ()
+        """Whether both thrusters are commanded, and no column looks like a moment."""
+        keys = {column.key for column in self.columns}
+        return driven(YAW, keys) and keys.isdisjoint(names_of(YAW.command))
 
     @property
     def misfit(self) -> str:

@@ -72,7 +72,7 @@ def test_a_compass_that_is_off_stands_out_against_heading_alone() -> None:
         assert region.seen_in == "heading" and region.p_value < 0.01
         # a sine of 3 degrees has a mean of 1.9 over a half turn, less what the fit follows
         assert 0.5 < abs(region.gap) < 3.0
-        data = region.to_json(YAW.units.key)
+        data = region.to_json(YAW.units.shown)
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(data)
         assert data["unit"] == "deg" and 0.0 <= float(str(data["from"])) < float(str(data["to"])) <= 360.0
         assert data["runs"] and set(data["runs"]) <= {run.name for run in study.runs}  # type: ignore[call-overload]
