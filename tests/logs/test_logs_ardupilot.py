@@ -45,14 +45,6 @@ def test_the_gyro_stands_in_for_rate_and_events_for_arm(tmp_path: Path) -> None:
     assert "RCOU.C3" in table.names and "RCOU.C4" not in table.names
 
 
-def test_any_field_can_be_named(tmp_path: Path) -> None:
-    content = dataflash(dive(), without=("EV",))
-    table = flash(tmp_path, content, voltage_V="BAT[1].Volt", heading_deg="ATT.Yaw", yaw_rate_rad_s="IMU.GyrZ")
-    assert set(table.columns["voltage"][1:]) == {5.0}
-    np.testing.assert_array_equal(table.columns["heading"], flash(tmp_path, content).columns["heading"])
-    np.testing.assert_allclose(np.rad2deg(table.columns["yaw_rate"])[60:130], dive().rate[60:130], atol=1e-5)
-
-
 def test_damage_is_passed_over_and_told(tmp_path: Path) -> None:
     good = dataflash(dive())
     table = flash(tmp_path, good[:2000] + b"\x07" * 17 + good[2000:])

@@ -56,10 +56,3 @@ def test_a_day_in_one_log_becomes_runs_that_give_back_the_vehicle(folder: Path, 
         assert abs(estimates[name].value - true) < 4 * estimates[name].stderr, (name, estimates[name])
         assert estimates[name].stderr < 0.03 * true
     assert "readings" not in fit.to_json()["runs"]  # a table: nothing was held
-
-
-def test_how_old_the_commands_were_is_in_the_result(folder: Path) -> None:
-    fit = am.fit_yaw(folder / "day.bin", columns=folder / "columns.toml")
-    (reading,) = fit.to_json()["runs"]["readings"]
-    assert reading["file"] == "day.bin" and "clock of ATT" in reading["notes"][0]
-    assert "RCOU 0.003 s old in the median, 0.003 s at most" in reading["notes"][0]

@@ -70,6 +70,10 @@ def test_trimmed_twice_mirrored_or_shifted_it_is_the_same_turn(
         assert (other.kept, other.cut_by, other.steady) == (first.kept, first.cut_by, first.steady)
         assert other.why == first.why and sign * other.turned == pytest.approx(first.turned, abs=1e-9)
         assert other.start_position == pytest.approx(sign * first.start_position + start, abs=1e-9)
+        step, like = first.step, other.step
+        assert (like.rest, like.from_rest, like.moment) == (step.rest, step.from_rest, sign * step.moment)
+        assert like.switch_to - like.switch_from == pytest.approx(step.switch_to - step.switch_from, abs=1e-8)
+        assert like.start_rate == pytest.approx(sign * step.start_rate, abs=1e-7)
 
 
 def reason(run: Run) -> str:

@@ -1,18 +1,15 @@
-"""Steps: the instant is bounded, rest is told from motion, and everything is mirrored."""
+"""Steps: the instant is bounded, and rest is told from motion."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from made_runs import mirrored, step_heading, step_run
+from made_runs import step_heading, step_run
 
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.half_turn import find_steps, start_position
 from automarine_cli.runs.run import Run
 
-MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
 EVERY = pytest.mark.parametrize("moment", [-1.2, -0.1, 0.5])
 
 
@@ -85,22 +82,3 @@ def test_drifting_rest_is_cut_down_to_the_still_part() -> None:
     (step,) = find_steps(replace(run, position=run.position - drift))
     assert step.rest is not None and run.time[step.rest.start] >= 96.5
     assert step.start_position == pytest.approx(0.7, abs=0.01)
-
-
-@given(
-    moment=st.sampled_from(MOMENTS), rest=st.sampled_from([0.0, 0.5, 2.0]), seed=st.integers(0, 999),
-    shift=st.floats(-1e6, 1e6),
-)  # fmt: skip
-def test_mirrored_run_mirrored_step_and_a_shifted_clock_changes_nothing(
-    moment: float, rest: float, seed: int, shift: float
-) -> None:
-    run = step_run(moment, rest=rest, seed=seed)
-    for run_of, sign, at, close in (
-        (mirrored(run), -1, 0.0, 1e-12), (replace(run, time=run.time + shift), 1, shift, 1e-7),
-    ):  # fmt: skip
-        for step, other in zip(find_steps(run), find_steps(run_of), strict=True):
-            assert (step.first, step.stop, step.rest) == (other.first, other.stop, other.rest)
-            assert (step.from_rest, step.moment) == (other.from_rest, sign * other.moment)
-            assert start_position(step) == pytest.approx(sign * start_position(other), abs=close)
-            assert step.start_rate == pytest.approx(sign * other.start_rate, abs=close)
-            assert other.switch_from - at == pytest.approx(step.switch_from, abs=1e-8)

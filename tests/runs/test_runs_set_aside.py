@@ -1,4 +1,5 @@
-"""Runs moved by what their log does not hold are told from runs that drift, coast or stand; both ways alike."""
+"""Runs that stood still or went against their moment where others moved, and runs moved by what their log does not
+hold, are set aside; runs that drift, coast or stand are kept; both ways alike."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,14 +8,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from identified import identify
-from made_runs import step_run, written
+from made_runs import mirrored, step_run, written
 from made_sequences import model_file
 from repository import DATA
 
 from automarine_cli.commands import automarine
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import RunError
-from automarine_cli.runs.checks import undriven, without_undriven
+from automarine_cli.runs.checks import undriven, without_stuck, without_undriven
+from automarine_cli.runs.half_turn import without_contrary
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 
@@ -96,9 +98,7 @@ def test_such_a_run_is_set_aside_beside_others_and_all_are_refused() -> None:
     """As one is that stood still; neither spoils a fit of whole runs."""
     strange = replace(moved(steered(0.3)), name="strange")
     good = [replace(step_run(m, seed=i), name=f"r{i}") for i, m in enumerate((-1.0, -0.6, -0.3, 0.3, 0.6, 1.0))]
-    still = step_run(0.6, seed=9)
-    noise = np.radians(1.0) * np.random.default_rng(9).normal(size=len(still))
-    stuck = replace(still, position=0.7 + noise, name="stuck")
+    stuck = still(0.6, "stuck", seed=9)
     for kind, aside in (("half-turns", ["strange"]), ("whole-runs", ["strange", "stuck"])):
         fit = identify([*good, strange, *([stuck] if "stuck" in aside else [])], fit_to=kind)
         assert sorted(run.run for run in fit.set_aside) == aside
@@ -138,3 +138,78 @@ def test_a_real_vehicle_steered_from_another_console(dof: Dof) -> None:
 def test_real_vehicles_that_were_driven_are_kept(folder: str, name: str) -> None:
     runs = load_runs([str(DATA / "yaw" / folder / "run_*.csv")], dof=DOFS[name]).runs
     assert [undriven(run) for run in runs] == [None] * len(runs)
+
+
+def mirrored_too(runs: list[Run]) -> list[list[Run]]:
+    """The runs, and the same turning the other way."""
+    return [runs, [replace(mirrored(run), name=run.name) for run in runs]]
+
+
+def still(moment: float, name: str, seed: int = 0) -> Run:
+    """A run whose thrusters did not start: noise about one heading."""
+    made = step_run(moment, seed=seed)
+    noise = np.radians(1.0) * np.random.default_rng(seed).normal(size=len(made))
+    return replace(made, position=0.7 + noise, name=name)
+
+
+def named(run: Run, name: str) -> Run:
+    return replace(run, name=name)
+
+
+def test_a_run_that_others_outdo_with_less_is_stuck() -> None:
+    campaign = [named(step_run(0.5), "moved"), still(0.5, "as much"), still(0.8, "more"), still(0.3, "less")]
+    for runs, moment in zip(mirrored_too(campaign), ("0.5", "-0.5")):
+        moving, aside = without_stuck(runs)
+        assert [run.name for run in moving] == ["moved", "less"]  # 0.3 may lie within a dead band
+        assert [run.run for run in aside] == ["as much", "more"]
+        assert all("though run moved did under no more; check thrusters" in run.why for run in aside)
+        assert f"a moment of {moment} nu" in aside[0].why
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        still(0.5, "other"),  # nothing moves: a dead band, or a tether, and no fault of one run
+        named(mirrored(step_run(0.5)), "other"),  # the other side says nothing of this one
+        named(step_run(0.7), "other"),  # more moment may do what less does not
+        named(step_run(0.5, length=60.0), "other"),  # and so may more time
+    ],
+)
+def test_what_has_no_weaker_run_that_moved_is_kept(other: Run) -> None:
+    for runs in mirrored_too([still(0.5, "still"), other]):
+        assert without_stuck(runs) == (runs, ())
+
+
+def test_a_vehicle_that_holds_its_heading_is_not_stuck() -> None:
+    held = still(0.5, "held")
+    driven = np.where(np.arange(len(held)) % 7 < 3, 0.5, -0.4)
+    moving, aside = without_stuck([replace(held, moment=driven), named(step_run(0.3), "moved")])
+    assert len(moving) == 2 and aside == ()
+
+
+def contrary(run: Run) -> Run:
+    """The run with its headings mirrored, not its moment: the log's sign is wrong."""
+    return replace(run, position=-run.position, name="contrary")
+
+
+def test_a_run_that_went_against_its_moment_where_others_went_with_as_little_is_set_aside() -> None:
+    others = [named(step_run(0.3), "small"), named(step_run(0.5), "same"), named(mirrored(step_run(0.2)), "back")]
+    for runs in mirrored_too([*others, contrary(step_run(0.5, seed=3))]):
+        sound, aside = without_contrary(runs)
+        assert [run.name for run in sound] == ["small", "same", "back"]
+        assert [run.run for run in aside] == ["contrary"]
+        assert aside[0].why.startswith("units look wrong: the step of") and "sign = -1" in aside[0].why
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        [step_run(0.7), step_run(0.9)],  # less moment may be turned round by a moment that is always there
+        [mirrored(step_run(0.5)), mirrored(step_run(0.3))],  # which is on the other side's steps as well
+        [step_run(0.5)],  # one against one: who is to say which?
+        [],
+    ],
+)
+def test_a_run_that_went_against_its_moment_is_kept_where_the_vehicle_may_have_done_it(others: list[Run]) -> None:
+    for runs in mirrored_too([contrary(step_run(0.5)), *others]):
+        assert without_contrary(runs) == (runs, ())
