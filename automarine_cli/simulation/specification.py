@@ -204,9 +204,10 @@ class RunGroup(Settings):
         if self.commands is not None and not all(len(row) == size and row[-1] > 0 for row in self.commands or [()]):
             forces = "X, Y, N" if self.kind == "planar" else self.dof.words.force
             raise SettingError(f"commands: expected at least one [{forces}, seconds], each longer than 0 s")
-        least, most = self.hold_s or HOLD_S
-        if not 0 < least <= most or (self.largest and (self.duration_s or DRAWN_S) > MOST_LEVELS * least):
-            raise SettingError(f"hold_s: expected [least, most], both above 0, for at most {MOST_LEVELS} commands")
+        (least, most), duration = self.hold_s or HOLD_S, self.duration_s or DRAWN_S
+        if self.largest and not (0 < least <= min(most, duration) and duration <= MOST_LEVELS * least):
+            expected = f"expected [least, most], both above 0, for 1 to {MOST_LEVELS} commands in duration_s"
+            raise SettingError(f"hold_s: {expected}")
 
     def runs(self, model: Any, seed: int) -> Iterator[tuple[str, str, Commands]]:
         """Yield the name of each run, the key of its random streams, and what is commanded."""

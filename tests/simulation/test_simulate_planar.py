@@ -109,7 +109,8 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
         ({"logger": {"noise_deg": 1}}, "noise and bias are of the columns; give them in [sensors]"),
         ({"runs": [{"name": "a"}]}, "expected one of commands = [[X, Y, N, seconds], ...] and largest"),
         ({"runs": [{"name": "a", "commands": [[1, 2, 3]]}]}, "commands: expected at least one [X, Y, N, seconds]"),
-        ({"runs": [{"name": "a", "largest": [1, 1, 1], "duration_s": 1e9}]}, "for at most 100000 commands"),
+        ({"runs": [{"name": "a", "largest": [1, 1, 1], "duration_s": 1e9}]}, "for 1 to 100000 commands in duration_s"),
+        ({"runs": [{"name": "a", "largest": [1, 1, 1], "duration_s": 1}]}, "for 1 to 100000 commands in duration_s"),
     ],
 )  # fmt: skip
 def test_refusals(changes: dict[str, Any], says: str) -> None:
