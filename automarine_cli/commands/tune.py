@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @command("tune", report="tuning_report")
 @argument("model", type=options.FILE, metavar="MODEL.json", reads="file")
 @option("--extended", type=options.FILE, hidden=True, reads="file", help="The model of a diagnosis.")
-@option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover, pid or python.")
+@option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover or pid.")
 @option("--step", type=options.POSITIVE, metavar="SIZE", help="Step to design for.  [default: 90 degrees, or 1 m]")
 @option(
     "--load", type=options.Finite(min=0, max=100, min_open=True, max_open=True), default=10.0, show_default=True,
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @option(
     "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
-    help="Time between two loops (pid, python).",
+    help="Time between two loops (pid).",
 )  # fmt: skip
 @option("--beyond-range", is_flag=True, help="Allow gains beyond the ranges that the firmware documents.")
 @option(

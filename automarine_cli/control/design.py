@@ -36,11 +36,10 @@ LOWEST = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
 
 @dataclass(frozen=True)
 class ClosedLoopRun:
-    """`time` (N,) [s], `position` and `output` (S, R, N) of S sets in R flights."""
+    """`time` (N,) [s] and `position` (S, R, N) of S sets in R flights."""
 
     time: Floats
     position: Floats
-    output: Floats
 
 
 def fly(
@@ -49,7 +48,6 @@ def fly(
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
     moment against the vehicle all along, the vehicle in steps of `longest` [s] at most; kept ten times a second.
     Readings have the vehicles' noise, the same in every call."""
-    vehicles = target.straightened(vehicles)
     step, loops = target.period, reference.shape[2]
     parts = max(1, int(np.ceil(step / longest - 1e-9)))
     flights = reference.shape[1]
@@ -63,7 +61,6 @@ def fly(
     random, sizes = np.random.default_rng(0), np.array(vehicles.noise)[:, None, None]
     wrong = sizes * np.zeros((2, len(vehicles), flights))
     positions: list[Floats] = []
-    outputs: list[Floats] = []
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable set of gains may run away
         for k in range(loops):
             position = hull.position[0]
@@ -74,11 +71,10 @@ def fly(
             state, output = controller(state, reference[:, :, k], *readings)
             if k % pace == 0:
                 positions.append(position)
-                outputs.append(output)
             for _ in range(parts):
                 hull.advance(drive.deliver(output) - load, step / parts)
     time = pace * step * np.arange(len(positions), dtype=np.float64)
-    return ClosedLoopRun(time, np.stack(positions, axis=2), np.stack(outputs, axis=2))
+    return ClosedLoopRun(time, np.stack(positions, axis=2))
 
 
 @dataclass(frozen=True)
@@ -280,7 +276,7 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
     lag = float((dead_time(first) + lag_of(first) + plant.sensor_lag(first))[0])
     fastest = float(steady_rate(full, linear, max(quadratic, 1e-9 * full)))
     inertia, unit = float(first.theta[0, 0]) / full, vehicles.model.moment_unit
-    return NominalPlant(dof, inertia, linear / full, quadratic / full, lag, fastest, step, full, unit, vehicles.bend)
+    return NominalPlant(dof, inertia, lag, fastest, step, full, unit)
 
 
 def problem_of(
@@ -305,7 +301,7 @@ def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats)
 
     def loop(s: Complexes) -> Complexes:
         of_position, of_velocity = target.paths(gains, s)
-        position, velocity = plant.response(target.straightened(vehicles), s)
+        position, velocity = plant.response(vehicles, s)
         return of_position * position + of_velocity * velocity
 
     return margins(loop, omega, plant.poles(vehicles), 1)
@@ -313,11 +309,11 @@ def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats)
 
 def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> Floats:
     """Return disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable."""
-    linear, columns = target.straightened(vehicles), {name: value[:, None] for name, value in gains.items()}
-    poles, lines = plant.poles(linear), (omega * (1j - TILT), 1j * omega)
-    paths = [(*target.paths(columns, s), *plant.response(linear, s)) for s in lines]
-    disk = np.zeros((len(next(iter(gains.values()))), len(linear)))
-    for k in range(len(linear)):
+    columns = {name: value[:, None] for name, value in gains.items()}
+    poles, lines = plant.poles(vehicles), (omega * (1j - TILT), 1j * omega)
+    paths = [(*target.paths(columns, s), *plant.response(vehicles, s)) for s in lines]
+    disk = np.zeros((len(next(iter(gains.values()))), len(vehicles)))
+    for k in range(len(vehicles)):
         tilted, ratio = (x * position[k] + v * velocity[k] for x, v, position, velocity in paths)
         disk[:, k] = np.where(stable_along(tilted, poles[k : k + 1], 1), disk_margin(ratio), 0.0)
     return disk
@@ -403,8 +399,7 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     parts = [all_margins(problem.target, sets, part, omega) for part in crowds]
     exact = problem.limit_rate(EXACT)
     flights = [step_and_load(exact, sets, part, task.step, task.load, task.seconds) for part in crowds]
-    joined = (np.concatenate([getattr(f, name) for f in flights]) for name in ("position", "output"))
-    flight = ClosedLoopRun(flights[0].time, *joined)
+    flight = ClosedLoopRun(flights[0].time, np.concatenate([flight.position for flight in flights]))
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
     return Outcome(dict(gains), every, scores(flight, task.step, task.band), flight)
 

@@ -40,7 +40,7 @@ FIVE = {
 """Inertia, quadratic drag, moment of the whole output, its unit, time constant of the thrust and delay [s]."""
 NOISE_DEG, NOISE_DEG_S, READ = 0.7, 0.2, 0.1
 """Of the compass and of a gyro, and how long [s] a reading stands."""
-TARGETS = ("ardusub", "python", "pid")
+TARGETS = ("ardusub", "pid")
 FAMILIES = {"blind": Truth.drawn, "late": Truth.late, "driven": Truth.driven}
 """Vehicles with one or two things hidden; late ones; and small ones behind speed controllers, whose thrust is a curve
 with a dead-band, identified from steps alone, where that curve hides in the gains of single runs."""
@@ -186,7 +186,7 @@ def flown(
             left -= STEP
     position = np.stack(parts, axis=1)[None]
     clock = 0.1 * np.arange(position.shape[2], dtype=float)
-    return design.scores(design.ClosedLoopRun(clock, position, 0.0 * position), np.pi / 2, np.deg2rad(2.0))
+    return design.scores(design.ClosedLoopRun(clock, position), np.pi / 2, np.deg2rad(2.0))
 
 
 def main() -> None:

@@ -140,7 +140,7 @@ def day(small_day: Path, tmp_path: Path) -> Path:
     """A copy of a small campaign, with a section `tune` to end it."""
     shutil.copytree(small_day, tmp_path / "day")
     with (tmp_path / "day" / "pool" / "campaign.toml").open("a") as file:
-        file.write('[tune]\ntarget = "python"\nfull = 1.0\ndelay = 0.05\n')
+        file.write('[tune]\ntarget = "pid"\nfull = 1.0\ndelay = 0.05\n')
     return tmp_path / "day"
 
 
@@ -152,10 +152,10 @@ def test_a_campaign_ends_with_gains_and_its_report_shows_them(day: Path, monkeyp
     plan, tune = settings(read_campaign(campaign), "tune", out), load("tune")
     tune.run(plan, out=out / "tune", overwrite=False, jobs=1, progress=silent, figure_formats=("png",))
     assert why_made_again(out / "tune", **tune.manifest(plan)) is None
-    assert (out / "tune" / "controller.py").is_file()
+    assert (out / "tune" / "pid.json").is_file()
     text = report(out, overwrite=True).files["report.md"]
     assert "## Tuning" in text and "(tune/tuning.png)" in text and "### What it rests on" in text
-    assert headlines(read_steps(out, [STEP["tune"]])) == {"tune": "gains for python"}
+    assert headlines(read_steps(out, [STEP["tune"]])) == {"tune": "gains for pid"}
 
 
 def test_gains_take_the_thruster_map_of_the_campaign(day: Path) -> None:

@@ -78,7 +78,7 @@ def test_a_margin_is_not_told_of_an_unstable_loop() -> None:
 
 def tuned(target: Target) -> Gains:
     """Gains of some target, neither the boldest nor the most careful."""
-    nominal = NominalPlant(YAW, 0.59 / 30, 0.0, 1.5 / 30, 0.15, (30 / 1.5) ** 0.5, np.pi / 2, 30.0, "N m")
+    nominal = NominalPlant(YAW, 0.59 / 30, 0.15, (30 / 1.5) ** 0.5, np.pi / 2, 30.0, "N m")
     target.beyond = True
     return {key: value[:, None] for key, value in target.propose(np.full((1, target.numbers), 0.5), nominal).items()}
 

@@ -13,7 +13,6 @@ from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.simulation.specification import SCHEMA
 
 __all__ = ["small_crowds"]  # a fixture
-PYTHON = ["--for", "python", "--full", "30"]
 
 
 def model(unit: str = "nu", full: float = 1.0, effect: str = "", parameters: Any = None) -> dict[str, Any]:
@@ -35,7 +34,7 @@ def diagnosis(effect: str, parameters: dict[str, Any], *rivals: str, **more: Any
 
 def test_the_line_that_plans_what_is_open(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model("N m", 30.0))
-    printed = run("tune", path, *PYTHON)
+    printed = run("tune", path, "--for", "pid", "--full", "30")
     line = f"To plan such runs: automarine plan {path} --parameter I_r --parameter 'input-delay t_d' -o out/plan"
     assert printed.exit_code == 0 and line in printed.stdout.splitlines()
 
@@ -57,7 +56,7 @@ def test_a_learned_curve_over_a_column_is_left_out_in_a_sentence_and_one_over_th
         terms = read_knowledge(extended, Path(file), None, (0.9, 1.1)).model.terms
         assert [term.name for term in terms if not term.base] == [name] * flown
         if not flown:
-            printed = run("tune", file, "--for", "python")
+            printed = run("tune", file, "--for", "pid")
             left = "Without learned:surge: it acts by the column 'surge', which no controller has"
             assert printed.exit_code == 0 and left in " ".join(printed.stdout.split())
 
@@ -100,12 +99,12 @@ def planned(folder: Path, path: str, half_width: float, *parameters: str, diagno
 def test_the_planned_runs_settle_an_unknown_delay(tmp_path: Path) -> None:
     """The truth is 0.02 s late: its planned runs, diagnosed, give what could not be promised before."""
     path = written(tmp_path, model())
-    assert am.tune(path, target="python").open == "input-delay"
+    assert am.tune(path, target="pid").open == "input-delay"
     plan = planned(tmp_path, path, 10.0, "I_r", "input-delay t_d")
     (tmp_path / "truth.toml").write_text(plan.read_text().replace("t_d = 0.2", "t_d = 0.02"))
     am.simulate(tmp_path / "truth.toml", out=tmp_path / "day")
     am.diagnose([str(tmp_path / "day")], model=path, out=tmp_path / "diagnosis")
-    found = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python")
+    found = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="pid")
     assert found.verdict == "gains" and found.to_json()["promised"]["settles"] >= 0.95
 
 
@@ -116,7 +115,7 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     extended = written(tmp_path, model(effect="input-delay", parameters=late), "extended_model.json")
     path = written(tmp_path, diagnosis("input-delay", late, "dead-band"), "diagnosis.json")
     bare = written(tmp_path, model())
-    before = am.tune(path, target="python")
+    before = am.tune(path, target="pid")
     assert before.verdict == "cannot-promise" and before.open == "dead-band"
     assert f"automarine plan {extended} --diagnosis {path} --parameter I_r -o" in before.plan_command
     plan = planned(tmp_path, extended, 50.0, "I_r", diagnosis=path)
@@ -131,5 +130,5 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     am.diagnose([str(tmp_path / "day"), str(tmp_path / "rest")], model=bare, out=tmp_path / "diagnosis")
     (effect,) = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())["effects"]
     assert effect["name"] == "input-delay" and not effect["rivals"]
-    after = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="python")
+    after = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="pid")
     assert after.verdict == "gains" and after.open == ""

@@ -3,10 +3,9 @@
 from automarine_cli.control.targets.ardupilot import ArduRover, ArduSub
 from automarine_cli.control.targets.base import Target
 from automarine_cli.control.targets.pid import Pid
-from automarine_cli.control.targets.python import Python
 from automarine_cli.errors import SettingError
 
-TARGETS: dict[str, type[Target]] = {target.name: target for target in (ArduRover, ArduSub, Pid, Python)}
+TARGETS: dict[str, type[Target]] = {target.name: target for target in (ArduRover, ArduSub, Pid)}
 
 
 def get(name: str, period: float | None = None, beyond: bool = False) -> Target:

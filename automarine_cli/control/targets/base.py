@@ -11,12 +11,11 @@ Outputs are from -1 to 1, positions and velocities in base units [rad or m].
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.vehicles import ThrustCurve, Vehicles
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Source
@@ -47,19 +46,16 @@ class Parameter:
 
 @dataclass(frozen=True)
 class NominalPlant:
-    """The vehicle as a designer sees it: `inertia`, `linear` and `quadratic` drag per moment at the whole output, all
-    lags and delays of the vehicle together [s], the `fastest` steady velocity, and the step of the reference."""
+    """The vehicle as a designer sees it: `inertia` per moment at the whole output, which is `full`, all lags and delays
+    of the vehicle together [s], the `fastest` steady velocity, and the step of the reference."""
 
     dof: Dof
     inertia: float
-    linear: float
-    quadratic: float
     lag: float
     fastest: float
     step: float
     full: float
     force_unit: str
-    bend: ThrustCurve | None = None
 
 
 class Target(ABC):
@@ -69,7 +65,6 @@ class Target(ABC):
     firmware: ClassVar[str] = ""  # what the parameters are of, where names and units differ from version to version
     motions: ClassVar[tuple[str, ...]] = ("yaw",)
     numbers: ClassVar[int]  # how many design numbers `propose` takes
-    linear: ClassVar[bool] = False  # whether it, or what stands behind it, makes up for the map from output to moment
     period: float
     timed: ClassVar[bool] = False  # whether whoever flies it may choose its sample time
 
@@ -93,9 +88,6 @@ class Target(ABC):
     @abstractmethod
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """Make gains (C,) by name of design numbers (C, numbers) between 0 and 1; within the documented ranges."""
-
-    def straightened(self, vehicles: Vehicles) -> Vehicles:
-        return replace(vehicles, bend=None) if self.linear else vehicles
 
     @abstractmethod
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
