@@ -286,4 +286,5 @@ def turning(thruster_map: ThrusterMap, arm: float) -> tuple[ThrustCurve, float]:
             "the thruster map gives no thrust at the whole output; give a map whose control signal goes from -1 to 1, "
             "or that says how far it was measured (fit it again)"
         )
-    return ThrustCurve(output, np.asarray(thrust / thrust[-1])), float(arm * thrust[-1])
+    most = float(arm * thrust[-1])
+    return ThrustCurve(output, np.asarray(thrust / thrust[-1]), most), most

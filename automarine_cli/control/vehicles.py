@@ -27,10 +27,11 @@ quadratic drag is that at rest, of dry friction that of a brisk turn. Water that
 
 @dataclass(frozen=True)
 class ThrustCurve:
-    """What share of the full moment an output gives, odd: `output` (K,) from 0 to 1 and `share` (K,), which rises."""
+    """What share of the `full` moment an output gives, odd: `output` (K,) from 0 to 1 and `share` (K,), which rises."""
 
     output: Floats
     share: Floats
+    full: float = 1.0
 
     def of(self, output: Floats) -> Floats:
         return np.asarray(np.sign(output) * np.interp(np.abs(output), self.output, self.share))

@@ -100,7 +100,7 @@ class Store:
                     os.fsync(file.fileno())
                 try:
                     ready.replace(mark)
-                except FileNotFoundError:  # accepted by an earlier version
+                except FileNotFoundError:  # the other process has just stopped it, or it came without one
                     write_whole(mark, why)
         sync_folder(self.campaigns)
 

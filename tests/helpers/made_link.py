@@ -47,6 +47,14 @@ def expected_logs(campaign: LinkCampaign) -> dict[str, bytes]:
     }
 
 
+def handed_over(folder: Path, campaign: LinkCampaign, kind: type[Store] = Store) -> Store:
+    """A store that has accepted a campaign."""
+    store = kind(folder)
+    store.prepare()
+    store.accept(campaign.text.encode(), campaign.id)
+    return store
+
+
 @dataclass
 class Vehicle:
     """A vehicle whose server and player are threads of the test."""

@@ -56,7 +56,7 @@ def test_a_dry_run_says_what_a_campaign_would_be_and_both_sides_refuse_one_beyon
 
 def test_what_is_missing_is_wrong_usage(run: Run, tmp_path: Path) -> None:
     serve = ["serve", str(tmp_path), "--vehicle"]
-    for usage in (["simulated"], ["replay"], ["ardusub"], ["replay", "--recordings", str(tmp_path), "--dry-run"]):
+    for usage in (["simulated"], ["can"], ["ardusub"], ["can", "--bus", "virtual:x", "--dry-run"]):
         assert run(*serve, *usage).exit_code == 2
     assert run("collect", "http://127.0.0.1:9").exit_code == 2
     assert run("collect", "127.0.0.1", "-o", str(tmp_path / "pool")).exit_code == 1

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from link_requests import ask, collected, logs_in, put, until
-from made_link import MODEL, TOKEN, CuttingProxy, expected_logs, made_campaign, vehicle_at
+from made_link import MODEL, TOKEN, CuttingProxy, expected_logs, handed_over, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server
@@ -89,17 +89,15 @@ def test_a_stop_between_two_runs_leaves_no_log(tmp_path: Path) -> None:
             self.stop()
             return super().begin(name, room)
 
-    store, campaign, vehicle = StoppedAtTheLastMoment(tmp_path), made_campaign(2), Simulated(MODEL, 1e9)
-    store.prepare()
-    store.accept(campaign.text.encode(), campaign.id)
-    Player(store, vehicle, 1e9, lambda: not store.is_stopped(campaign)).play()
+    campaign = made_campaign(2)
+    store = handed_over(tmp_path, campaign, StoppedAtTheLastMoment)
+    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: not store.is_stopped(campaign)).play()
     assert list(store.runs.iterdir()) == [] and store.state().campaigns[0].over
 
 
 def test_a_run_that_never_began_is_played_after_a_power_cut(tmp_path: Path) -> None:
-    store, campaign = Store(tmp_path), made_campaign(1)
-    store.prepare()
-    store.accept(campaign.text.encode(), campaign.id)
+    campaign = made_campaign(1)
+    store = handed_over(tmp_path, campaign)
     os.close(store.begin(campaign.log_name(campaign.runs[0]), 1000))
     Player(store, Simulated(MODEL, 1e9), 1e9, lambda: store.next_run(campaign) is not None).play()
     assert logs_in(store.runs) == expected_logs(campaign)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from fake_ardusub import FakeSub, Tank, campaign_of
 from link_requests import logs_in
-from made_link import MODEL, TOKEN, expected_logs, made_campaign
+from made_link import MODEL, TOKEN, expected_logs, handed_over, made_campaign
 
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.link import store as store_module
@@ -48,14 +48,6 @@ def fill(folder: Path) -> None:
             file.write(bytes(4096))
 
 
-def handed_over(folder: Path, campaign: LinkCampaign = CAMPAIGN) -> Store:
-    """A store that has accepted a campaign."""
-    store = Store(folder)
-    store.prepare()
-    store.accept(campaign.text.encode(), campaign.id)
-    return store
-
-
 def play(store: Store, vehicle: Vehicle) -> CampaignState:
     """Play until the first campaign is over; what became of it."""
     Player(store, vehicle, 1e9, lambda: bool(store.accepted()) or store.is_playing()).play()
@@ -73,7 +65,7 @@ def arms(vehicle: FakeSub) -> int:
 
 
 def test_a_full_disk_arms_nothing_and_can_be_stopped(small_disk: Path) -> None:
-    store, vehicle = handed_over(small_disk), FakeSub()
+    store, vehicle = handed_over(small_disk, CAMPAIGN), FakeSub()
     other = campaign_of(0.4)
     store.accept(other.text.encode(), other.id)
     fill(small_disk)
@@ -101,7 +93,7 @@ def test_a_run_that_has_its_room_is_logged_on_a_full_disk(small_disk: Path) -> N
 
 def test_a_log_without_room_arms_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same where nobody can mount a disk: the run needs more room than any disk here has."""
-    store, vehicle = handed_over(tmp_path), FakeSub()
+    store, vehicle = handed_over(tmp_path, CAMPAIGN), FakeSub()
     monkeypatch.setattr(LinkCampaign, "room", lambda *_: 1 << 43)
     state = play(store, sub_of(vehicle))
     assert arms(vehicle) == 0 and state.over and " cannot be logged (" in str(state.why_stopped)
@@ -110,7 +102,7 @@ def test_a_log_without_room_arms_nothing(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_a_log_that_breaks_off_ends_the_run_and_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neutral, disarmed, over: also where the disk fails in the middle of a run."""
-    store, vehicle, written = handed_over(tmp_path), FakeSub(), list[bytes]()
+    store, vehicle, written = handed_over(tmp_path, CAMPAIGN), FakeSub(), list[bytes]()
 
     def write(number: int, content: bytes) -> int:
         if len(written) == 60:
@@ -130,7 +122,7 @@ def test_a_log_that_breaks_off_ends_the_run_and_the_campaign(tmp_path: Path, mon
 
 def test_a_player_that_dies_before_its_log_begins_is_started_a_few_times_only(tmp_path: Path) -> None:
     """Each start arms the vehicle and turns it: a supply that breaks down at that would have it armed for ever."""
-    store = handed_over(tmp_path)
+    store = handed_over(tmp_path, CAMPAIGN)
     name = CAMPAIGN.log_name(CAMPAIGN.runs[0])
     for _ in range(DEATHS):
         os.close(store.begin(name, 1000))  # and then there is silence
@@ -146,7 +138,7 @@ def test_neither_a_stop_nor_a_hash_needs_room(tmp_path: Path, monkeypatch: pytes
         raise OutputError("no space left on device")
 
     campaign = made_campaign(2)
-    store, stopped = handed_over(tmp_path, campaign), handed_over(tmp_path / "stopped")
+    store, stopped = handed_over(tmp_path, campaign), handed_over(tmp_path / "stopped", CAMPAIGN)
     with monkeypatch.context() as patch:
         patch.setattr(store_module, "write_whole", no_room)
         stopped.stop()
@@ -160,7 +152,7 @@ def test_neither_a_stop_nor_a_hash_needs_room(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs fallocate")
 def test_room_is_kept_out_of_sight_and_given_back(tmp_path: Path) -> None:
-    store = handed_over(tmp_path)
+    store = handed_over(tmp_path, CAMPAIGN)
     number = store.begin("log", 1_000_000)
     store.write(number, "log", "time_s\n")
     held = os.fstat(number)
@@ -172,7 +164,7 @@ def test_room_is_kept_out_of_sight_and_given_back(tmp_path: Path) -> None:
 
 def test_a_disk_that_keeps_no_stop_ends_the_lease(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that takes nothing more, not even a new name: the player is left without its server's lease."""
-    store = handed_over(tmp_path)
+    store = handed_over(tmp_path, CAMPAIGN)
     store.lease.write_text("word")
 
     def refused(*_: object) -> None:

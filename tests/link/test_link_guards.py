@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 from link_requests import ask, collected, logs_in, put, until
-from made_link import BATTERY, MODEL, TOKEN, expected_logs, made_campaign, vehicle_at
+from made_link import BATTERY, MODEL, TOKEN, expected_logs, handed_over, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server as server_module
@@ -83,40 +83,11 @@ def test_odd_files_are_passed_over_and_told(run: Run, tmp_path: Path) -> None:
 
 
 def test_a_campaign_that_is_not_what_was_accepted_is_not_driven(tmp_path: Path) -> None:
-    store, campaign = Store(tmp_path), made_campaign(2)
-    store.prepare()
-    store.accept(campaign.text.encode(), campaign.id)
+    campaign = made_campaign(2)
+    store = handed_over(tmp_path, campaign)
     (document,) = store.campaigns.glob("*.json")
     document.write_text(replace(campaign, rest_s=2.0).text)
     assert store.accepted() == [] and "not those that it was accepted with" in store.state().troubles[0]
-
-
-def test_a_folder_that_cannot_be_read_now_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What tells the news goes on, in a thread of its own: the lease, and so a run, never waits for it."""
-    monkeypatch.setattr(server_module, "BEAT_S", 0.001)
-    store, campaign, told, looks = Store(tmp_path), made_campaign(1), list[str](), list[int]()
-    store.prepare()
-    store.accept(campaign.text.encode(), campaign.id)
-    store.stop()
-    state = Store.state
-
-    def hard_to_read(self: Store) -> State:
-        looks.append(1)
-        if len(looks) < 3:
-            raise OSError(24, "Too many open files")
-        return state(self)
-
-    def tell(sentence: object) -> None:
-        told.append(str(sentence))
-        raise RuntimeError("told")
-
-    monkeypatch.setattr(Store, "state", hard_to_read)
-    with (
-        LinkServer(("127.0.0.1", 0), store, Simulated(MODEL), TOKEN) as server,
-        pytest.raises(RuntimeError, match="told"),
-    ):
-        server_module._tell_news(server, tell, set())
-    assert told == [f"campaign {campaign.id[:8]} ended after 0 of 1 runs: asked to stop"]
 
 
 # stops and moments

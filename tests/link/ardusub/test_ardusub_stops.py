@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_ardusub import FakeSub, Packet, Station, Tank, campaign_of, flown
+from made_link import handed_over
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.player import Player
-from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, Limits
 
 LONG = campaign_of(0.6, -0.6, seconds=20.0)
@@ -96,9 +96,7 @@ class Played:
     """A campaign played from a store on a vehicle; `act` is what happens in its first run."""
 
     def __init__(self, folder: Path, vehicle: FakeSub, act: Callable[["Played"], object]) -> None:
-        self.store, self.lives, self.marks = Store(folder), True, list[float]()
-        self.store.prepare()
-        self.store.accept(LONG.text.encode(), LONG.id)
+        self.store, self.lives, self.marks = handed_over(folder, LONG), True, list[float]()
         clock = Tank(vehicle, [in_the_run(vehicle, lambda _: act(self), self.marks)])
         Player(self.store, ArduSub(vehicle.address, clock=clock), 1e3, self._lives).play()
         (self.state,) = self.store.state().campaigns
@@ -130,9 +128,7 @@ def test_a_lost_lease_is_neutral_then_silence(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [511, 176, 400])
 def test_a_stop_at_any_command_leaves_it_disarmed(tmp_path: Path, number: int) -> None:
     """Also at the word to arm, before it was answered: no run began, and there is no log."""
-    vehicle, store = FakeSub(), Store(tmp_path)
-    store.prepare()
-    store.accept(LONG.text.encode(), LONG.id)
+    vehicle, store = FakeSub(), handed_over(tmp_path, LONG)
 
     def heard(packet: Packet) -> None:
         if _is_command(packet, number):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -75,34 +75,20 @@ class Stick:
         return int(np.clip(round(np.copysign(off, signed) / (SPAN * self.gain)), -MOST, MOST))
 
 
-@dataclass(frozen=True)
-class Authority:
-    """What the whole output gives, `full` in the campaign's unit, and how the moment grows with the output."""
-
-    full: float
-    bend: ThrustCurve | None = None
-
-    def output(self, moment: float) -> float:
-        share = moment / self.full
-        return share if self.bend is None else float(self.bend.inverse(np.array(share)))
-
-    def moment(self, output: float) -> float:
-        return self.full * (output if self.bend is None else float(self.bend.of(np.array(output))))
-
-
-def authority(campaign: LinkCampaign, full: float | None, thrusters: Path | None, arm: float | None) -> Authority:
+def authority(campaign: LinkCampaign, full: float | None, thrusters: Path | None, arm: float | None) -> ThrustCurve:
     """What outputs give for a campaign; where nothing else is said the whole output is 1 nu. Raises SettingError."""
-    bend, most = (None, None) if thrusters is None or arm is None else turning(ThrusterMap.load(thrusters), arm)
+    straight = np.array([0.0, 10.0])  # outputs as read may lie beyond 1
+    curve = None if thrusters is None or arm is None else turning(ThrusterMap.load(thrusters), arm)[0]
     unit = campaign.moment_unit
     if full is None:
-        full = 1.0 if unit == "nu" else most
+        full = 1.0 if unit == "nu" else None if curve is None else curve.full
     if full is None:
         raise SettingError(
             "the campaign's moments are in N m, and ArduSub commands outputs from -1 to 1; give --full with the moment "
             "[N m] of the whole output, or --thrusters MAP.json and --arm METRES"
         )
     refuse_beyond(campaign, full)
-    return Authority(full, bend)
+    return replace(curve or ThrustCurve(straight, straight), full=full)
 
 
 ARDUPILOT, SUBMARINE = 3, 12  # MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_SUBMARINE
@@ -124,7 +110,7 @@ PARAMETERS = (
 
 
 def preflight(
-    link: Link, campaign: LinkCampaign, number: int, authority: Authority, depth_limit: float
+    link: Link, campaign: LinkCampaign, number: int, authority: ThrustCurve, depth_limit: float
 ) -> tuple[Stick, Part]:
     """How the sticks work, and how the outputs are read, of a vehicle that may be armed for a campaign from the run of
     a `number` on, down to `depth_limit` [m]. Raises SettingError."""
@@ -143,8 +129,8 @@ def preflight(
         link.ask(name for name in PARAMETERS if name not in heard.parameters)
         link.wait(LISTEN_S / ROUNDS)
     link.wait(NAMED_S, lambda: "PilotGain" in heard.named_values)
-    outputs = (abs(authority.output(moment)) for run in campaign.runs[number:] for moment, _ in run.commands)
-    output, seconds = max(outputs), link.now() - begun
+    most = max(abs(moment) for run in campaign.runs[number:] for moment, _ in run.commands)
+    output, seconds = float(authority.inverse(np.array(most / authority.full))), link.now() - begun
     for why in chain(_complaints(heard, output, seconds), _battery_and_depth(heard, campaign, number, depth_limit)):
         raise SettingError(why)
     return Stick.of(heard), outputs_are_known(heard)
