@@ -31,10 +31,7 @@ ANALYSIS = "analysis"
     "--token", default="", envvar="AUTOMARINE_TOKEN", show_envvar=True, metavar="TOKEN",
     help="The token that serve printed.",
 )  # fmt: skip
-@option(
-    "--token-file", type=options.FILE, metavar="FILE",
-    help="Read the token from this file: others on this computer can see a command line.",
-)  # fmt: skip
+@option("--token-file", type=options.FILE, metavar="FILE", help="Read it from a file: a command line is seen by all.")
 @option(
     "--campaign", type=click.Path(exists=True, path_type=Path), metavar="PLAN",
     help="Hand over the folder of a plan, or its plan.json, and stay until it was played.",
@@ -72,10 +69,8 @@ def collect(
     from automarine_cli.link.collector import Client, Collector
     from automarine_cli.link.document import read_campaign
 
-    if token_file is not None:
-        token = token_file.read_text(encoding="utf-8", errors="replace").strip()
-        if not token:
-            raise SettingError(f"{token_file} holds no token; write the one that serve printed into it")
+    if token_file is not None and not (token := token_file.read_text(encoding="utf-8", errors="replace").strip()):
+        raise SettingError(f"{token_file} holds no token; write the one that serve printed into it")
     planned = None if campaign is None else read_campaign(campaign)
     if planned is not None:
         planned.refuse_beyond_reserve()
