@@ -65,18 +65,29 @@ class Origin:
 
 
 @dataclass(frozen=True)
-class YawSubject:
-    """A model to be written: already in the file's frame and moment unit, with what the target carries alone.
+class Subject:
+    """What is to be written in a `frame` and a `form`, and what of it the target does not carry."""
+
+    origin: Origin
+    frame: str
+    form: str
+    settings: Settings
+    left_out: tuple[Unsupported, ...]
+
+    def headed(self, lines: Iterable[str]) -> list[str]:
+        """Lines below the one that says where the file came from, in letters of ASCII alone."""
+        every = (f"Written by automarine {__version__} from {self.origin}.", *lines)
+        return [line.encode("ascii", "backslashreplace").decode("ascii") for line in every]
+
+
+@dataclass(frozen=True)
+class YawSubject(Subject):
+    """A model of one motion: already in the file's frame and moment unit, with what the target carries alone.
 
     `file` is what the model file holds, for a card; `logs` are name and hash of the logs it was fitted to, None where
     that is not known."""
 
-    origin: Origin
     model: YawModel
-    frame: str
-    form: str
-    settings: Settings
-    left_out: tuple[Unsupported, ...] = ()
     file: ModelFile | None = None
     logs: tuple[tuple[str, str], ...] | None = None
 
@@ -127,14 +138,10 @@ class YawSubject:
 
 
 @dataclass(frozen=True)
-class MapSubject:
-    """A thruster map to be written; `full_scale` [N] is the largest thrust that was measured, None if not told."""
+class MapSubject(Subject):
+    """A thruster map; `full_scale` [N] is the largest thrust that was measured, None if not told."""
 
-    origin: Origin
     map: ThrusterMap
-    frame: str
-    form: str
-    settings: Settings
     full_scale: float | None = None
 
 
@@ -222,13 +229,7 @@ def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) 
         unit, words = subject.model.moment_unit, subject.dof.words
         units = f"{words.force} {unit}, {words.speed} {subject.rate_unit}, {words.inertia} {subject.unit}"
         lines += [f"Units: {units}.", *map(str, subject.left_out)]
-    return headed(subject.origin, (*lines, *notes))
-
-
-def headed(origin: Origin, lines: Iterable[str]) -> list[str]:
-    """Lines below the one that says where the file came from, in letters of ASCII alone."""
-    every = (f"Written by automarine {__version__} from {origin}.", *lines)
-    return [line.encode("ascii", "backslashreplace").decode("ascii") for line in every]
+    return subject.headed((*lines, *notes))
 
 
 def filled(template: str, fields: Mapping[str, object]) -> str:

@@ -143,30 +143,30 @@ def export_model(
     frame = _one_of(takes.frames, (frame or takes.frames[0]).upper(), f"--frame of {target.name}")
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
-    unit, left_out = None, tuple[Unsupported, ...]()
+    unit: str | None = None
     subject: PlanarSubject | MapSubject | YawSubject
     if takes is not target:
         if chosen.newton_metres_per_nu is not None:
             raise SettingError(IN_NEWTONS.format(origin.file, "newtons"))
         planar = planar_from_json(data, origin.file).model
         subject = planar_subject(planar, origin, frame, form, chosen, target.name)
-        unit, left_out, carried = "N m", subject.left_out, ("inertia", *(name for name, _, _ in subject.drags()))
+        unit, carried = "N m", ("inertia", *(name for name, _, _ in subject.drags()))
     elif not target.motions:
         if kind != MAP.schema and "models" in data:
             wrong = f"{origin.file} is a {motion_of(data).name} model"
             raise SettingError(f"{wrong}; --to {target.name} takes the thrusters.json of a fit")
         full_scale = MAP.of(data, origin.file).full_scale_N
-        subject = MapSubject(origin, ThrusterMap.from_json(data, origin.file), frame, form, chosen, full_scale)
+        subject = MapSubject(origin, frame, form, chosen, (), ThrusterMap.from_json(data, origin.file), full_scale)
         carried = ("thruster map",)
     else:
         logs = _logs_behind(model, origin.sha256)
         subject = _yaw_subject(target, data, origin, number, form, frame, chosen, logs)
-        unit, left_out = subject.model.moment_unit, subject.left_out
+        unit = subject.model.moment_unit
         carried = ("inertia", *(term.name for term in subject.model.terms))
     written = takes.write(subject)
     if out is not None:
         write_whole(out, written.text)
-    return Exported(target.name, form, frame, subject.origin, unit, carried, left_out, written, out)
+    return Exported(target.name, form, frame, subject.origin, unit, carried, subject.left_out, written, out)
 
 
 def _one_of(choices: Iterable[str], value: str, option: str) -> str:
@@ -201,7 +201,7 @@ def _yaw_subject(
     refuse_inertia(target, settings.rigid_inertia, model, origin)
     if target.si:
         _refuse_driving(model, target, origin)
-    return YawSubject(origin, model, frame, form, settings, left_out, file, logs)
+    return YawSubject(origin, frame, form, settings, left_out, model, file, logs)
 
 
 def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin) -> YawModel:

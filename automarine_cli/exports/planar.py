@@ -11,7 +11,7 @@ import numpy as np
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, Origin, Settings, Unsupported, headed, number, refuse_part
+from automarine_cli.exports.base import FRAMES, Origin, Settings, Subject, Unsupported, number, refuse_part
 from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
 from automarine_cli.quantities import Floats
 
@@ -21,22 +21,17 @@ SIDES = np.array([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
-class PlanarSubject:
+class PlanarSubject(Subject):
     """A model to be written: M (3, 3), `linear` (3, 3) and `quadratic` (3, 3, 3) drag, and what always acts (3,).
 
     Force i is -linear[i, j] nu_j - quadratic[i, k, j] |nu_k| nu_j + constant[i]; all in the `frame`. `water` is the
     current of the runs north and east [m/s]."""
 
-    origin: Origin
-    frame: str
-    form: str
-    settings: Settings
     inertia: Floats
     linear: Floats
     quadratic: Floats
     constant: Floats
     water: tuple[float, float] | None
-    left_out: tuple[Unsupported, ...] = ()
 
     def drags(self) -> Iterator[tuple[str, tuple[int, ...], float]]:
         """Every drag: Fossen's letters (X_uu, N_vr), places (force, along) or (force, size, along), its value."""
@@ -51,7 +46,7 @@ class PlanarSubject:
             "M is rigid and added inertia together; C follows from it, the Munk moment among it.",
             *map(str, self.left_out),
         )
-        return headed(self.origin, lines)
+        return self.headed(lines)
 
     def about_water(self) -> tuple[str, ...]:
         if self.water is None:
@@ -84,8 +79,8 @@ def planar_subject(
     side = SIDES if frame == "ENU" else np.ones(3)
     sides = np.outer(side, side)
     return PlanarSubject(
-        origin, frame, form, settings, sides * model.inertia.matrix, sides * linear, sides[:, None] * quadratic,
-        side * constant, model.water, tuple(left_out),
+        origin, frame, form, settings, tuple(left_out), sides * model.inertia.matrix, sides * linear,
+        sides[:, None] * quadratic, side * constant, model.water,
     )  # fmt: skip
 
 

@@ -31,7 +31,7 @@ def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
     dof = DOFS[motion]
     model = replace(YawModel.base("2", MASS, [QUADRATIC, LINEAR], dof.units.forces[1], YAW), dof=dof)
     frame, origin = targets.get(target).frames[0], Origin("model.json", "0" * 64, "2")
-    return replace(YawSubject(origin, model, frame, form, Settings(rigid_inertia=OWN)), **change)
+    return replace(YawSubject(origin, frame, form, Settings(rigid_inertia=OWN), (), model), **change)
 
 
 def written(motion: str, target: str, form: str, **change: Any) -> Written:
