@@ -68,14 +68,6 @@ def test_refusals(campaign: Path, run: Callable[..., Result]) -> None:
         check([campaign / "sub"])
 
 
-def test_the_same_on_two_jobs_and_from_anywhere(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    alone = check([campaign])
-    monkeypatch.chdir(campaign.parent)
-    assert check(["pool"], jobs=2) == alone
-    monkeypatch.chdir(campaign)
-    assert check(["."]).to_json() == alone.to_json()
-
-
 def test_thruster_commands_count_by_their_difference_and_spikes_are_dropped(tmp_path: Path) -> None:
     run = step_run(0.5)
     heading = np.rad2deg(run.position) % 360

@@ -78,7 +78,7 @@ def test_frames_hold_the_numbers(results: dict[str, Any]) -> None:
     assert len(results["simulation"].to_frame()) == 23
 
 
-@pytest.mark.parametrize("name", ["thrusters", "fit", "validation", "diagnosis", "comparison"])
+@pytest.mark.parametrize("name", ["validation", "diagnosis", "comparison"])
 def test_every_figure_is_drawn(results: dict[str, Any], name: str) -> None:
     listed = sections(results[name]).figures
     with drawn():

@@ -1,7 +1,7 @@
 """Planar motion of known truth, written without the package: `solved` integrates any vehicle by its momentum, linear
 in earth axes and angular about its own origin, in which no Coriolis force appears."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -71,15 +71,6 @@ def solved(craft: Craft, run: Run, position: Sequence[float], velocity: Sequence
         lever = u * along[1] - v * along[0]  # the origin moves, and takes its angular momentum along
         return np.array([*(axes @ [u, v] + craft.current), r, *(axes @ [x, y]), n - lever])
 
-    states = integrated(rates, run, start)
-    axes = np.array([turned(one) for one in states[:, 2]])
-    along = np.einsum("nji,nj->ni", axes, states[:, 3:5])
-    flow = np.linalg.solve(craft.inertia, np.column_stack([along, states[:, 5]])[..., None])[..., 0]
-    return states[:, :3], flow + np.column_stack([np.einsum("nji,j->ni", axes, craft.current), 0 * flow[:, 2]])
-
-
-def integrated(rates: Callable[[float, Floats, Floats], Floats], run: Run, start: Sequence[float]) -> Floats:
-    """States (N, S) at the samples of a run, from change to change of its commands by scipy's most exact solver."""
     assert run.moment is not None
     force = np.column_stack([run.extras["force_X"], run.extras["force_Y"], run.moment])
     changes = 1 + np.flatnonzero(np.any(force[1:] != force[:-1], axis=1))
@@ -88,9 +79,12 @@ def integrated(rates: Callable[[float, Floats, Floats], Floats], run: Run, start
     for begin, end, held in zip(edges[:-1], edges[1:], force[[0, *changes]]):
         here = (run.time >= begin) & (run.time <= end)
         times = np.union1d(run.time[here], end)
-        found = solve_ivp(rates, (begin, end), state, "DOP853", times, args=(held,), rtol=1e-11, atol=1e-12)
-        states[here], state = found.y[:, : here.sum()].T, found.y[:, -1]
-    return states
+        solution = solve_ivp(rates, (begin, end), state, "DOP853", times, args=(held,), rtol=1e-11, atol=1e-12)
+        states[here], state = solution.y[:, : here.sum()].T, solution.y[:, -1]
+    axes = np.array([turned(one) for one in states[:, 2]])
+    along = np.einsum("nji,nj->ni", axes, states[:, 3:5])
+    flow = np.linalg.solve(craft.inertia, np.column_stack([along, states[:, 5]])[..., None])[..., 0]
+    return states[:, :3], flow + np.column_stack([np.einsum("nji,j->ni", axes, craft.current), 0 * flow[:, 2]])
 
 
 def planar_run(time: Floats, x: Floats, y: Floats, moment: Floats, name: str = "run") -> Run:

@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.pipeline.records import FILLER, Codec, json_text, key_of, keyed, read_mapping, to_mapping
+from automarine_cli.pipeline.records import Codec, json_text, read_mapping, to_mapping
 from automarine_cli.report.sections import toml_text
 
 
@@ -45,26 +44,9 @@ class Pool:
             raise SettingError("span must rise")
 
 
-@dataclass(frozen=True)
-class Sensor:
-    noise: float = field(metadata=keyed("{position}_noise_{log_unit}"))
-    rate_hz: float = 10.0
-    dof: Dof = field(kw_only=True, metadata=FILLER)
-
-    def __post_init__(self) -> None:
-        if self.noise < 0:
-            raise SettingError(f"{key_of(self, 'noise')} is below 0")
-
-
-@dataclass(frozen=True)
-class Gap:
-    after: float = field(metadata=keyed("gap/{position}/after", "gap/after_N"))
-    why: str = field(default="", metadata=keyed("said/why"))
-
-
 COLUMNS: dict[str, Source | str] = {"time_s": "t", "heading deg": Source("yaw", "rad", -1)}
 FULL = Pool('"deep"\\\n\x7fψ', (Level(-1.0), Level(0.1, 3)), (0.0, 1e-7), 2.5, False, COLUMNS, Level(3.0))
-POOL, SENSOR, GAP = Codec("pool.toml"), Codec("x", DOFS["yaw"]), Codec("x.json", DOFS["yaw"], writer="diagnose")
+POOL, DIAGNOSIS = Codec("pool.toml"), Codec("x.json", writer="diagnose")
 
 
 @pytest.mark.parametrize("pool", [FULL, Pool("none", (), rest_s=0.0)])
@@ -101,20 +83,14 @@ def test_toml_reads_back_the_same(data: dict[str, Any]) -> None:
         (POOL, Pool, {"name": "a", "span": [1, 0]}, "span must rise"),
         (POOL, Pool, {"name": "a", "columns": {"t": {"sign": 2}}}, "columns.t: found a table, expected a table or a"),
         (POOL, Pool, [1], "found a list of 1, expected a table of settings"),
-        (SENSOR, Sensor, {"noise": 1}, 'unknown key "noise"; known are heading_noise_deg, rate_hz'),
-        (SENSOR, Sensor, {"heading_noise_deg": -1}, "heading_noise_deg is below 0"),
-        (
-            GAP,
-            Gap,
-            {"gap": {"heading": 2}},
-            'gap.heading: key "after" is missing; give a file as `automarine diagnose`',
-        ),
+        (POOL, Pool, {"name": "a", "zzz": 1}, 'unknown key "zzz"; known are name, levels, span, rest_s, noisy'),
+        (DIAGNOSIS, Pool, {}, 'key "name" is missing; give a file as `automarine diagnose`'),
     ],
 )
 def test_refusals_name_the_key(codec: Codec, record: type, data: object, message: str) -> None:
     with pytest.raises(SettingError) as caught:
         codec.read(record, data)
-    where = {POOL: "pool.toml", SENSOR: "x", GAP: "x.json"}[codec]
+    where = {POOL: "pool.toml", DIAGNOSIS: "x.json"}[codec]
     assert str(caught.value).startswith(f"{where}: {message}")
 
 
@@ -140,15 +116,6 @@ def test_json_by_its_ending_and_numbers_keep_their_type(tmp_path: Path) -> None:
     (tmp_path / "level.json").write_bytes(b'\xef\xbb\xbf{"tau": 2, "repeats": 2}')
     level = Codec("level.json").read(Level, read_mapping(tmp_path / "level.json"))
     assert level == Level(2.0, 2) and isinstance(level.tau, float) and isinstance(level.repeats, int)
-
-
-@pytest.mark.parametrize("dof", DOFS.values(), ids=lambda dof: dof.name)
-def test_keys_are_filled_by_whom_the_reader_gives_and_may_stand_in_tables(dof: Dof) -> None:
-    key = f"{dof.position}_noise_{dof.units.log}"
-    sensor = Codec("x", dof).read(Sensor, {key: 1})
-    assert sensor == Sensor(1.0, dof=dof) and to_mapping(sensor) == {key: 1.0, "rate_hz": 10.0}
-    assert Codec("x", dof).read(Gap, {"gap": {dof.position: {"after": 2}}, "said": None}) == Gap(2.0)
-    assert Codec("x", dof).read(Gap, {"gap": {"after_N": 3.0}, "said": {"why": "so"}}) == Gap(3.0, "so")
 
 
 def test_json_has_one_form_and_never_holds_nan() -> None:

@@ -24,7 +24,7 @@ import automarine_cli as am
 from automarine_cli.commands.report import report
 from automarine_cli.errors import OutputError
 from automarine_cli.report.campaign import headlines, make_report, read_steps
-from automarine_cli.report.page import figure, to_html
+from automarine_cli.report.page import figure
 from automarine_cli.text import printable
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -263,13 +263,6 @@ def test_what_must_not_be_used_stands_first(tmp_path: Path) -> None:
     assert headlines(read_steps(tmp_path))["fit-yaw"].startswith(
         "not usable: model 3 (quadratic drag): k_rr 1.165 [1.145, 1.185]"
     )
-
-
-def test_markdown_is_text_whatever_it_holds() -> None:
-    body = to_html("# A <b>\n\nx \\*y\\* **z** `a<b` k_rr &lt; <i>\n\n| a | b |\n| --- | ---: |\n| \\| | 1 |\n", str)
-    assert '<h1 id="a-b">A &lt;b&gt;' in body
-    assert "<p>x *y* <strong>z</strong> <code>a&lt;b</code> <var>k</var><sub>r|r|</sub> &lt; &lt;i&gt;</p>" in body
-    assert '<th scope="row">|</th><td class="n">1</td>' in body
 
 
 def test_file_names_of_any_bytes(run: Callable[..., Result], tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
-"""Tables: the same cells in four forms, escaped for each; digits of numbers and intervals."""
+"""Tables: any text keeps their shape; digits of numbers and intervals. Their forms are in `tests/golden`, what escapes
+names in `test_report_page`."""
 
 import csv
 import io
@@ -40,20 +41,6 @@ def test_csv_is_read_back_by_any_program() -> None:
     ]  # fmt: skip
 
 
-def test_markdown_keeps_its_columns() -> None:
-    assert AWKWARD.to_markdown().splitlines() == [
-        "**Table_1: 50 % & more**", "",
-        r"| run | k_rr | why |",
-        "| --- | ---: | --- |",
-        r'| a\|b_c, d | -1.257 | says "no" \<here\> |',
-        r"| C:\\logs\\#1 | 1.5e-7 | {\~^} ψ 10 \$ |",
-        "| mean | – | two lines |", "",
-        "r² in rad/s ± 5 %",
-    ]  # fmt: skip
-    note = Table("", ("a",), (("1",),), notes=("look with `automarine diagnose` at `x`",)).to_markdown()
-    assert "look with `automarine diagnose` at \\`x\\`" in note  # our own commands stay code
-
-
 def latex_files(folder: Path) -> dict[str, str]:
     """The LaTeX that commands write for models of yaw and surge, and for a table of awkward cells."""
     fit_yaw([SAMPLE_RUNS / "steps"], out=folder / "yaw", figure_formats=())
@@ -84,27 +71,6 @@ def test_latex_compiles_as_it_is(tmp_path: Path) -> None:
     command = [latex, "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-2000:]
-
-
-def test_latex_is_booktabs_and_escaped() -> None:
-    assert AWKWARD.to_latex().splitlines() == [
-        r"\begin{table}", r"\centering", r"\caption{Table\_1: 50 \% \& more}", r"\label{tab:table-1-50-more}",
-        r"\begin{tabular}{lrl}", r"\toprule", r"run & $k_{r|r|}$ & why \\", r"\midrule",
-        r"a\textbar{}b\_c, d & $-1.257$ & "
-        r"says \textquotedbl{}no\textquotedbl{} \textless{}here\textgreater{} \\",
-        r"C:\textbackslash{}logs\textbackslash{}\#1 & $1.5\times 10^{-7}$ & "
-        r"\{\textasciitilde{}\textasciicircum{}\} $\psi$ 10 \$ \\",
-        r"\midrule", r"mean & -- & two lines \\", r"\bottomrule", r"\end{tabular}",
-        r"\par\smallskip\footnotesize r$^2$ in rad/s $\pm$ 5 \%", r"\end{table}",
-    ]  # fmt: skip
-
-
-def test_text_stands_in_columns() -> None:
-    rows = (("1", "1.2", "x"), ("both", "-10.25", ""))
-    table = Table("Drag", ("model", "k", "why"), rows, rules=(1,), notes=("N.",))
-    assert table.to_text() == (
-        "Drag\n\nmodel       k  why\n------------------\n1         1.2  x\n------------------\nboth   -10.25\n\nN.\n"
-    )
 
 
 @given(st.lists(st.tuples(st.text(max_size=9), st.text(max_size=9)), max_size=4))
