@@ -47,3 +47,6 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
         for run, name in zip(with_limits(runs), names)
     )
     return Check(distinct, tests, set_aside, len(logs))
+
+
+check.then = lambda result: f"automarine fit-{result.runs[0].dof.name if result.runs else 'thrusters'} LOGS -o DIR"

@@ -10,7 +10,7 @@ import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import OUTPUT, argument, command, option
-from automarine_cli.commands.terminal import end_with, verbosity_level
+from automarine_cli.commands.terminal import end_with
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.parallel import Progress
 
@@ -100,9 +100,6 @@ def _analysed(folder: Path, logs: Iterable[str], overwrite: bool, jobs: int, pro
 
 
 def _finish(ctx: click.Context, result: "Collected") -> None:
-    if not ctx.params["as_json"] and verbosity_level() >= 0:
-        analysis = ", the analysis is in its folder analysis" if ctx.params["then"] else ""
-        click.echo(f"The logs are in {ctx.params['out']}{analysis}.")
     if result.analysis is not None:
         end_with(ctx, list(result.analysis.refused))
     if result.ended_early:
@@ -111,3 +108,4 @@ def _finish(ctx: click.Context, result: "Collected") -> None:
 
 
 collect.finish = _finish
+collect.then = lambda result: "automarine init {out}" if result.analysis is None else "open {out}/analysis/report.html"

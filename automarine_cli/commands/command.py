@@ -73,11 +73,13 @@ class Command(click.Command):
     `each` is a map on the processes asked for. `report` names the module that shows the result (none: `finish` does
     it). A command that `saves` writes a folder of results with a manifest. `complete` fills in settings that follow
     from others and refuses what contradicts, before logs are looked for; `finish` ends the command on the terminal.
+    `then` is what to do next: with {names} of parameters, and not said of a folder {out} where there is none.
     """
 
     def __init__(
-        self, name: str, function: Function, report: str, *, saves: bool, by_effects: bool, **attributes: Any
-    ) -> None:
+        self, name: str, function: Function, report: str, then: str, *, saves: bool, by_effects: bool,
+        **attributes: Any,
+    ) -> None:  # fmt: skip
         super().__init__(
             name, help=inspect.getdoc(function), epilog=f"Learn more: automarine guide {name}", **attributes
         )
@@ -90,6 +92,7 @@ class Command(click.Command):
         self.names = {str(param.name) for param in self.own}
         self.files = {str(param.name) for param in self.own if param.reads == "file"}
         self.finish: Callable[[click.Context, Any], object] = lambda ctx, result: None
+        self.then: Callable[[Any], str] = lambda result: then
         self.folder_inputs: Callable[[Any], list[Any]] = lambda folders: []
         self.complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda settings: settings
         self.__name__ = python_name(name)
@@ -252,14 +255,11 @@ class Command(click.Command):
         kinds = execution.get("figure_formats", ())
         with augment_usage_errors(ctx):
             result = self.run(self.settings(values), **execution, progress=terminal_progress())
-        self.echo(result, as_json=as_json, out=execution.get("out"), kinds=kinds)
-        self.finish(ctx, result)
-        return result
-
-    def echo(self, result: Any, *, as_json: bool, out: Path | None, kinds: Sequence[str]) -> None:
-        tables: Sequence[Any] = ()
-        files: Sequence[str] = ()
-        answer = ""
+        then, out = self.then(result), getattr(result, "out", None) or ctx.params.get("out")
+        then = "" if out is None and "{out}" in then else then
+        for name, value in {**ctx.params, "out": out}.items():
+            then = then.replace(f"{{{name}}}", str(value))
+        answer, tables, files = "", list[Any](), list[str]()
         if self.report:
             from automarine_cli.report.sections import figure_file, sections
 
@@ -267,15 +267,16 @@ class Command(click.Command):
             kind = next(iter(kinds), "png")
             answer = page.answer
             files = [figure_file(name[:-4], kind) if name.endswith(".png") else name for name in page.listed]
-            tables = (*page.printed, *(page.details if verbosity_level() > 0 else ()))
+            tables = [*page.printed, *(page.details if verbosity_level() > 0 else ())]
         echo_result(
-            result, as_json=as_json, out=out if self.saves else getattr(result, "out", None), answer=answer,
-            tables=tables, files=files, saves=self.saves,
-        )  # fmt: skip
+            result, as_json=as_json, out=out, answer=answer, tables=tables, files=files, saves=self.saves, then=then
+        )
+        self.finish(ctx, result)
+        return result
 
 
 def command(
-    name: str, *, report: str = "", saves: bool = True, by_effects: bool = False
+    name: str, *, report: str = "", then: str = "", saves: bool = True, by_effects: bool = False
 ) -> Callable[[Function], Command]:
     """Make a command of a function, whose decorators below this one are its options; see `Command`.
 
@@ -285,8 +286,9 @@ def command(
     def decorated(function: Function) -> Command:
         params = list(reversed(getattr(function, "__click_params__", [])))
         return Command(
-            name, function, report, saves=saves, by_effects=by_effects, params=params, short_help=short_help(name)
-        )
+            name, function, report, then, saves=saves, by_effects=by_effects, params=params,
+            short_help=short_help(name),
+        )  # fmt: skip
 
     return decorated
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from automarine_cli.report.compare_report import ResultComparison
 
 
-@command("compare", report="compare_report")
+@command("compare", report="compare_report", then="automarine diagnose LOGS --model FILE")
 @argument(
     "results", nargs=-1, required=True, metavar="DIR DIR...", type=click.Path(exists=True, path_type=Path),
     reads="folders",

@@ -168,3 +168,7 @@ def _refuse_of_another(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 diagnose.complete = _refuse_of_another
+diagnose.then = lambda result: (
+    "automarine fit-yaw LOGS --thrusters {out}/extended_model.json --arm METRES" if hasattr(result, "given_rmse")
+    else "automarine validate OTHER_LOGS --model {out}/extended_model.json"
+)  # fmt: skip

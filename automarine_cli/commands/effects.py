@@ -42,3 +42,6 @@ def effects(name: str | None, motion: str | None) -> "EffectCards":
         motions = cards[0].motions
         raise SettingError(f"{name} does not act in {motion}; it acts in {listed(motions)}: give --motion {motions[0]}")
     return EffectCards(acting, name is not None, dof, motion is None)
+
+
+effects.then = lambda result: f"automarine {'diagnose LOGS --model FILE' if result.in_full else 'effects NAME'}"

@@ -68,13 +68,11 @@ def _refuse_nothing(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def _finish(ctx: click.Context, result: Any) -> None:
-    if ctx.params["as_json"] or ctx.params["show_list"]:
-        return
-    if result.place is None:
+    if not (ctx.params["as_json"] or ctx.params["show_list"] or result.place):
         click.echo(result.text, nl=False)
-    if verbosity_level() >= 0:
-        for line in result.warnings if result.place is None else [f"Written: {result.place}"]:
-            click.echo(line, err=result.place is None)
+        for line in result.warnings if verbosity_level() >= 0 else ():
+            click.echo(line, err=True)
 
 
 export.complete, export.finish = _refuse_nothing, _finish
+export.then = lambda result: "" if hasattr(result, "place") else "automarine export MODEL.json --to NAME"

@@ -177,7 +177,8 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
         with_effects, options.known_parameters, options.ending(options.strict, options.jobs),
     )  # fmt: skip
-    return command(f"fit-{dof.name}", report="fit_report")(declared(fit))
+    then = f"automarine validate OTHER_LOGS --model {{out}}/{dof.name}_model.json"
+    return command(f"fit-{dof.name}", report="fit_report", then=then)(declared(fit))
 
 
 FITS = {

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from automarine_cli.fits.planar_fit import PlanarFit
 
 
-@command("fit-planar", report="fit_report")
+@command("fit-planar", report="fit_report", then="automarine validate OTHER_LOGS --model {out}/planar_model.json")
 @options.logs
 @options.columns
 @options.thrusters

@@ -28,7 +28,10 @@ class _Form(options.OneOf):
         return None if value == AUTO else super().convert(value, param, ctx)
 
 
-@command("fit-thrusters", report="thruster_tables")
+@command(
+    "fit-thrusters", report="thruster_tables",
+    then="automarine fit-yaw LOGS --thrusters {out}/thrusters.json --arm METRES",
+)  # fmt: skip
 @options.logs
 @options.columns
 @option(

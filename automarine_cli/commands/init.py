@@ -82,11 +82,9 @@ def _ask(key: str, comment: str) -> str:
     return answer
 
 
-def _finish(ctx: click.Context, result: "NewCampaign") -> None:
-    if not ctx.params["as_json"] and verbosity_level() >= 0:
-        first = "Answer the questions in it, then: " if result.questions else "Next: "
-        message = f"Written: {result.place}. {first}automarine run {result.place} -o results"
-        click.echo(folded(message, width_of(sys.stdout)))
+def _then(result: "NewCampaign") -> str:
+    first = f"write the answers in {result.place}, then " if result.questions else ""
+    return f"{first}automarine run {result.place} -o results"
 
 
-init.finish = _finish
+init.then = _then

@@ -60,3 +60,6 @@ def plan(progress: Progress, **settings: Any) -> "Plan":
     from automarine_cli.planning.campaign import make_plan
 
     return make_plan(**settings, progress=progress)
+
+
+plan.then = lambda result: f"drive these runs, then {result.fit_command}"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from automarine_cli.report.campaign import Report
 
 
-@command("report", report="campaign", saves=False)
+@command("report", report="campaign", then="open {out}/report.html", saves=False)
 @argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @option("--title", help="Heading of the page.  [default: by the models, such as Yaw identification]")
 @options.overwrite

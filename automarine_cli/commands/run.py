@@ -274,6 +274,10 @@ def _finish(ctx: click.Context, result: "CampaignRun | Campaigns") -> None:
 
 
 run_campaign.finish = _finish
+run_campaign.then = lambda result: next(
+    (f"open {{out}}/{page}" for page in ("report.html", "campaigns.csv") if (result.out / page).is_file()),
+    "automarine report {out}",
+)
 
 
 def why_made_again(folder: Path, **manifest: Any) -> str | None:

@@ -21,7 +21,7 @@ VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", 
 """The option that each vehicle needs."""
 
 
-@command("serve", report="link_report", saves=False)
+@command("serve", report="link_report", then="automarine collect URL --campaign {campaign} -o DIR", saves=False)
 @argument("folder", metavar="DIR", type=click.Path(file_okay=False, path_type=Path))
 @option(
     "--vehicle", "kind", type=click.Choice(tuple(VEHICLES)), required=True,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from automarine_cli.simulation.specification import Specification
 
 
-@command("simulate", report="simulation_tables")
+@command("simulate", report="simulation_tables", then="automarine check {out}")
 @argument("specification", type=options.FILE, metavar="SPEC.toml", reads="file", recorded=False)
 @option(
     "-o", "--out", type=click.Path(path_type=Path), required=True, metavar="DIR", group=OUTPUT,

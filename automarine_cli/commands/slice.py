@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from automarine_cli.runs.slices import By
 
 
-@command("slice", report="log_tables")
+@command("slice", report="log_tables", then="automarine check {out}")
 @options.logs
 @option(
     "--by", type=click.Choice(["mode", "arm", "moment"]), required=True,

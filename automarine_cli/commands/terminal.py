@@ -93,7 +93,6 @@ class WrongUsage(click.UsageError):
 
 
 def examples(command: click.Command) -> list[str]:
-    """Command lines of a help, each on one line."""
     tail = re.sub(r"\s*\\\n\s*", " ", (command.help or "").partition("Example:")[2])
     return [line for line in map(str.strip, tail.splitlines()) if line.startswith("automarine ")]
 
@@ -242,13 +241,13 @@ def echo_warnings(warnings: Iterable[str]) -> None:
 
 def echo_result(
     result: Any, *, as_json: bool, out: Path | None = None, answer: str = "", tables: Sequence[Any] = (),
-    files: Sequence[str] = (), saves: bool = True,
+    files: Sequence[str] = (), saves: bool = True, then: str = "",
 ) -> None:  # fmt: skip
     """The shared tail of all commands.
 
     Runs set aside and the warnings in the manifest in `out` go to standard error. With `as_json` the result file's
     content is all there is on standard output; otherwise the `answer`, which is all with -q, `tables` (or sentences),
-    then where `files` are, or how to keep them, where a command `saves` them.
+    where `files` are, or how to keep them, where a command `saves` them, and what to do `then`.
     """
     from automarine_cli.pipeline.results_folder import manifest_of
 
@@ -271,8 +270,8 @@ def echo_result(
         if isinstance(table, str):
             click.echo(folded(table, width))
         else:
-            click.echo(painted(table.to_text(width).rstrip("\n"), sys.stdout))
-        last = i + 1 == len(tables) and out is None and not saves
+            click.echo(painted(table.to_text(width, full=verbosity_level() > 0).rstrip("\n"), sys.stdout))
+        last = i + 1 == len(tables) and out is None and not saves and not then
         if not last and not (isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)):
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
@@ -283,6 +282,8 @@ def echo_result(
         click.echo(folded(f"Results are in {out}{listed}", width))
     elif saves:
         click.echo("No files were written; use -o DIR to save the results.")
+    if then:
+        click.echo(f"Next: {then}")  # not folded: it is copied
 
 
 def end_with(ctx: click.Context, refusals: list[str]) -> None:

@@ -93,4 +93,10 @@ def _completed(settings: dict[str, Any]) -> dict[str, Any]:
     return settings | {"extended": extended}
 
 
-tune.complete = _completed
+def _then(result: Any) -> str:
+    if not hasattr(result, "gains"):
+        return "" if all(step.held for step in result.steps) else "automarine diagnose LOG --model FILE"
+    return "fly them, then automarine tune {out}/tuning.json --check LOG" if result.gains() else result.plan_command
+
+
+tune.complete, tune.then = _completed, _then

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from automarine_cli.comparison.validation import Validation
 
 
-@command("validate", report="validation_report", by_effects=True)
+@command("validate", report="validation_report", then="automarine diagnose LOGS --model {model}", by_effects=True)
 @options.logs
 @options.model
 @options.columns

@@ -453,7 +453,7 @@ class Judgement:
         if (judged := judged_of(scores)) is None:
             return "The runs are too short to judge predictions."
         alone = self.runs == 1
-        on = on or ("the run that was fitted: others may be predicted worse" if alone else "runs left out of the fit")
+        on = on or ("the run that was fitted: others may be predicted worse" if alone else "held out")
         if self.of_use:
             return f"{model or 'The model'} predicts {self._beside(first, judged, dof)} ({on})."
         worse = "; and ".join(self._beside(name, score, dof) for name, score in self.beaten.items())

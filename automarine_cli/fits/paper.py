@@ -441,15 +441,11 @@ class Expected:
         return np.hypot(LEFT * self.total_bias, self.noise)
 
     def sentence(self, dof: Dof, by_user: bool) -> str:
-        inertia, drag = (
-            f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {100 * bias:+.2g} %)"
-            for name, error, noise, bias in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.total_bias)
-        )
-        why = "as asked; errors to be expected there" if by_user else "where the errors to be expected are smallest"
+        inertia, drag = (f"{100 * error:.2g} %" for error in self.error)
+        why = "as given" if by_user else "where the expected error is smallest"
         return (
-            f"Tails start at {dof.shown(float(self.start)):.0f} {dof.units.shown}, {why}: {drag}, {inertia}. "
-            "The bias, of what is not steady yet and of noise that dilutes Table 1, is known and was taken off; a "
-            "quarter of it counts as error."
+            f"Steady part: from {dof.shown(float(self.start)):.0f} {dof.units.shown} on, {why}. Expected error: {drag} "
+            f"(drag), {inertia} ({dof.words.inertia}); known bias subtracted."
         )
 
 

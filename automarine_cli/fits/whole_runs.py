@@ -532,11 +532,10 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
         if gap < 0:
             parts.append(f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter")
         elif gap <= 2.0 * error:
-            parts.append(f"it is level with model {number} ({gap:.1f} ± {error:.1f})")
+            parts.append(f"level with model {number} ({gap:+.1f} ± {error:.1f})")
         else:
-            parts.append(f"it leads model {number} by {gap:.1f} ± {error:.1f}")
-    because = f"Model {chosen} predicts runs left out of the fit best or as well as any simpler one: in log density "
-    return Preference(chosen, because + " and ".join(parts) + ".")
+            parts.append(f"{gap:+.1f} ± {error:.1f} over model {number}")
+    return Preference(chosen, f"Preferred: model {chosen}. Cross-validated log likelihood: {'; '.join(parts)}.")
 
 
 def _lead(a: OutputErrorFit, b: OutputErrorFit) -> tuple[float, float]:

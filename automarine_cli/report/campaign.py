@@ -233,13 +233,15 @@ class Campaigns(Shown):
 def _(result: CampaignRun) -> Sections:
     says, did = result.says, {step.step: step.did for step in result.steps}
     rows = [
-        {"step": step.step, "": step.did, "because": (step.did != "refused" and step.why) or MISSING,
+        {"step": step.step, "": step.did,
+         "because": MISSING if step.did == "refused" or step.why == "no result yet" else step.why,
          "result": says.get(step.step, MISSING)}
-        for step in result.steps
+        for step in result.steps if step.step != REPORT or step.did == "skipped"
     ]  # fmt: skip
     written = () if REPORT not in did else FILES if did[REPORT] in ("done", "kept") else ("run.json",)
     folders = [f"{folder}/" for folder in result.results]
-    return Sections([Table.of("", rows), *result.content.cautions], listed=(*written, *folders))
+    table = Table.of("", rows, header=("step",)).without_empty_columns()
+    return Sections([table, *result.content.cautions], listed=(*written, *folders))
 
 
 @sections.register

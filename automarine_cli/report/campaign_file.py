@@ -78,8 +78,8 @@ def _(result: NewCampaign) -> Sections:
     for motion, placed in look.forces.items():
         kinds |= {f"{motion}: {kind}": len(files) for kind, files in placed.items() if files}
     columns = [
-        {"column": column.source, "taken for": column.key + (f" less {column.neutral:g}" if column.neutral else ""),
-         "values": column.evidence, "sure or asked": column.open or "sure"}
+        {"column": column.source, "read as": column.key + (f" less {column.neutral:g}" if column.neutral else ""),
+         "values": column.evidence, "sure?": column.open or "sure"}
         for column in look.columns
     ]  # fmt: skip
     to_answer = f"{plural(len(questions), 'question')} to answer: {', '.join(questions)}."

@@ -11,7 +11,7 @@ from automarine_cli.report.sections import Content, Sections, document, numbers,
 from automarine_cli.report.tables import Table, escape, number
 
 NOTE = (
-    "Each result less the first. “differs”: significant after Holm's correction for the number of comparisons; "
+    "Each result minus the first. “differs”: significant after Holm's correction for the number of comparisons. "
     "“may differ”: the 95 % interval excludes zero, as one in twenty does by chance."
 )
 
@@ -77,10 +77,9 @@ def parameter_table(sides: Sequence[Side]) -> Table:
 def difference_table(differences: Sequence[Difference]) -> Table:
     rows = [
         {
-            "parameter": apart.parameter, "result": apart.of, "difference": apart.difference,
-            "unit": apart.difference.unit,
+            "parameter": apart.parameter, "result": apart.of, "verdict": apart.verdict,
+            "difference": apart.difference, "unit": apart.difference.unit, "p": number(apart.p_value, 2),
             "%": apart.relative and "{:+.1f} [{:+.1f}, {:+.1f}]".format(*apart.relative),
-            "p": number(apart.p_value, 2), "verdict": apart.verdict,
         }
         for apart in differences
     ]  # fmt: skip

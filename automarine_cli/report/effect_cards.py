@@ -42,16 +42,16 @@ class EffectCards:
 @sections.register
 def _(result: EffectCards) -> Sections:
     if result.in_full:
-        return Sections(_card(result.cards[0], result.dof, result.every))
+        return _card(result.cards[0], result.dof, result.every)
     rows = [
         {"name": effect.name, "place": result.dof.fill(ACTS_ON[effect.place.value]).partition(":")[0],
          "equation": effect.card(result.dof).equation, "parameters": ", ".join(effect.names_in(result.dof))}
         for effect in result.cards
     ]  # fmt: skip
-    return Sections([Table.of("Library of effects", rows, ["automarine effects NAME prints the whole card of one."])])
+    return Sections([Table.of("Library of effects", rows)], answer=f"The library has {len(rows)} effects.")
 
 
-def _card(effect: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
+def _card(effect: Effect, dof: Dof, every: bool) -> Sections:
     card, motions = effect.card(dof), effect.motions
     lines = {
         "equation": card.equation,
@@ -59,14 +59,13 @@ def _card(effect: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
         "only in": " and ".join(motions) if every and len(motions) < len(DOFS) else "",
         "states": ", ".join(effect.states) or "none of its own",
         "columns needed": ", ".join(effect.columns) or f"none beyond time, {dof.words.position} and command",
-        "verdict": card.says,
         "revealed by": card.reveals,
         "mistaken for": ", ".join(effect.mistaken_for),
         "told apart by": card.separated_by,
         "source": effect.source,
     }
     texts = [f"{label:<14}  {text}" for label, text in lines.items() if text or label != "only in"]
-    sentences = "\n".join((effect.name, "", *texts))
+    sentences = "\n".join(("", *texts))
     choices = next((p.choices for p in effect.parameters if p.choices), ())
     for word, law, equation in zip(choices[1:], effect.laws, card.laws):
         sentences += f"\n\nlaw: {word}\n  {equation}\n  mistaken for {', '.join(law.mistaken_for)}; {law.source}"
@@ -80,7 +79,7 @@ def _card(effect: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
     ]  # fmt: skip
     note = f"Starts are for a largest {dof.words.force} of one. A parameter with a reference is taken from the logs, "
     note += "not fitted; one with choices is 0 for the first and so on, and a diagnosis tries each."
-    return (sentences, Table.of("Parameters", rows, [note]))
+    return Sections([sentences, Table.of("Parameters", rows, [note])], answer=f"{effect.name}: {card.says}")
 
 
 def _card_json(effect: Effect, dof: Dof) -> dict[str, object]:

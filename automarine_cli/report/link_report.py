@@ -39,4 +39,4 @@ def _(collected: Collected) -> Sections:
         *(f"On the vehicle {printable(trouble)}." for trouble in collected.state.troubles),
         *(() if collected.analysis is None else sections(collected.analysis).every),
         *filter(None, [collected.no_analysis]),
-    ])  # fmt: skip
+    ], listed=("analysis/",))  # fmt: skip

@@ -40,8 +40,8 @@ def _(plan: Plan) -> Sections:
     for slot in plan.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest_s, unit, plan.drive, plan.columns)
     return Sections(
-        [_totals(plan), f"Planned for: {plan.fit_command}", *plan.notes, intervals],
-        files, {"plan": partial(plan_figure, plan)}, FILES, plan.runs(), details=[sheet, *splits],
+        [_totals(plan), *plan.notes, intervals], files, {"plan": partial(plan_figure, plan)}, FILES, plan.runs(),
+        details=[sheet, *splits],
     )  # fmt: skip
 
 
@@ -85,8 +85,8 @@ def _sheet_table(plan: Plan) -> Table:
 
 
 def _interval_table(plan: Plan) -> Table:
-    columns = {"now": plan.now, "new runs alone": plan.alone}
-    columns |= {"with the earlier runs": plan.together} if plan.together else {}
+    columns = {"now": plan.now} | ({"with the earlier runs": plan.together} if plan.together else {})
+    columns |= {"new runs alone": plan.alone}
     rows = [
         {"parameter": _symbol(name, plan) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else "")}
         | {column: _precision(estimates.get(name)) for column, estimates in columns.items()}

@@ -65,8 +65,8 @@ def _(result: Simulation) -> Sections:
                      "faulty on purpose": 0})  # fmt: skip
     folders = sorted({f"{row['folder']}/" for row in rows if row["folder"]})
     made: Any = truth["made"]
-    printed: list[Table | str] = [Table.of("Simulated campaign", rows), f"The truth is in {TRUTH}."]
-    return Sections(printed, files | {TRUTH: truth}, listed=(*folders, TRUTH), rows=made, answer=comment)
+    table, listed = Table.of("Simulated campaign", rows), (*folders, TRUTH)
+    return Sections([table], files | {TRUTH: truth}, listed=listed, rows=made, answer=comment)
 
 
 def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> dict[str, object]:

@@ -19,25 +19,31 @@ from automarine_cli.estimate import Estimate
 
 GAP = 2  # blanks between columns
 NARROW = 8  # characters below which no column is folded
+PIPE = 120  # columns of a table for no terminal, where folding makes it so narrow
 _TIED = "\N{NO-BREAK SPACE}"
 
 
 def text_table(
-    grid: Sequence[Sequence[str]], right: Sequence[bool], rules: Sequence[int], width: int | None = None
-) -> list[str]:
+    grid: Sequence[Sequence[str]], right: Sequence[bool], rules: Sequence[int], width: int | None = None, *,
+    full: bool = True,
+) -> list[str]:  # fmt: skip
     """Lines of a table whose first row is the header; `right` are the columns that stand to the right.
 
-    With a `width` cells are folded at blanks, the widest columns first; what is still too wide is shown as
-    several tables one below the other, each with the first column.
+    Cells are folded at blanks, the widest columns first, to the `width`, or that of a pipe. What is still too wide for
+    a `width` is shown as several tables, each with the first column; unless `full`, a line names what is left out.
     """
-    widths, limit = [max(map(len, column)) for column in zip(*grid)], width or sys.maxsize
+    widths, limit = [max(map(len, column)) for column in zip(*grid)], width or PIPE
     words = [max(len(word) for cell in column for word in _words(cell)) for column in zip(*grid)]
     least = [min(wide, max(NARROW, word)) for word, wide in zip(words, widths)]
     groups = [[0]]
     for i in range(1, len(widths)):
-        if len(groups[-1]) > 1 and _total([least[k] for k in (*groups[-1], i)]) > limit:
+        if width and len(groups[-1]) > 1 and _total([least[k] for k in (*groups[-1], i)]) > limit:
             groups.append([0])
         groups[-1].append(i)
+    left_out = [grid[0][i] for columns in groups[1:] for i in columns[1:]]
+    if left_out and not full:
+        note = f"With -v also: {', '.join(left_out)}."
+        return [*text_table([[row[i] for i in groups[0]] for row in grid], right, rules, width), *_wrapped(note, limit)]
     lines: list[str] = []
     for columns in groups:
         narrowed = {i: widths[i] for i in columns}
@@ -148,12 +154,12 @@ class Table:
         lines.append(r"\end{table}")
         return "\n".join(lines) + "\n"
 
-    def to_text(self, width: int | None = None) -> str:
-        """Aligned columns for a terminal of that width; None: as wide as they are."""
+    def to_text(self, width: int | None = None, *, full: bool = True) -> str:
+        """Aligned columns for a terminal of that width (see `text_table`), or for a pipe."""
         grid = [[_one_line(cell) for cell in row] for row in (self.header, *self.rows)]
         limit = width or sys.maxsize
         lines = [*_wrapped(_one_line(self.title), limit, "  "), ""] if self.title else []
-        lines += text_table(grid, self._right(), self.rules, width)
+        lines += text_table(grid, self._right(), self.rules, width, full=full)
         if self.notes:
             lines += ["", *(line for note in self.notes for line in _wrapped(note, limit, "  "))]
         return "\n".join(lines) + "\n"

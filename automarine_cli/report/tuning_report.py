@@ -25,8 +25,6 @@ def _(tuning: Tuning) -> Sections:
     listed = [TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png"]
     verdict, *more = _sentences(tuning)
     tables = [] if tuning.new is None and tuning.old is None else [_gains_table(tuning), _promised_table(tuning)]
-    if line := tuning.plan_command:
-        more.insert(1, f"To plan such runs: {line}")
     files: dict[str, Content] = {TUNING.file: tuning.to_json(), "tuning.md": _page(tuning, tables)}
     files |= {name: table.to_csv() for name, table in zip(("gains.csv", "tuning.csv"), tables)}
     figures: dict[str, Draw] = {"tuning": partial(tuning_figure, tuning)} if tables else {}
@@ -126,10 +124,7 @@ def _(check: TuningCheck) -> Sections:
             })  # fmt: skip
     table = Table.of("Flown and promised", rows)
     failed = sum(not step.held for step in steps)
-    verdict = (
-        f"Not as promised: {failed} of {len(steps)} steps leave the bands of 95 %. Diagnose the log (automarine "
-        "diagnose) to see what changed."
-    )
+    verdict = f"Not as promised: {failed} of {len(steps)} steps leave the bands of 95 %."
     if not failed:
         verdict = f"As promised: all {f'{len(steps)} steps are' if len(steps) > 1 else 'is'} within the bands."
     picture = "![Steps as flown, and the bands that were promised](tuning_check.png)"

@@ -164,8 +164,8 @@ def _notes(result: Validation) -> list[str]:
     dof, rules = result.dof, dict.fromkeys(restarts.rule for restarts in result.restarts)
     return [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone.",
-        f"Restarted {'; or '.join(rules)}; {dof.position} and {dof.words.speed} smoothed there, whose own error even a "
-        "perfect model shows.",
+        f"Restarted: simulated anew from the smoothed log {'; or '.join(rules)} (even a perfect model shows the "
+        "smoothing error).",
         f"Noise level of the {dof.position}, estimated without a model: {number(result.floor, 3)} {dof.units.shown}.",
-        *(["In brackets: 95 % intervals, runs resampled."] if len(result.runs) >= 3 else []),
+        *(["Brackets: 95 % bootstrap intervals over runs."] if len(result.runs) >= 3 else []),
     ]

@@ -74,6 +74,13 @@ def test_an_interval_is_never_broken() -> None:
     assert "[1.23, 1.27]" in text and max(map(len, text.splitlines())) <= 36
 
 
+def test_what_does_not_fit_is_named_or_follows_below() -> None:
+    table = Table("", ("parameter", "estimate", "remark"), (("k", "1.25 [1.23, 1.27]", "unforeseeable"),))
+    brief, full = table.to_text(30, full=False), table.to_text(30)
+    assert "unforeseeable" not in brief and brief.splitlines()[-1] == "With -v also: remark."
+    assert "unforeseeable" in full and full.count("parameter") == 2
+
+
 def test_what_takes_minutes_is_foretold_in_a_pipe_and_on_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     for progress in (terminal_progress(), Bar()):
         foretell(progress, "the diagnosis", 59.0)

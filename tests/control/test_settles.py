@@ -35,7 +35,7 @@ def diagnosis(effect: str, parameters: dict[str, Any], *rivals: str, **more: Any
 def test_the_line_that_plans_what_is_open(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model("N m", 30.0))
     printed = run("tune", path, "--for", "pid", "--full", "30")
-    line = f"To plan such runs: automarine plan {path} --parameter I_r --parameter 'input-delay t_d' -o out/plan"
+    line = f"Next: automarine plan {path} --parameter I_r --parameter 'input-delay t_d' -o out/plan"
     assert printed.exit_code == 0 and line in printed.stdout.splitlines()
 
 

@@ -247,7 +247,7 @@ def test_the_command_writes_prints_and_lists(tmp_path: Path, run: Callable[..., 
     text = am.export(str(path), to="gz-sim", out=str(out)).text
     assert run("export", path, "--to", "gz-sim").stdout == out.read_text() == text
     written = run("export", path, "--to", "gz-sim", "-o", out, "--overwrite")
-    assert written.exit_code == 0 and f"Written: {out}" in written.stdout.replace("\n", "")
+    assert written.exit_code == 0 and f"Results are in {out}" in written.stdout.replace("\n", "")
     printed = json.loads(run("export", path, "--to", "gz-sim", "--json").stdout)
     assert printed["schema"] == "automarine/export/1" and printed["text"] == text
     assert printed["carried"] == ["inertia", "quadratic-drag", "linear-drag"] and printed["left_out"] == []

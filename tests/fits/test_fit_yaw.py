@@ -87,7 +87,7 @@ def test_it_is_said_where_the_tails_start_and_what_is_expected_there(
         assert entry["tail_because"] in (out / name).read_text()
     assert run("fit-yaw", logs, "--tail", "100", "-o", tmp_path / "out").exit_code == 0
     asked = model_of(tmp_path / "out")["models"]["3"]["velocity_error"]
-    assert asked["tail_from_deg"] == pytest.approx(100.0) and "as asked" in asked["tail_because"]
+    assert asked["tail_from_deg"] == pytest.approx(100.0) and "as given" in asked["tail_because"]
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["options"]["tail"] == 100.0
 
 

@@ -153,8 +153,8 @@ def test_the_true_model_is_preferred(truth: Vehicle, number: str) -> None:
     fits = [chosen(truth, seed) for seed in range(5)]
     assert sum(fit.preference.number == number for fit in fits) >= 4
     for fit in fits:
-        assert fit.preference.because.startswith(f"Model {fit.preference.number} predicts runs left out")
-        assert fit.preference.because.count("model") == 2  # the other two are both spoken of
+        assert fit.preference.because.startswith(f"Preferred: model {fit.preference.number}. ")
+        assert fit.preference.because.count("model") == 3  # the other two as well
     if truth is PAPER:
         assert fits[2].warnings == ()
         for fit in fits:  # model 2 costs nothing where it is not needed

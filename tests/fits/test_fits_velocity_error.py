@@ -77,7 +77,7 @@ def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: floa
     fit = fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(tail))
     assert fit.by_user and np.degrees(fit.tail_from) == pytest.approx(tail)
     assert fit.expected.sentence(YAW, True).startswith(
-        f"Tails start at {tail:.0f} deg, as asked; errors to be expected there: "
+        f"Steady part: from {tail:.0f} deg on, as given. Expected error: "
     )
     assert fit.expected.bias[0] < -0.002 and abs(fit.expected.bias[0]) > abs(fit.expected.bias[1]) > 2e-4
     assert fit.inertia["3"].overall.value == pytest.approx(PAPER.inertia, rel=1e-3)
