@@ -56,11 +56,10 @@ def _(result: Check) -> Sections:
         step = f"{sum(not run.why for run in runs)} of {len(runs)} {dof.name} runs have a usable {dof.words.step}"
         usable[:0] = [step] * bool(runs)
     answer, notes = "; ".join(usable) + ".", [note for table in tables for note in table.notes]
-    details = [replace(table, notes=()) for table in tables]
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
     files: dict[str, Content] = {"check.json": result.to_json(), "check.md": document(*tables)}
-    return Sections(notes, files, rows=rows, answer=answer, details=details)
+    return Sections(notes, files, rows=rows, answer=answer, details=[replace(table, notes=()) for table in tables])
 
 
 def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
