@@ -64,8 +64,10 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     for name, unit_of in units.items():
         rows.append(_row(f"{name} [{unit_of}]{LIKELIEST}", {m: of[name] for m, of in added.items() if name in of}))
     squared = f"({unit})²" if " " in unit else f"{unit}²"
+    laws = ", ".join(f"{model} {law}" for model, law in DRAG_LAWS.items())
     of_units = (
-        f"{dof.words.force.capitalize()} [{unit}], {quadratic} [{dof.unit_of('quadratic', unit)}], "
+        f"Drag of the models: {laws}. {dof.words.force.capitalize()} [{unit}], "
+        f"{quadratic} [{dof.unit_of('quadratic', unit)}], "
         f"{linear} [{dof.unit_of('linear', unit)}], SSE [{squared}] of the plain least squares; brackets are 95 % "
         "intervals."
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from click.testing import Result
-from repository import tree
+from repository import SAMPLE_RUNS, tree
 
 import automarine_cli as am
 from automarine_cli.errors import SettingError, attempted
@@ -91,3 +91,13 @@ def test_a_format_that_there_is_not_is_refused_before_any_work(
 ) -> None:
     with pytest.raises(SettingError, match=r"^figure format 'gif' is not known; known are png, svg, pdf, slides$"):
         command("nowhere", **settings, figure_formats=("png", "gif"))
+
+
+def test_kinds_of_figures_are_named_on_the_command_line(tmp_path: Path, run: Run) -> None:
+    fit = ("fit-thrusters", SAMPLE_RUNS / "thrusters", "--overwrite", "-o", tmp_path / "out", "--figures")
+    for kinds, suffixes in (("svg,slides", {".svg", ".png"}), ("none", set())):
+        result = run(*fit, kinds)
+        assert result.exit_code == 0, result.stderr
+        assert {path.suffix for path in (tmp_path / "out").iterdir()} - {".json", ".csv", ".md"} == suffixes
+        assert ("thrusters.svg" in result.stdout) == bool(suffixes) and "thrusters.png" not in result.stdout
+    assert "figure format 'gif' is not known; known are png, svg, pdf" in run(*fit, "gif").stderr
