@@ -11,7 +11,7 @@ from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.planar import PlanarDiagnosis
-from automarine_cli.diagnosis.residual_regions import ResidualRegions
+from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions
 from automarine_cli.diagnosis.search import LEVEL
 from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
@@ -70,7 +70,7 @@ def _sections(
         f"# {title}", escape(verdict), *map(escape, below), *page,
         "## The gap before and after", *gaps, "![Before and after](before_after.png)",
         *(_moves(data) if "base" in data else ()),
-        "## Where the gap is", "![Where the gap is](where.png)", "## Why", table, "![Why](why.png)", *appendix,
+        "## Where the gap is", *regions_table(where.regions, unit), "![Where the gap is](where.png)", "## Why", table, "![Why](why.png)", *appendix,
     )  # fmt: skip
     return Sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
@@ -166,6 +166,20 @@ def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[
             columns = {f"before [{unit}]": before, f"after [{unit}]": after, f"noise [{unit}]": floor}
             label = name.replace("_", " ").replace("runs", "levels" if "levels" in data else "runs")
             rows.append({"gap": label, **columns, "closed above the noise": closed})
+    return [Table.of("", rows, [note])] if rows else []
+
+
+def regions_table(regions: Sequence[Region], unit: str) -> list[Table]:
+    """Lay out the regions that stand out, the most significant first; gaps in `unit`."""
+    rows = [
+        {"variable": region.variable, "from": number(region.low, 3), "to": number(region.high, 3),
+         "unit": region.unit or MISSING, f"gap [{unit}]": number(region.gap, 3), "share of the gap": f"{region.share:.0%}",
+         "p": number(region.p_value, 2), "runs": len(region.runs)}
+        for region in regions
+    ]  # fmt: skip
+    note = (
+        "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one gap."
+    )
     return [Table.of("", rows, [note])] if rows else []
 
 
