@@ -51,7 +51,7 @@ class OutputError(AutomarineError):
 
 
 @dataclass(frozen=True)
-class SetAside:
+class ExcludedRun:
     """A run that was left out, and why: goes to standard error and into every result."""
 
     file: str

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Mapping
 
-MOST_SHOWN = 12  # names listed in a message; a log may have thousands of columns
+MAX_SHOWN = 12  # names listed in a message; a log may have thousands of columns
 LONGEST = 60  # characters of one name or cell shown
 Place = tuple[object, ...]  # keys and numbers of list entries, from the outside in
 
@@ -27,8 +27,8 @@ def quoted(text: str) -> str:
 def listed(names: Iterable[str]) -> str:
     """Names separated by commas; a long list ends with how many more there are."""
     shown = [printable(name)[:LONGEST] for name in names]
-    more = len(shown) - MOST_SHOWN
-    return ", ".join(shown[:MOST_SHOWN]) + (f" and {more} more" if more > 0 else "")
+    more = len(shown) - MAX_SHOWN
+    return ", ".join(shown[:MAX_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def plural(number: int, noun: str) -> str:
@@ -42,7 +42,7 @@ def in_words(place: Place) -> str:
     return f"{text if len(text) <= 2 * LONGEST else text[: 2 * LONGEST] + '...'}: " if text else ""
 
 
-def told(value: object) -> str:
+def format_value(value: object) -> str:
     """Return a value in words, short enough for one line."""
     if value is None or isinstance(value, Mapping):
         return "nothing" if value is None else "an object"

@@ -29,13 +29,13 @@ HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "matplotlib"}
 LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
-MOST_LINES = {
-    "fits": 5376, "report": 3959, "logs": 3943, "diagnosis": 3764, "commands": 3239, "runs": 2718, "thrusters":
-    2566, "link": 2539, "control": 2224, "effects": 2014, "planning": 1829, "simulation": 1725, "exports": 1652,
-    "comparison": 1172, "models": 1168, "filters": 969, "pipeline": 800, "dofs": 495, "top": 295, "guide": 192,
+MAX_LINES = {
+    "fits": 5312, "report": 4056, "logs": 3942, "diagnosis": 3706, "commands": 3320, "runs": 2691, "thrusters":
+    2539, "link": 2515, "control": 2074, "effects": 2012, "planning": 1780, "simulation": 1609, "exports": 1648,
+    "comparison": 1139, "models": 1130, "filters": 974, "pipeline": 800, "dofs": 484, "top": 295, "guide": 192,
 }  # fmt: skip
-MOST_LINES_IN_ALL = 42639
-MOST_FILES = 214
+MAX_LINES_IN_ALL = 42218
+MAX_FILES = 213
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
@@ -150,11 +150,11 @@ def test_rooms_stay_within_their_lines() -> None:
         top = path.parent == PACKAGE
         lines["top" if top else room(path)] += path.read_text(encoding="utf-8").count("\n")
     assert [
-        f"{name} has {count} lines, at most {MOST_LINES.get(name, 0)}"
+        f"{name} has {count} lines, at most {MAX_LINES.get(name, 0)}"
         for name, count in lines.items()
-        if count > MOST_LINES.get(name, 0)
+        if count > MAX_LINES.get(name, 0)
     ] == []
-    assert lines.total() <= MOST_LINES_IN_ALL and len(MODULES) <= MOST_FILES
+    assert lines.total() <= MAX_LINES_IN_ALL and len(MODULES) <= MAX_FILES
 
 
 def test_top_level_is_what_the_user_fixed() -> None:

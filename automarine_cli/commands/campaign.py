@@ -17,7 +17,7 @@ from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.records import read_mapping
-from automarine_cli.text import listed, printable, told
+from automarine_cli.text import format_value, listed, printable
 
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile
@@ -185,19 +185,19 @@ def read_campaign(path: Path) -> Campaign:
 def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
     """The keys of a section with converted values. Raises SettingError with the key's path."""
     if not isinstance(table, Mapping):
-        raise SettingError(f"{section}: found {told(table)}, expected a table")
+        raise SettingError(f"{section}: found {format_value(table)}, expected a table")
     work = load(COMMANDS[section]) if section in COMMANDS else None
     keys = [*KEYS[section], *(work.names - GIVEN if work else ()), *(() if section else (key for key in KEYS if key))]
     for key, value in table.items():
         where = f"{section}.{key}".removeprefix(".")
         if key not in keys:
             close = difflib.get_close_matches(str(key), keys, n=1)
-            hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(keys)}"
+            hint = f"did you mean {format_value(close[0])}?" if close else f"known are {', '.join(keys)}"
             place = f"{section}: " if section else ""
-            raise SettingError(f"{place}unknown key {told(key)}; {hint}")
+            raise SettingError(f"{place}unknown key {format_value(key)}; {hint}")
         expected, fits = EXPECTED.get(where) or EXPECTED.get(key) or ("", lambda value: True)
         if not fits(value):
-            raise SettingError(f"{where}: found {told(value)}, expected {expected}")
+            raise SettingError(f"{where}: found {format_value(value)}, expected {expected}")
         if key == "map" or (work and key in work.files and _is_text(value)):
             value = home / value
             if not value.is_file():

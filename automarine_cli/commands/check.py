@@ -33,7 +33,7 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
     from automarine_cli.report.log_tables import Check
     from automarine_cli.runs.load import require_usable
     from automarine_cli.runs.look import look_at_log, with_limits
-    from automarine_cli.runs.run import NAMED_APART, names_apart
+    from automarine_cli.runs.run import NAMED_APART, make_unique
 
     look = partial(look_at_log, columns=given_columns(columns))
     contents = ordered_map(look, logs, jobs, progress=progress, stage="looking at logs")
@@ -41,7 +41,7 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
     tests = tuple(test for _, of_log, _ in contents for test in of_log)
     set_aside = tuple(run for _, _, of_log in contents for run in of_log)
     require_usable([*runs, *tests], set_aside, len(logs), strict)
-    names = names_apart([(run.run, run.file) for run in runs])
+    names = make_unique([(run.run, run.file) for run in runs])
     distinct = tuple(
         run if run.run == name else replace(run, run=name, notes=[*run.notes, NAMED_APART])
         for run, name in zip(with_limits(runs), names)

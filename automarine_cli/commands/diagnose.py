@@ -67,18 +67,18 @@ def _of_a_motion(
     from automarine_cli.diagnosis.diagnose import diagnose_runs, expected_seconds
     from automarine_cli.models.store import load_yaw_models
     from automarine_cli.pipeline.results_folder import sha256
-    from automarine_cli.runs.channels import wanted_channels
+    from automarine_cli.runs.channels import parse_channels
     from automarine_cli.runs.checks import without_stuck
     from automarine_cli.runs.half_turn import without_contrary
-    from automarine_cli.runs.load import load_runs, require_usable, told_beside
-    from automarine_cli.runs.run import Run, SetAside, command_warnings
+    from automarine_cli.runs.load import append_exclusions, load_runs, require_usable
+    from automarine_cli.runs.run import ExcludedRun, Run, command_warnings
     from automarine_cli.thrusters.map import moment_maker
 
     stored = load_yaw_models(model)
     dof = stored.dof
-    wanted_channels(channels, dof)
+    parse_channels(channels, dof)
     drive = moment_maker(thrusters, arm, names, dof)
-    aside: list[SetAside] = []
+    aside: list[ExcludedRun] = []
 
     def usable(files: Sequence[Any]) -> list[Run]:
         """Runs that a diagnosis can use, with their moments, in the model's unit."""
@@ -93,7 +93,7 @@ def _of_a_motion(
 
     runs, held_out = usable(logs), usable(hold_out) if hold_out else None
     foretell(progress, "the diagnosis", expected_seconds(runs) / max(jobs, 1))
-    with told_beside(aside):
+    with append_exclusions(aside):
         diagnosis = diagnose_runs(
             runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels
         )
@@ -111,7 +111,7 @@ def _of_the_plane(
 ) -> "PlanarDiagnosis":
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
     from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
-    from automarine_cli.diagnosis.planar import FEWEST_RUNS, find_missing, find_planar_where
+    from automarine_cli.diagnosis.planar import MIN_RUNS, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed
     from automarine_cli.models.store import load_planar_model
     from automarine_cli.pipeline.results_folder import sha256
@@ -119,9 +119,9 @@ def _of_the_plane(
 
     stored = load_planar_model(model)
     campaign, other = load_planar(logs, **settings), load_planar(hold_out, **settings) if hold_out else None
-    runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, FEWEST_RUNS)
+    runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, MIN_RUNS)
     if not held_out:
-        raise SettingError(f"no run is held out: expected at least {FEWEST_RUNS} logs, or some given with --hold-out")
+        raise SettingError(f"no run is held out: expected at least {MIN_RUNS} logs, or some given with --hold-out")
     foretell(settings["progress"], "the diagnosis", expected_seconds(runs, planar=True))
     diagnosis = find_missing(stored, runs, held_out, observed(campaign.runs))
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))

@@ -80,21 +80,21 @@ def _fit(
     arm: float | None = None, within: float | None = None, depths: tuple[float, float] | None = None,
 ) -> "YawFit":  # fmt: skip
     from automarine_cli import effects
-    from automarine_cli.fits.driven import wanted_effects
+    from automarine_cli.fits.driven import parse_effects
     from automarine_cli.fits.identify import identify_turns
     from automarine_cli.fits.known import Known, names_in
-    from automarine_cli.fits.paper import asked_tail
+    from automarine_cli.fits.paper import parse_tail
     from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.runs.half_turn import half_turns
-    from automarine_cli.runs.load import load_runs, require_usable, told_beside
+    from automarine_cli.runs.load import append_exclusions, load_runs, require_usable
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import moment_maker
 
     if tail is not None and fit_to == WHOLE_RUNS:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
-    tail_start, trim = asked_tail(tail, dof), _trim(within, depths)
-    names = wanted_effects(with_effects, dof)
+    tail_start, trim = parse_tail(tail, dof), _trim(within, depths)
+    names = parse_effects(with_effects, dof)
     if names and fit_to not in ("auto", WHOLE_RUNS):
         raise SettingError(f"--with fits whole runs; leave out --fit-to {fit_to}")
     parameters = [f"{name}.{parameter}" for name in names for parameter in effects.get(name).names_in(dof)]
@@ -111,7 +111,7 @@ def _fit(
     def fit_models(function: Callable[[str], Any], models: Sequence[str], stage: str) -> list[Any]:
         return ordered_map(function, models, jobs, progress=progress, stage=stage)
 
-    with told_beside(campaign.set_aside):
+    with append_exclusions(campaign.set_aside):
         fit = identify_turns(
             dof, turns, not_turned, whole_runs, "half-turns" if fit_to == "steps" else fit_to,
             beforehand, fit_models, channels, tail_start, names,
@@ -153,18 +153,18 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     )  # fmt: skip
 
     tail = option(
-        "--tail", type=_checked("fits.paper.asked_tail", dof, options.Finite()), metavar=unit,
+        "--tail", type=_checked("fits.paper.parse_tail", dof, options.Finite()), metavar=unit,
         help=f"Where the steady part of a step begins, {limits}, for the paper's method.  [default: where the expected "
         f"error of drag and {dof.words.inertia} is smallest]",
     )  # fmt: skip
 
     channels = option(
-        "--channels", type=_checked("runs.channels.wanted_channels", dof), default="auto", show_default=True,
+        "--channels", type=_checked("runs.channels.parse_channels", dof), default="auto", show_default=True,
         metavar="WHICH", seldom=True, group=INPUT, help=options.CHANNELS_HELP,
     )  # fmt: skip
 
     with_effects = option(
-        "--with", "with_effects", default="", type=_checked("fits.driven.wanted_effects", dof, options.Names()),
+        "--with", "with_effects", default="", type=_checked("fits.driven.parse_effects", dof, options.Names()),
         metavar="EFFECTS", seldom=True,
         help="Effects to fit with the drag, such as dead-band,input-delay. Takes whole runs, as of driven logs.",
     )  # fmt: skip

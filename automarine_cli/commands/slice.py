@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile, LogTable
     from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.report.log_tables import SlicedLog, Slices
-    from automarine_cli.runs.run import SetAside
+    from automarine_cli.runs.run import ExcludedRun
     from automarine_cli.runs.slices import By
 
 
@@ -61,14 +61,14 @@ def slice_log(
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.log_tables import SlicedLog, Slices
     from automarine_cli.runs.load import require_usable
-    from automarine_cli.runs.run import SetAside
+    from automarine_cli.runs.run import ExcludedRun
 
     if keep and by != "mode":
         raise click.UsageError("--keep MODE goes with --by mode.")
     sliced: dict[str, Any] = {"by": by, "keep": keep, "lead": lead, "shortest": shortest, "form": form}
     cut = partial(_cut, columns=given_columns(columns), **sliced)
     results = ordered_map(cut, logs, jobs, progress=progress, stage="cutting logs")
-    set_aside = tuple(result for result in results if isinstance(result, SetAside))
+    set_aside = tuple(result for result in results if isinstance(result, ExcludedRun))
     sources = tuple(result for result in results if isinstance(result, SlicedLog))
     require_usable(sources, set_aside, len(logs), strict)
     if not any(source.cuts for source in sources):
@@ -82,7 +82,7 @@ def slice_log(
 
 def _cut(
     file: "LogFile", columns: "ColumnMap", by: "By", keep: tuple[str, ...], lead: float, shortest: float, form: str
-) -> "SlicedLog | SetAside":
+) -> "SlicedLog | ExcludedRun":
     from automarine_cli.logs import read_log
     from automarine_cli.logs.find import stem_of
     from automarine_cli.report.log_tables import Between, Cut, SlicedLog

@@ -41,7 +41,7 @@ def validate(
     from automarine_cli.logs import given_columns
     from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, load_yaw_models
     from automarine_cli.pipeline.records import schema_in
-    from automarine_cli.runs.channels import AUTO, choose_channels, wanted_channels
+    from automarine_cli.runs.channels import AUTO, choose_channels, parse_channels
     from automarine_cli.runs.load import load_runs, require_usable
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar, moment_maker
@@ -61,7 +61,7 @@ def validate(
     stored = load_yaw_models(model)
     if stored.dof.levered or arm is not None:
         _refuse_half_a_drive(thrusters, arm, columns)
-    wanted_channels(channels, stored.dof)
+    parse_channels(channels, stored.dof)
     drive = moment_maker(thrusters, arm, names, stored.dof)
     campaign = load_runs(logs, names, dof=stored.dof, **execution)
     runs, aside = usable_runs(campaign.runs, stored, drive)

@@ -29,9 +29,9 @@ from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_for
 
 SETTLED = 0.01  # of the unit that people see: halving the step must not move a position further than this
-MOST_HALVINGS = 4
+MAX_HALVINGS = 4
 UNSTEADY = 0.05  # s, the step of a model without a steady rate
-MOST_STEPS = 50_000  # beyond which a step is halved no more; long runs have four times their samples
+MAX_STEPS = 50_000  # beyond which a step is halved no more; long runs have four times their samples
 GROUP_SAMPLES = 500_000  # padded samples simulated together: a few hundred megabytes at most
 
 
@@ -67,8 +67,8 @@ def roll(
     step = step_of(model, runs)
     path = once(step)
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
-    most = max(MOST_STEPS, 4 * max(len(run) for run in runs))
-    for _ in range(MOST_HALVINGS):
+    most = max(MAX_STEPS, 4 * max(len(run) for run in runs))
+    for _ in range(MAX_HALVINGS):
         step, coarser = step / 2, path
         if longest / step > most:
             break
@@ -87,12 +87,12 @@ def groups(runs: Sequence[Run]) -> list[slice]:
 
 
 WINDOW = 1.0  # s over which a start is fitted
-FEWEST_AT_START = 5  # samples of such a fit, for slow loggers
+MIN_AT_START = 5  # samples of such a fit, for slow loggers
 NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
 ROUNDS = 4
 RUNAWAY = 1e6  # no slope of a position that a vehicle could have
-MOST_WEIGHT = 100.0  # of a reading of a velocity [s]
-LEAST_GAIN = 0.1  # of what a sensor shows of a small move
+MAX_WEIGHT = 100.0  # of a reading of a velocity [s]
+MIN_GAIN = 0.1  # of what a sensor shows of a small move
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
         tried = position + NUDGE * np.array([[0.0], [1.0], [-1.0]])
         readings = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
         gain = (readings[1] - readings[2]) / (2 * NUDGE)
-        gain = np.where(np.isfinite(gain) & (np.abs(gain) > LEAST_GAIN), gain, 1.0)
+        gain = np.where(np.isfinite(gain) & (np.abs(gain) > MIN_GAIN), gain, 1.0)
         position = position + np.nan_to_num((targets - readings[0]) / gain, posinf=0.0, neginf=0.0)
     return [State(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 
@@ -147,7 +147,7 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
     if not runs:
         return []
     ends = [int(np.searchsorted(run.time, run.time[0] + WINDOW * (1 + 1e-9), side="right")) for run in runs]
-    begins = [run.cut(0, max(end, FEWEST_AT_START)) for run, end in zip(runs, ends)]
+    begins = [run.cut(0, max(end, MIN_AT_START)) for run, end in zip(runs, ends)]
     step = step_of(model, runs) / 2
     rates = np.array([slope(run.time, run.position)[0] for run in begins])
     lead = np.array([run.time.mean() - run.time[0] for run in begins])
@@ -160,7 +160,7 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
         if (readings := unbiased_velocity(run)) is not None:
             rate[i, : len(begin)] = readings[: len(begin)]
             ratio = max(position_noise(run.time, run.position), 1e-9) / max(velocity_noise(run), 1e-9)
-            weight[i] = min(ratio, MOST_WEIGHT)
+            weight[i] = min(ratio, MAX_WEIGHT)
     readings = np.concatenate([position, weight * rate], axis=1)
     nudges = NUDGE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[..., None]
     for _ in range(ROUNDS):
@@ -243,7 +243,7 @@ def _paths(
             yield tuple(x[0, i, : len(run)] for x in (path.position, path.velocity, path.water))
 
 
-FEWEST_SMOOTHED = 4  # samples to either side over which a state is smoothed
+MIN_SMOOTHED = 4  # samples to either side over which a state is smoothed
 LONGEST = 1.5  # s to either side
 SHORTEST = 1.0  # s between restarts; changes that follow each other sooner are one ramp
 EVERY = 15.0  # s between restarts where the command changes all the time
@@ -281,7 +281,7 @@ def find_restarts(run: Run) -> Restarts:
     # The variance of a slope falls with the cube of the reach, the square of the parabola's bias grows with its fourth
     # power: the best reach goes with the noise to the power 2/7; about a second for a degree, or a centimetre, at 10 Hz
     noise = run.dof.shown(position_noise(time, run.position)) * np.sqrt(run.sample_period / 0.1)
-    reach = float(np.clip(noise ** (2 / 7), FEWEST_SMOOTHED * run.sample_period, LONGEST)) * (1 + 1e-9)
+    reach = float(np.clip(noise ** (2 / 7), MIN_SMOOTHED * run.sample_period, LONGEST)) * (1 + 1e-9)
     rest = rest_state(run)
     states = tuple(
         State(rest.position, 0.0)
@@ -318,13 +318,13 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
     first, stop = (int(k) for k in np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach]))
     low = max([first, *(c for c in begins if c <= i)])
     high = min([stop, *(c for c in begins if c > i + 1)])
-    if high - low < FEWEST_SMOOTHED:  # a command that was held for a sample or two leaves no rate
+    if high - low < MIN_SMOOTHED:  # a command that was held for a sample or two leaves no rate
         low, high, bend = first, stop, False
     middle = 0.5 * (run.time[i] + run.time[i + 1]) if bend else run.time[i]
     t, at, count = run.time[low:high] - middle, run.time[i] - middle, high - low
     sides = [np.minimum(t, 0.0), np.maximum(t, 0.0)]
     logged = unbiased_velocity(run)
-    if logged is not None and count >= FEWEST_SMOOTHED and np.isfinite(logged[low:high]).all():
+    if logged is not None and count >= MIN_SMOOTHED and np.isfinite(logged[low:high]).all():
         velocity = logged[low:high]
         way = summed(run.time[low:high], velocity)
         position = float(np.mean(run.position[low:high] - way + way[i - low]))
@@ -341,7 +341,7 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
 
 PLANAR_STEP = 0.05  # longest step of the simulation [s]
 BEGINNING = 2.0  # s of a run from which its start is told
-FEWEST_IN_THE_PLANE = 3  # samples of a rest, and of a start under way
+MIN_IN_THE_PLANE = 3  # samples of a rest, and of a start under way
 NOISE = {"heading": 0.02, "yaw_rate": 0.02, "surge": 0.03, "sway": 0.03, "north": 0.05, "east": 0.05}
 """What readings of a start count for [rad, m, s]."""
 LOOSE = 3.0  # m, rad, m/s, rad/s by which a start may differ from the first readings
@@ -364,7 +364,7 @@ def planar_start(run: Run, model: PlanarModel) -> Floats:
     best under the model."""
     commands = np.stack([run.command_of(dof) for dof in PLANAR.dofs])
     quiet = int(np.argmax(np.append(np.any(commands != commands[:, :1], axis=0), True)))
-    at_rest = not commands[:, 0].any() and quiet >= FEWEST_IN_THE_PLANE
+    at_rest = not commands[:, 0].any() and quiet >= MIN_IN_THE_PLANE
     until = run.time <= run.time[0] + BEGINNING
     if at_rest:
         until &= np.arange(len(run)) < quiet
@@ -374,7 +374,7 @@ def planar_start(run: Run, model: PlanarModel) -> Floats:
     initial = np.array([_mean(values, until) for values in (*places, *velocities)])
     if at_rest:
         return initial
-    first = run.cut(0, max(int(np.count_nonzero(until)), FEWEST_IN_THE_PLANE))
+    first = run.cut(0, max(int(np.count_nonzero(until)), MIN_IN_THE_PLANE))
     batch = make_batch([first], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 

@@ -41,13 +41,13 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice, unbiased_velocity
 from automarine_cli.runs.checks import without_undriven
 from automarine_cli.runs.load import GAP_IN_PERIODS
-from automarine_cli.runs.run import Run, SetAside, position_noise, runs_json
+from automarine_cli.runs.run import ExcludedRun, Run, position_noise, runs_json
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.text import told
+from automarine_cli.text import format_value
 from automarine_cli.thrusters.map import driven_by
 
 SMOOTHED = 1.0  # s over which a position is smoothed for its rate; 5 samples at least
-FEWEST_RUNS = 3  # for an interval over runs
+MIN_RUNS = 3  # for an interval over runs
 DRAWS = 2000  # bootstrap resamples: how often each run is in each
 ALONE = np.ones((1, 1), dtype=np.int64)  # the only resample of one run
 NOTHING = np.zeros(0)
@@ -177,7 +177,7 @@ def _roots(above: Floats, below: Floats, drawn: NDArray[np.int64]) -> tuple[floa
 
 
 def _interval(draws: Floats, runs: int) -> tuple[float, float] | None:
-    if runs < FEWEST_RUNS:
+    if runs < MIN_RUNS:
         return None
     low, high = np.percentile(draws, [2.5, 97.5])
     return float(low), float(high)
@@ -230,7 +230,7 @@ class ValidationFile(ResultRecord):
 
     def __post_init__(self) -> None:
         if self.best not in self.models:
-            raise SettingError(f"best: found {told(self.best)}, expected one of {', '.join(self.models)}")
+            raise SettingError(f"best: found {format_value(self.best)}, expected one of {', '.join(self.models)}")
 
 
 VALIDATION = ResultKind("validation.json", "validation", ValidationFile, "validate")
@@ -251,7 +251,7 @@ class Validation(Shown):
     because: str = ""
     restarts: tuple[Restarts, ...] = ()
     floors: tuple[float, ...] = ()
-    set_aside: tuple[SetAside, ...] = ()
+    set_aside: tuple[ExcludedRun, ...] = ()
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     predictions: Mapping[str, tuple[Predicted, ...]] = field(default_factory=dict)
 
@@ -315,7 +315,7 @@ class Validation(Shown):
             }  # fmt: skip
         if self.use is not None:
             prediction = {number: list(self._ahead_json(predicted)) for number, predicted in self.predictions.items()}
-            data |= {"prediction": prediction, "use": {"of_use": self.use.of_use, "says": self.says}}
+            data |= {"prediction": prediction, "use": {"has_skill": self.use.has_skill, "says": self.says}}
         return data | {
             f"noise_floor_{unit}": self.floor, "best_because": self.because, "preferred_by_fit": stored.preferred,
             "effects": list(stored.effects), f"{dof.words.force}_unit": stored.moment_unit,
@@ -427,7 +427,7 @@ def _predicted(
 
 def usable_runs(
     runs: Sequence[Run], stored: StoredModels, drive: Callable[[Run], Run] | None
-) -> tuple[list[Run], list[SetAside]]:
+) -> tuple[list[Run], list[ExcludedRun]]:
     """Select the runs that every model can be driven by and that their commands may have moved, commanded by `drive`;
     return the others with their reasons. Raises ModelError for commands in another unit than the models'."""
     signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))

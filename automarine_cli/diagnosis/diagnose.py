@@ -14,7 +14,7 @@ from automarine_cli.diagnosis.learned_curve import curve_of, learn, sentence
 from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions, find_where
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.search import (
-    MOST_EFFECTS,
+    MAX_EFFECTS,
     STANDS,
     TIE,
     WEAK,
@@ -32,7 +32,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
-from automarine_cli.filters.course import LEAST_STEP
+from automarine_cli.filters.course import MIN_STEP
 from automarine_cli.filters.kalman import Predicted
 from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
 from automarine_cli.fits.identify import covariance_json, valid_range
@@ -46,7 +46,7 @@ from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.run import Run, SetAside, runs_json
+from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.thrusters.fit import value_json
 
 
@@ -203,7 +203,7 @@ FLOOR_ERROR = 1.5
 """Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the
 root of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
-MOST_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
+MAX_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
@@ -212,7 +212,7 @@ MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
 EVEN = 0.5  # weight against its rivals below which an effect is a tie and no name
-FEWEST_GAINS = 10  # runs from which the order of their gains says anything
+MIN_GAINS = 10  # runs from which the order of their gains says anything
 
 
 @dataclass(frozen=True)
@@ -353,7 +353,7 @@ def _borne_out(
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
             f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
         )
-    if holdout and holdout.exceeds_noise and holdout.above(holdout.after) > MOST_LEFT * holdout.above(holdout.before):
+    if holdout and holdout.exceeds_noise and holdout.above(holdout.after) > MAX_LEFT * holdout.above(holdout.before):
         return f"Most of the gap of the held-out runs remains: it is {holdout.in_noises}."
     return ""
 
@@ -384,9 +384,9 @@ def _unexplained(study: DiagnosisProblem, result: SearchResult, where: ResidualR
     unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and gains_drift(study, final):
         return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
-    if result.more or (final.count == MOST_EFFECTS and excess[0] < MANY):
+    if result.more or (final.count == MAX_EFFECTS and excess[0] < MANY):
         more = " or more" if result.more else ""
-        return f"The runs would take {MOST_EFFECTS} effects{more}, more than they can support."
+        return f"The runs would take {MAX_EFFECTS} effects{more}, more than they can support."
     return ""
 
 
@@ -423,7 +423,7 @@ def gains_drift(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12)."""
     gains = trial.fit.own(GAIN)[np.argsort(study.batch.start), 0]
     count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
-    if count < FEWEST_GAINS or spread < 1e-12:
+    if count < MIN_GAINS or spread < 1e-12:
         return False
     alike = 1.0 - 0.5 * float((np.diff(gains) ** 2).sum()) / spread
     return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > -special.ndtri(1e-3))
@@ -463,8 +463,8 @@ def split_by(name: str, rival: str, dof: Dof) -> str:
 
 DRIVEN_S, STEPPED_S, PLANAR_S = 3e-4, 1e-4, 0.025
 """For each reading (and effect of one motion): driven runs, other runs, the plane; roughly, on a machine of 2020."""
-FEWEST_RUNS = 4
-FEWEST_TO_HOLD_OUT = 8
+MIN_RUNS = 4
+MIN_TO_HOLD_OUT = 8
 SHORT = 5  # iterations of a law or size that may equal the final one: those that get there do so soon
 
 
@@ -491,7 +491,7 @@ class Diagnosis(Shown):
     number: str = "3"
     parent: str = ""
     parent_sha256: str = ""
-    set_aside: tuple[SetAside, ...] = ()
+    set_aside: tuple[ExcludedRun, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -586,7 +586,7 @@ def _best_law(study: DiagnosisProblem, result: SearchResult, held_out: Diagnosis
     return result if best is final else replace(result, final=best, equals=says)
 
 
-def split_off(runs: Sequence[Run], seed: int, fewest: int = FEWEST_TO_HOLD_OUT) -> tuple[list[Run], list[Run]]:
+def split_off(runs: Sequence[Run], seed: int, fewest: int = MIN_TO_HOLD_OUT) -> tuple[list[Run], list[Run]]:
     """Runs to fit and a quarter to hold out, spread over the moments: one drawn from every four neighbours in moment.
 
     All are fitted where there are fewer than the `fewest` runs that can spare some."""
@@ -609,10 +609,10 @@ def diagnose_runs(
     chosen = choose_channels([*runs, *(hold_out or ())], base.dof, channels, late_position=True)
     runs, out = ([chosen.cleaned(run) for run in some] for some in (runs, hold_out or ()))
     fitted, unfitted = split_off(runs, seed) if hold_out is None else (runs, out)
-    if len(fitted) < FEWEST_RUNS:
+    if len(fitted) < MIN_RUNS:
         plural = " is" if len(fitted) == 1 else "s are"
         raise TooFewRunsError(
-            f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
+            f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {MIN_RUNS}"
         )
     study = study_of(fitted, base, channels=chosen.names)
     result = search(study, seed, map_fn)
@@ -640,7 +640,7 @@ def diagnose_runs(
 
 def expected_seconds(runs: Sequence[Run], planar: bool = False) -> float:
     """Estimate how long a diagnosis takes one process; that of one motion fits every effect to all runs."""
-    readings = float(sum(min(len(run), (run.time[-1] - run.time[0]) / LEAST_STEP) for run in runs))
+    readings = float(sum(min(len(run), (run.time[-1] - run.time[0]) / MIN_STEP) for run in runs))
     if planar:
         return readings * PLANAR_S
     driven = 2 * sum(stepped(run) for run in runs) < len(runs)

@@ -11,7 +11,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.scores import DRAWS, CandidateShape, penalty, project, score_information
 from automarine_cli.diagnosis.search import (
     LEVEL,
-    MOST_EFFECTS,
+    MAX_EFFECTS,
     RIVAL_RANGE,
     SEARCH_BRIEF,
     TIE,
@@ -50,7 +50,7 @@ from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of
 
 TRIED = 0.02  # value at which each knot is tried, a share of the largest moment or of the thrust
-FEWEST_RUNS = 10  # runs from which their gains may be compared with a column
+MIN_RUNS = 10  # runs from which their gains may be compared with a column
 STANDS_FOR = 0.9  # correlation with the campaign's clock from which a column only stands for time
 FOLLOWS = 0.01  # chance below which the gains of runs follow a column
 POWERS = (1, 3, 6, 9)  # highest powers of a column by which gains are then explained: from a line to two waves
@@ -135,7 +135,7 @@ def ranges(study: DiagnosisProblem) -> dict[str, tuple[float, float]]:
     clock = np.concatenate(signals_of(study.runs, CLOCK))
     for name in (CLOCK, SINCE, *_columns(study.runs, dof)):
         values = np.concatenate(signals_of(study.runs, name))
-        if len(study.runs) >= FEWEST_RUNS or not _alike(values, clock):
+        if len(study.runs) >= MIN_RUNS or not _alike(values, clock):
             intervals[name] = (float(values.min()), float(values.max()))
     return {name: (low, high) for name, (low, high) in intervals.items() if high - low > 1e-9 * max(abs(high), 1e-9)}
 
@@ -164,7 +164,7 @@ def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str
     Its mean in each run counts: least squares of the gains on its powers up to each of POWERS, the best of all columns
     by Fisher's test, compared with that of runs dealt in another order (`seed`)."""
     gains, runs = trial.fit.own(linear_mixed.GAIN)[:, 0], study.runs
-    if len(runs) < FEWEST_RUNS or np.ptp(gains) < 1e-9:
+    if len(runs) < MIN_RUNS or np.ptp(gains) < 1e-9:
         return ""
     random, follows = np.random.default_rng(seed), ""
     dealt = np.array([gains, *(random.permutation(gains) for _ in range(DEALS))]) - gains.mean()
@@ -184,7 +184,7 @@ def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str
     return follows if (best[1:] <= best[0]).mean() < FOLLOWS else ""
 
 
-LEADERS, MOST_LEADERS, BEHIND = 4, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
+LEADERS, MAX_LEADERS, BEHIND = 4, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
 FAR = 0.2  # share of the best gain by which brief fits may be behind that are taken further
 AS_WELL = 0.02  # of the gain of one effect, within which it does as well as a curve: its law may be off
 SETTLES = 2  # how often the spread is chosen again after a fit
@@ -214,7 +214,7 @@ def learn(
         most = result.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
     tied: Rivals = {}
     for base in bases:
-        best = _best(wide, result, base, follows, seed + len(base.added), map_fn) if base.count < MOST_EFFECTS else None
+        best = _best(wide, result, base, follows, seed + len(base.added), map_fn) if base.count < MAX_EFFECTS else None
         if best is None:
             continue
         wins = not any(is_admissible(study, trial, base) for trial in _as_good(result, base, best.final))
@@ -255,7 +255,7 @@ def _best(
     least = max(BEHIND * curves[0][0], 0.0) if curves else 0.0
     leading = [
         model for i, (gain, model) in enumerate(curves)
-        if i < LEADERS or (i < MOST_LEADERS and gain > least)
+        if i < LEADERS or (i < MAX_LEADERS and gain > least)
         or ((term := model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN)
     ]  # fmt: skip
     starts = [(model.terms[-1].name, np.array(model.terms[-1].values)) for model in leading]

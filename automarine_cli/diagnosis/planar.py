@@ -44,13 +44,13 @@ from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, Observed, Structure
-from automarine_cli.fits.stepwise import Judge, NamedRival, discover
+from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
 from automarine_cli.models.planar import Tied, derivative, parameters_of
 from automarine_cli.models.store import StoredPlanar, planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import Run, SetAside, runs_json
+from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 
 NOWHERE = ResidualRegions()
 SMALL = 0.02  # share of its usual size at which an actuator effect is as good as none
@@ -139,7 +139,7 @@ def candidates(base: Tied, observed: Observed, largest: float) -> Iterator[Candi
         yield candidate(name, *names, yaw=(*model.yaw, term))
 
 
-FEWEST_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
+MIN_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
 HEAD_START = 10.0  # deviance beyond the penalty that an effect has to gain
 ERRORS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
 FULLY, LOOK = 4, 6  # candidates of a round that are fitted at most, those that promise most; iterations of each
@@ -195,7 +195,7 @@ class PlanarDiagnosis(Shown):
     forecasts: tuple[Sequence[Predicted], Sequence[Predicted]]
     density: tuple[Floats, Floats]
     where: ResidualRegions = NOWHERE
-    set_aside: tuple[SetAside, ...] = ()
+    set_aside: tuple[ExcludedRun, ...] = ()
     parent_sha256: str = ""
 
     @property
@@ -339,7 +339,7 @@ class _Planar(Judge[Estimated, PlanarStep]):
         rivals = tuple(trial for trial in runners_up if trial.rivals(best))
         return PlanarStep(model, surplus, tuple(tried), replace(best, estimate=estimate), rivals)
 
-    def able(self, look: PlanarStep, first: PlanarStep) -> list[Estimated]:
+    def admissible(self, look: PlanarStep, first: PlanarStep) -> list[Estimated]:
         return [] if look.best is None else [look.best.estimate]
 
 
@@ -351,7 +351,7 @@ def find_missing(
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), observed), PlanarLikelihood(tuple(unseen), observed)
     base = base_of(stored, observed)  # one start is enough for what somebody took for the vehicle
-    outcome = discover(_Planar(likelihood, other, observed), likelihood.estimate(base, stored.random))
+    outcome = stepwise_search(_Planar(likelihood, other, observed), likelihood.estimate(base, stored.random))
     rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken

@@ -27,7 +27,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED
 
-FEWEST_IN_A_BIN = 2  # runs that a bin needs: one run alone says nothing about chance
+MIN_IN_A_BIN = 2  # runs that a bin needs: one run alone says nothing about chance
 OF_THE_RUN = 0.1  # a column that varies within runs by less than this share of its spread is one of the run
 UNITS = {"voltage": "V", "sway": "m/s"}  # of columns that are no velocity of a motion
 VELOCITIES = {dof.velocity: dof.units for dof in DOFS.values()}
@@ -147,7 +147,7 @@ STANDS_OUT = 0.05
 SURE = 0.01
 """Share of campaigns with nothing missing in which any variable may have bins that stand out: beside one that has,
 something is missing."""
-MOST_BINS = 12
+MAX_BINS = 12
 THRUST, SIZE = "thrust", "size"  # the gaps of whole runs: in their own gain of the thrust, and in how large theirs is
 
 
@@ -187,14 +187,14 @@ class Variable:
 
 def of_samples(column: Column, kinds: Mapping[str, tuple[str, Floats]], sign: Floats, flips: Floats) -> Variable | None:
     """Bin samples; compare sums over runs with those of runs whose signs are turned at random."""
-    cut = edges(column.values, MOST_BINS)
+    cut = edges(column.values, MAX_BINS)
     count = len(cut) - 1
     if count < 2:
         return None
     which = np.where(np.isfinite(column.values), np.digitize(np.nan_to_num(column.values), cut[1:-1]), -1)
     member = which[None] == np.arange(count)[:, None, None]  # (B, R, N)
     samples = member.sum(axis=2).T.astype(float)  # (R, B)
-    enough = (samples > 0).sum(axis=0) >= FEWEST_IN_A_BIN
+    enough = (samples > 0).sum(axis=0) >= MIN_IN_A_BIN
     rows, chance = [], np.zeros(len(flips))
     for kind, (unit, gap) in kinds.items():
         for directed in (False, True):
@@ -217,14 +217,14 @@ def of_runs(
     """Bin runs; compare the bins' mean gain [unit], and size of the gap, with those of runs drawn in another order."""
     have = np.isfinite(column.values)
     values, count = column.values[have], int(have.sum())
-    cut = edges(values, int(np.clip(count // 4, 4, MOST_BINS)))
+    cut = edges(values, int(np.clip(count // 4, 4, MAX_BINS)))
     bins = len(cut) - 1
-    if bins < 2 or count < 2 * FEWEST_IN_A_BIN:
+    if bins < 2 or count < 2 * MIN_IN_A_BIN:
         return None
     which = np.digitize(values, cut[1:-1])
     member = (which[:, None] == np.arange(bins)).astype(float)
     number = member.sum(axis=0)
-    enough = (number >= FEWEST_IN_A_BIN) & (number < count)
+    enough = (number >= MIN_IN_A_BIN) & (number < count)
     orders = np.argsort(drawn[:, have], axis=1)
     rows, chance = [], np.zeros(len(drawn))
     looks = ((THRUST, False, unit, gain), (THRUST, True, unit, gain * mirrored), (SIZE, False, "log", size))

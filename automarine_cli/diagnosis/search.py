@@ -30,7 +30,7 @@ from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.fits.stepwise import Judge, discover
+from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import run_dof
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.pipeline.parallel import Each
@@ -39,7 +39,7 @@ from automarine_cli.quantities import Floats
 LEVEL = 0.005  # share of campaigns with nothing missing in which something may still be claimed
 WEAK = 0.05  # the same of what is suspected
 CLEAR = 2.0  # standard errors over runs by which runs have to gain in the mean
-MOST_EFFECTS = 3
+MAX_EFFECTS = 3
 STANDS = 1.3  # times the floor above which a remainder is said, and correlated residuals are unexplained
 
 
@@ -91,7 +91,7 @@ Rivals = Mapping[str, Mapping[str, float]]
 class SearchResult:
     """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
 
-    `more` says that after MOST_EFFECTS effects another candidate would still beat chance; `doubtful` is the outcome if
+    `more` says that after MAX_EFFECTS effects another candidate would still beat chance; `doubtful` is the outcome if
     what chance reaches in WEAK of all campaigns were enough, where nothing was added. `compensating` has a sentence for
     each pair of final effects of which each undoes most of what the other does: neither has earned its name. `equals`
     is a sentence where runs held out decided between laws or sizes."""
@@ -321,9 +321,9 @@ RUNNING = ((0.5, 6), (0.9, ITERATIONS))
 """Who is fitted further, and how far: candidates with this share of the best gain, or within RIVAL_RANGE of it; fits
 that far behind never catch up."""
 LAWS = 0.1  # share of what an effect gains by its best law that another of its laws may lack to be fitted further
-MIN_EXTRA_SHARE = 0.1  # of all evidence gained, by an effect beyond MOST_EFFECTS: runs are then unexplained
+MIN_EXTRA_SHARE = 0.1  # of all evidence gained, by an effect beyond MAX_EFFECTS: runs are then unexplained
 MIN_RELATIVE_GAIN = 1e-3  # of the evidence gained; nothing is added for less: laws and logs are no better
-MINOR_EFFECT_SHARE = 0.05  # of all evidence gained; less, and one of MOST_EFFECTS mends the form of another
+MINOR_EFFECT_SHARE = 0.05  # of all evidence gained; less, and one of MAX_EFFECTS mends the form of another
 TO_THE_NOISE = 1.05  # times the floor down to which an effect leaves no doubt about the drag of the base
 SETTLED_EVIDENCE = 0.5  # gain in evidence below which a swap is not worth another look: fits are settled to less
 PERIODIC, PERIOD = "periodic-disturbance", 2  # the effect that a limit cycle imitates, and the place of its period
@@ -341,13 +341,13 @@ class _Runs(Judge[CandidateFit, SearchStep]):
     study: DiagnosisProblem
     seed: int
     map_fn: Each
-    most = MOST_EFFECTS + 1  # the drag put right counts for nothing
+    most = MAX_EFFECTS + 1  # the drag put right counts for nothing
 
     def look(self, model: CandidateFit, number: int) -> SearchStep:
         model = drag_right(self.study, model)
         return _round(self.study, model, self.seed + number, self.map_fn, first_step=number == 0)
 
-    def able(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
+    def admissible(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
         """The drag of the base comes first unless another effect reaches the noise without it: beside a wrong drag
         everything is named that mends it, a curve of the thrust too, which comes first where only gains show it."""
         current = look.before
@@ -363,7 +363,7 @@ class _Runs(Judge[CandidateFit, SearchStep]):
         return admissible
 
     def full(self, model: CandidateFit) -> bool:
-        return model.count == MOST_EFFECTS
+        return model.count == MAX_EFFECTS
 
     def added(self, model: CandidateFit) -> tuple[str, ...]:
         return model.counted
@@ -386,21 +386,21 @@ class _Runs(Judge[CandidateFit, SearchStep]):
 def search(study: DiagnosisProblem, seed: int, map_fn: Each) -> SearchResult:
     """Find what is missing; `map_fn` maps a function over candidates, in processes or not."""
     judge = _Runs(study, seed, map_fn)
-    outcome = discover(judge, candidate_fit(study, study.base, (), study.fit(study.base)))
+    outcome = stepwise_search(judge, candidate_fit(study, study.base, (), study.fit(study.base)))
     current, rounds, around = drag_right(study, outcome.final), outcome.looks, outcome.around
     base = rounds[0].before
-    alone = min(judge.able(rounds[0], rounds[0]), key=lambda trial: trial.evidence, default=current)
+    alone = min(judge.admissible(rounds[0], rounds[0]), key=lambda trial: trial.evidence, default=current)
     if len(current.counted) == 1 and alone.evidence < current.evidence:
         current, around = alone, {alone.added[0]: rounds[0]}
     p_values = {
         trial.added[-1]: this.scores.p_value(this.gain(trial))
         for this in rounds
-        for trial in judge.able(this, rounds[0])
+        for trial in judge.admissible(this, rounds[0])
     }
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
     more = False
-    if current.count == MOST_EFFECTS:
+    if current.count == MAX_EFFECTS:
         total, next_gain = base.evidence - current.evidence, _next_gain(study, current, seed)
         more = next_gain > MIN_EXTRA_SHARE * total
         if 0.0 < next_gain <= MIN_EXTRA_SHARE * total:
@@ -472,7 +472,7 @@ def _next_gain(study: DiagnosisProblem, current: CandidateFit, seed: int) -> flo
 def _without_menders(
     study: DiagnosisProblem, current: CandidateFit, around: dict[str, SearchStep], trifle: float
 ) -> tuple[CandidateFit, dict[str, SearchStep]]:
-    """Take out effects that hold no more evidence than `trifle`: where even MOST_EFFECTS leave something small,
+    """Take out effects that hold no more evidence than `trifle`: where even MAX_EFFECTS leave something small,
     they mend the form of another one's law."""
     for name, this in sorted(around.items(), key=lambda item: item[1].before.evidence):
         if this.before.evidence - current.evidence < trifle and len(current.counted) > 1:

@@ -14,10 +14,10 @@ from automarine_cli.effects.learned import DRAG, FIRST, KNOTS, MOMENT, PREFIX, L
 from automarine_cli.effects.learned import GAIN as CURVE_OF_GAIN
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import Followed, Noises, Predicted, predict
+from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
-from automarine_cli.fits.half_turns import MOST_OFFSET
+from automarine_cli.fits.half_turns import MAX_OFFSET
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations
 from automarine_cli.fits.known import Prior
@@ -317,7 +317,7 @@ class DiagnosisProblem:
         return replace(
             problem,
             effects=problem.effects.with_scale(disturbance=0.0),
-            bounds=np.array([*bounds, (-MOST_OFFSET, MOST_OFFSET)]),
+            bounds=np.array([*bounds, (-MAX_OFFSET, MAX_OFFSET)]),
             positive=np.array([*positive, False]),
             smooth=smoothness(model, len(positive) + 1),
             priors={SWITCH: UNIFORM_INSTANT},
@@ -422,7 +422,7 @@ def shortest(predictions: Sequence[Predicted]) -> Predicted:
     return next((prediction for prediction in predictions if len(prediction.error)), predictions[0])
 
 
-def missing_push(followed: Followed, noises: Noises, course: Course, reading: NDArray[np.bool_]) -> Floats:
+def missing_push(followed: FilterResult, noises: Noises, course: Course, reading: NDArray[np.bool_]) -> Floats:
     """Accelerations (D, R, K + 1) of the steady pushes that correct the filter from each node with a `reading` to the
     next. By chance that is independent of all that was known at the node, whatever a controller answers."""
     assert followed.states is not None

@@ -13,7 +13,7 @@ from automarine_cli.estimate import Estimate, Given
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import SetAside, runs_json
+from automarine_cli.runs.run import ExcludedRun, runs_json
 from automarine_cli.thrusters import family
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
 from automarine_cli.thrusters.fit import parameters, parameters_json, sums_of
@@ -61,7 +61,7 @@ class ThrusterDiagnosis(Shown):
     cross: Gap
     given_rmse: float
     floor_from: str
-    set_aside: tuple[SetAside, ...] = ()
+    set_aside: tuple[ExcludedRun, ...] = ()
 
     @property
     def base(self) -> family.Fitted:

@@ -24,7 +24,7 @@ from automarine_cli.thrusters.map import Curve, ThrusterMap, thrust_both_ways
 
 GRID = 2001  # control signals at which a law is compared with the map
 CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells
-MOST_POINTS = 1025  # of a table, in one direction
+MAX_POINTS = 1025  # of a table, in one direction
 DENSITY, DIAMETER = 1000.0, 0.1  # of Gazebo's law; only their product with the coefficient counts
 AHEAD = "Thrust is positive ahead, in both frames alike."
 NAMES = "Names of links, joints and actuators are placeholders: merge with your model."
@@ -146,7 +146,7 @@ def table(map_: ThrusterMap, n_max: float) -> tuple[Floats, Floats]:
         n = np.concatenate([-backward[::-1], forward[1:]])
         force = force_of(map_, n)
         off = worst(map_, lambda signals: np.interp(signals, n, force), n_max)  # noqa: B023
-        if points >= MOST_POINTS or off < CLOSE * top(map_, n_max):
+        if points >= MAX_POINTS or off < CLOSE * top(map_, n_max):
             return n, force
         points = 2 * points - 1
 

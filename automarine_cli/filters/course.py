@@ -15,7 +15,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, fresh_readings, position_noise
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
-STEP, LEAST_STEP = 0.25, 0.1
+STEP, MIN_STEP = 0.25, 0.1
 """Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
 controller answers every reading, and the commands would tell of one that was left out."""
 LONGEST = 0.15  # longest step [s] between samples that are further apart; longer ones are divided
@@ -32,7 +32,7 @@ def least_noise(dof: Dof, velocity: bool) -> float:
 
 
 def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
-    """LEAST_STEP where any readings are as noisy as sensors are, or there is a gyro; else STEP."""
+    """MIN_STEP where any readings are as noisy as sensors are, or there is a gyro; else STEP."""
     for dof, position in zip(motion.dofs, motion.positions):
         for quantity in (position, dof.velocity):
             noises = []
@@ -43,7 +43,7 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
                     noises.append(position_noise(run.time[fresh], readings[fresh]))
             gyro = dof.wraps and quantity == dof.velocity
             if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
-                return LEAST_STEP
+                return MIN_STEP
     return STEP
 
 
@@ -69,8 +69,8 @@ def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -
 
 
 def averaged_over(period: float) -> int:
-    """Samples of a log with one each `period` [s] that make one reading: an odd number, of one LEAST_STEP."""
-    return 2 * int(0.4999 * LEAST_STEP / max(period, 1e-9)) + 1
+    """Samples of a log with one each `period` [s] that make one reading: an odd number, of one MIN_STEP."""
+    return 2 * int(0.4999 * MIN_STEP / max(period, 1e-9)) + 1
 
 
 def readings_of(time: Floats, readings: Floats, node: Floats, floor: float) -> tuple[NDArray[np.int64], Floats, float]:
@@ -96,9 +96,9 @@ def readings_of(time: Floats, readings: Floats, node: Floats, floor: float) -> t
 
 
 def _averaged(time: Floats, readings: Floats, at: NDArray[np.int64]) -> tuple[Floats, float]:
-    """Means of as many readings before the samples `at` as behind them, within half a LEAST_STEP, carried to the times
+    """Means of as many readings before the samples `at` as behind them, within half a MIN_STEP, carried to the times
     of these samples; and how many readings make one."""
-    half = 0.4999 * LEAST_STEP
+    half = 0.4999 * MIN_STEP
     back = at - np.searchsorted(time, time[at] - half)
     reach = np.minimum(back, np.searchsorted(time, time[at] + half, side="right") - 1 - at)
     low, high = at - reach, at + reach

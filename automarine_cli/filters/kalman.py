@@ -288,7 +288,7 @@ class Noises:
 
 
 @dataclass(frozen=True)
-class Followed:
+class FilterResult:
     """What the filter made of the runs: innovations and their variances, (C, P, R, K + 1), one and zero where nothing
     was read; the filtered states (n, P, R, K + 1) if they were asked for, and their places."""
 
@@ -316,7 +316,7 @@ def follow(
     noises: Noises,
     keep: bool = False,
     trace: list[tuple[Floats, ...]] | None = None,
-) -> Followed:
+) -> FilterResult:
     """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too.
 
     A `trace` gets mean and covariance of every node, and what the next step made of them with its Jacobian.
@@ -361,10 +361,10 @@ def follow(
             covariance[..., :dynamic, :dynamic] += blown @ blown.swapaxes(2, 3)
             if trace is not None:
                 trace.append((*before, mean.copy(), covariance.copy(), jacobian))
-    return Followed(innovation, variance, states, places)
+    return FilterResult(innovation, variance, states, places)
 
 
-def smoothed(model: Vehicle, course: Course, theta: Floats, noises: Noises) -> Followed:
+def smoothed(model: Vehicle, course: Course, theta: Floats, noises: Noises) -> FilterResult:
     """What the filter makes of the runs under one parameter set theta (p,), with states given later readings too.
 
     Rauch, Tung and Striebel (1965), AIAA Journal 3:1445.
@@ -476,7 +476,12 @@ class Predicted:
 
 
 def predict(
-    model: Vehicle, course: Course, theta: Floats, noises: Noises, channel: int = 0, followed: Followed | None = None
+    model: Vehicle,
+    course: Course,
+    theta: Floats,
+    noises: Noises,
+    channel: int = 0,
+    followed: FilterResult | None = None,
 ) -> tuple[Predicted, ...]:
     """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
     that were `followed`."""

@@ -13,7 +13,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import Followed, Predicted, predict
+from automarine_cli.filters.kalman import FilterResult, Predicted, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.known import Prior
@@ -22,11 +22,11 @@ from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
     Preference,
-    by_way,
+    directional_drag,
+    fit_by_direction,
     rough_model,
     run_covariance,
     run_dof,
-    ways_of,
 )
 from automarine_cli.models.yaw_model import YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
@@ -66,7 +66,7 @@ def driven_problem(
     return DrivenProblem.of(model, course, model.parameter_names, searched, random)
 
 
-def wanted_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
+def parse_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
     """The effects that a fit is to have beside drag. Raises SettingError for what is none, or has a place already."""
     every = [effects.get(name) for name in effects.names()] if names else []
     may = [of.name for of in every if of.acts_in(dof) and not (of.role or of.needs or of.per_run)]
@@ -149,7 +149,7 @@ class ForecastScore:
     count: int
 
     @property
-    def of_use(self) -> bool:
+    def has_skill(self) -> bool:
         return self.error < min(self.constant_rate, self.constant)
 
     def beside(self, dof: Dof, rate: str = "", place: str = "", unit: str = "") -> str:
@@ -236,7 +236,7 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     covariance[:count, :count] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
     model = likely.model.with_theta(plain.of_model)
     best = replace(likely, model=model, mixed=plain, covariance=covariance, estimator=says, by_forecasts=True)
-    return replace(best, ways=ways_of(best)) if "difference" in best.roles else best
+    return replace(best, ways=directional_drag(best)) if "difference" in best.roles else best
 
 
 def _start(name: str, course: Course) -> list[float]:
@@ -284,7 +284,7 @@ def left_out_predictions(
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
 
-def of_model_alone(followed: Followed) -> Followed:
+def of_model_alone(followed: FilterResult) -> FilterResult:
     """States without disturbances and with gains of one, as fits to forecasts take them."""
     assert followed.states is not None
     states = followed.states.copy()
@@ -355,7 +355,7 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     return replace(fit, covariance=covariance), gains
 
 
-LEAST_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways
+MIN_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways
 STEPS = (0.1, 0.025)  # largest simulation steps [s] for whole runs, tried in turn
 
 
@@ -395,7 +395,7 @@ def _fit_driven_model(
         return fit_driven(course, rough_model(number, batch, sided), number, with_effects, priors)
 
     try:
-        return beside_forecasts(course, by_way(fit, batch.dof, two_way)), ""
+        return beside_forecasts(course, fit_by_direction(fit, batch.dof, two_way)), ""
     except FitError as error:
         return None, str(error)
 
@@ -403,7 +403,7 @@ def _fit_driven_model(
 def both_ways(runs: Sequence[Run]) -> bool:
     steps = np.concatenate([np.diff(run.position[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
     distances = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
-    return min(distances) > LEAST_WAY * sum(distances)
+    return min(distances) > MIN_WAY * sum(distances)
 
 
 JUDGED = 5.0  # seconds ahead over which a model has to be of use
@@ -432,10 +432,10 @@ class Judgement:
     def beaten(self) -> dict[str, ForecastScore]:
         """Quantities that a constant predicts better over the horizon that decides."""
         judged = {name: judged_of(scores) for name, scores in self.worth.items()}
-        return {name: score for name, score in judged.items() if score is not None and not score.of_use}
+        return {name: score for name, score in judged.items() if score is not None and not score.has_skill}
 
     @property
-    def of_use(self) -> bool:
+    def has_skill(self) -> bool:
         """Whether no constant predicts better; what cannot be judged counts as of use."""
         return not self.beaten
 
@@ -454,7 +454,7 @@ class Judgement:
             return "The runs are too short to judge predictions."
         alone = self.runs == 1
         on = on or ("the run that was fitted: others may be predicted worse" if alone else "held out")
-        if self.of_use:
+        if self.has_skill:
             return f"{model or 'The model'} predicts {self._beside(first, judged, dof)} ({on})."
         worse = "; and ".join(self._beside(name, score, dof) for name, score in self.beaten.items())
         return (
@@ -470,7 +470,7 @@ class Judgement:
         return f"the {quantity} {score.beside(dof, *rivals)}"
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
-        sentences = (*([] if self.of_use else [self.sentence(dof)]), *filter(None, [self.large]))
+        sentences = (*([] if self.has_skill else [self.sentence(dof)]), *filter(None, [self.large]))
         if not self.proposed:
             return sentences
         names = ",".join(self.proposed)
@@ -494,7 +494,7 @@ class Judgement:
                         f"constant_{name}_{unit}": score.constant,
                     }
                 )
-        return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": self.sentence(dof)}
+        return {"left_out_runs": [*entries.values()], "has_skill": self.has_skill, "says": self.sentence(dof)}
 
 
 PLACE = "place"  # on the water, both axes together

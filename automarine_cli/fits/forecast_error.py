@@ -23,7 +23,7 @@ HORIZON = 5  # seconds of a forecast; misses are taken after each of them
 EVERY = 1.0  # seconds between the starts of forecasts
 ITERATIONS, OF_LEFT_OUT = 40, 6  # steps of a search, and of one without a run, which begins near its end
 SETTLED = 1e-3  # decrease of half the sum of squares still to be expected below which a search has converged
-DAMPINGS, MOST_DAMPING = (0.0, 1e-2, 1.0), 1e6
+DAMPINGS, MAX_DAMPING = (0.0, 1e-2, 1.0), 1e6
 """Shares of the curvature that are added to it, tried together, and where a search gives up."""
 BLOCKS = 8  # pieces of a single run that are left out in turn
 FAR = 1e3  # times the largest reading beyond which a forecast has run away
@@ -206,7 +206,7 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> tuple[Fl
         np.add.at(curve, problem.unit, np.einsum("fcha,gcha->afg", by, by))
         gradient = -np.einsum("cha,fcha->f", errors[0], by) - precision @ (phi[free] - mean)
         hessian = curve.sum(axis=0) + precision
-        if converged or done == iterations or damping > MOST_DAMPING:
+        if converged or done == iterations or damping > MAX_DAMPING:
             return phi, curve, done, converged
         done += 1
         trials = np.tile(phi, (len(DAMPINGS), 1))

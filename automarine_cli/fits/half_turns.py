@@ -15,10 +15,10 @@ from automarine_cli.fits.linear_mixed import GAIN, START_POSITION, SWITCHES, Blo
 from automarine_cli.fits.mixed_model import SWITCH, Problem, slots_of
 from automarine_cli.models.yaw_model import base_roles, main_drag, response
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
+from automarine_cli.runs.half_turn import MAX_REST, HalfTurn
 from automarine_cli.simulation.batch import Channel
 
-MOST_OFFSET = 2.5  # bound of the common z of the switch instants: within 0.6 % of the end of the interval
+MAX_OFFSET = 2.5  # bound of the common z of the switch instants: within 0.6 % of the end of the interval
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
     for turn in turns:
         run, before = turn.step.run, turn.step.rest or slice(turn.kept.start, turn.kept.start)
         instant = turn.step.switch_to if turn.step.begins_log else turn.step.switch_mid
-        parts = slice(max(before.start, before.stop - MOST_REST), before.stop), turn.kept
+        parts = slice(max(before.start, before.stop - MAX_REST), before.stop), turn.kept
         velocity = run.channel(dof.velocity)
         velocity = np.full(len(run), np.nan) if velocity is None else velocity
         names.append(turn.name)
@@ -109,7 +109,7 @@ def step_data(
     return StepData(tuple(names), time, heading, observed, moment, interval, dof, (position,))
 
 
-LEAST_SHARE = 0.01  # of the drag that is left one way, however much it differs: none would drive the vehicle
+MIN_SHARE = 0.01  # of the drag that is left one way, however much it differs: none would drive the vehicle
 AT_ONCE = 100_000  # readings that are worked out together: about what fits into the processor's caches
 
 
@@ -141,7 +141,7 @@ def step_problem(data: StepData, model: str, prior: Known = NOTHING_KNOWN, sided
         force = data.moment[rows, None] * np.exp(of_run[GAIN]) + values.get("constant", 0.0)
         drag = {role: values.get(role, 0.0) for role in ("linear", "quadratic")}
         if "difference" in values:
-            drag[main] = np.maximum(values[main] + np.sign(force) * values["difference"], LEAST_SHARE * values[main])
+            drag[main] = np.maximum(values[main] + np.sign(force) * values["difference"], MIN_SHARE * values[main])
         time = data.time[rows] - data.interval[rows, None] * instant(switch + of_run[SWITCHES])
         begin = of_run[START_POSITION]
         position, rate = response(time, force, values["inertia"], drag["linear"], drag["quadratic"], begin)
@@ -149,7 +149,7 @@ def step_problem(data: StepData, model: str, prior: Known = NOTHING_KNOWN, sided
         return np.concatenate(predicted, axis=2)
 
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
-    bounds = np.array([(0.0, np.inf), *drags, (-MOST_OFFSET, MOST_OFFSET)])
+    bounds = np.array([(0.0, np.inf), *drags, (-MAX_OFFSET, MAX_OFFSET)])
     positive = np.array([True, *np.logical_not(signed), False])
     problem = Problem(readings, measured, observed, blocks, bounds, positive, names, slots_of(data.channels))
     return problem.informed(prior.parameters)

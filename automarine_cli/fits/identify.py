@@ -20,14 +20,7 @@ from automarine_cli.fits.innovations import channel_noises, channels_json, rando
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import SWITCH
-from automarine_cli.fits.paper import (
-    BIAS_LIMIT,
-    FEWEST_A_WAY,
-    MODELS,
-    VelocityErrorFit,
-    fit_velocity_error,
-    nested_test,
-)
+from automarine_cli.fits.paper import BIAS_LIMIT, MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.models.store import effects_json, model_head
 from automarine_cli.models.yaw_model import YawModel, steady_rate
@@ -37,7 +30,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
-from automarine_cli.runs.run import Run, SetAside, runs_json
+from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 from automarine_cli.text import plural
@@ -282,7 +275,7 @@ class YawFit(Shown):
     seed_method: VelocityErrorFit | None
     why_no_seed_method: str
     preference: whole_runs.Preference
-    set_aside: tuple[SetAside, ...]
+    set_aside: tuple[ExcludedRun, ...]
     warnings: tuple[str, ...]
     cautions: tuple[Caution, ...]
     dof: Dof
@@ -442,14 +435,14 @@ class Buoyancy:
 
 
 FITTING = "fitting models"
-FEWEST_STEPS = 3
+MIN_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run
 
 
 def identify_turns(
     dof: Dof,
     turns: tuple[HalfTurn, ...],
-    set_aside: tuple[SetAside, ...],
+    set_aside: tuple[ExcludedRun, ...],
     load_runs: Callable[[], Sequence[Run]],
     fit_to: str = "auto",
     prior: Known = NOTHING_KNOWN,
@@ -469,11 +462,11 @@ def identify_turns(
     """
     runs = len(turns) + len(set_aside)
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
-    enough = len(turns) >= FEWEST_STEPS and sizes >= 2
+    enough = len(turns) >= MIN_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
         steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
-        raise RunError(f"{steps}, and at least {FEWEST_STEPS} at 2 are needed; {remedy}")
+        raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
     if not with_effects and (fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)):
         return _fit_steps(turns, set_aside, prior, map_jobs, channels, tail)
     if tail is not None:
@@ -484,13 +477,13 @@ def identify_turns(
     return _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects)
 
 
-def _reasons(set_aside: Sequence[SetAside]) -> str:
+def _reasons(set_aside: Sequence[ExcludedRun]) -> str:
     return "".join(f"the first set aside: {run.file}, run {run.run}: {run.why}; " for run in set_aside[:1])
 
 
 def _fit_steps(
     turns: tuple[HalfTurn, ...],
-    set_aside: tuple[SetAside, ...],
+    set_aside: tuple[ExcludedRun, ...],
     prior: Known,
     map_jobs: Each,
     channels: str,
@@ -502,7 +495,7 @@ def _fit_steps(
     data = half_turn_data(turns, chosen.names)
     zero = np.zeros(len(turns))
     rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
-    two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
+    two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= MIN_A_WAY)
     fit_model = partial(_fit_model, data=data, rough=rough, unit=unit, prior=prior, two_way=two_way)
     fits = dict(zip(MODELS, map_jobs(fit_model, MODELS, FITTING)))
     preference = whole_runs.prefer(fits)
@@ -539,7 +532,7 @@ def _fit_model(
     def fit(sided: bool) -> whole_runs.OutputErrorFit:
         return whole_runs.fit_half_turns(data, number, begin, unit, prior, constant, sided)
 
-    return whole_runs.by_way(fit, data.dof, two_way)
+    return whole_runs.fit_by_direction(fit, data.dof, two_way)
 
 
 def _fit_whole(
@@ -557,7 +550,7 @@ def _fit_whole(
     usable, contrary = without_contrary(free)
     chosen = choose_channels(usable, usable[0].dof, channels) if usable else NOTHING_TO_CHOOSE
     moving = tuple(chosen.cleaned(run) for run in usable)
-    short = tuple(SetAside(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
+    short = tuple(ExcludedRun(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
     short += undriven + stuck + contrary
     if not moving:
         raise RunError(
@@ -624,7 +617,7 @@ def _fit_whole_model(
     two_way = driven.both_ways(runs)
     for step in driven.STEPS:
         batch = make_batch(runs, step, channels=channels)
-        fit = whole_runs.by_way(
+        fit = whole_runs.fit_by_direction(
             partial(whole_runs.fit_whole_runs, batch, number, at_rest, prior=prior), batch.dof, two_way
         )
         if step_for(fit.model, largest) >= 0.5 * step:

@@ -21,7 +21,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, least_noise
-from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
+from automarine_cli.filters.kalman import FAR, FilterResult, Noises, follow
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.linear_mixed import GAIN
@@ -34,7 +34,7 @@ from automarine_cli.runs.channels import ChannelChoice
 from automarine_cli.runs.run import Run, position_noise
 
 DIFFERENCE = 1e-5  # share of a parameter by which it is moved for its derivative
-LEAST_SIZE = 1e-4  # smallest disturbance, as a share of the acceleration that the largest command gives
+MIN_SIZE = 1e-4  # smallest disturbance, as a share of the acceleration that the largest command gives
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class DrivenProblem:
         per_run = {c.name.partition(".")[0]: chances[i] for i, c in enumerate(self.random) if i >= at + channels}
         return Noises(size, time, thrust, gain, late, np.array(chances[at : at + channels]), per_run)
 
-    def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> Followed:
+    def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> FilterResult:
         """Filter the runs under phi (P, p), or those of another course."""
         theta = self.natural(phi)
         count = len(self.names) - len(self.random)
@@ -173,7 +173,9 @@ class Innovations:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
-def innovations_of(runs: Followed, part: slice, steps: Floats | float, base: Innovations | None = None) -> Innovations:
+def innovations_of(
+    runs: FilterResult, part: slice, steps: Floats | float, base: Innovations | None = None
+) -> Innovations:
     """Innovations at a point, and how they change per step from there to the parameter sets `part` of what was
     filtered. The point is that of `base` if it is given, else the first of them."""
     error, variance, density = runs.innovation[:, part], runs.variance[:, part], runs.log_density[part]
@@ -235,7 +237,7 @@ def randomness(
     """
     chances = []
     for dof, push in zip(course.motion.dofs, accelerations):
-        least, most = LEAST_SIZE * push, 3.0 * push
+        least, most = MIN_SIZE * push, 3.0 * push
         size = (0.0, 0.0) if quiet else (least, most)
         chances.append(Randomness(f"{dof.name}.disturbance", *size, 0.05 * push, 3.0))
         time = (2.0, 2.0) if quiet else (0.3, 60.0)
@@ -261,7 +263,7 @@ FEW_RUNS = 6
 LOOK, WAYS = 6, 3
 """Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
 SIZES = {GAIN: "gain-scatter"}  # what run effects are called whose sizes are parameters
-LEAST_DAMPING, MOST_DAMPING, SHARES, ONE_SHARE = 1e-4, 1e3, (1.0, 30.0), (1.0,)
+MIN_DAMPING, MAX_DAMPING, SHARES, ONE_SHARE = 1e-4, 1e3, (1.0, 30.0), (1.0,)
 """Share of the curvature that is added to it, and multiples of that which are tried together; of many climbs one."""
 NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
 
@@ -367,7 +369,7 @@ def _climb(
     (slopes,) = yield phi[None]
     value = slopes.value(problem, phi)
     free, limits = problem.free, problem.limits
-    converged, done, damping = False, 0, LEAST_DAMPING
+    converged, done, damping = False, 0, MIN_DAMPING
     rounds = len(shares) if problem.course.motion.turns else 1  # of three motions arrays are long as they are
     settled = SETTLED if shares is SHARES else 0.02 * SETTLED  # a run left out moves a fit by little
     while done < iterations and np.isfinite(value):
@@ -396,8 +398,8 @@ def _climb(
         best = int(np.argmax(reached))
         if reached[best] > value + 0.1 * SETTLED:
             phi, value, slopes = trials[best], reached[best], tried[best]
-            damping = max(damping * (0.1 if best == 0 else shares[best]), LEAST_DAMPING)
-        elif damping < MOST_DAMPING:
+            damping = max(damping * (0.1 if best == 0 else shares[best]), MIN_DAMPING)
+        elif damping < MAX_DAMPING:
             damping *= max(10.0 * shares[-1], 100.0)
         else:
             converged = expected < 1.0

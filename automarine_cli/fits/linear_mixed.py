@@ -105,7 +105,7 @@ class RunEffects:
 
 
 @dataclass(frozen=True)
-class Gram:
+class NormalEquations:
     """Inner products of one linearisation: parameters J, run effects V, residuals w = r; runs first.
 
     `present` (R, q) the run effects b0 linearised about, `count` (R,) samples, `log_scale` (R,) what samples of other
@@ -131,7 +131,7 @@ class Gram:
     def of(
         cls, by_theta: Floats, by_run: Floats, residual: Floats, count: NDArray[np.int64],
         present: Floats | None = None,
-    ) -> "Gram":  # fmt: skip
+    ) -> "NormalEquations":  # fmt: skip
         """From J (R, N, p), V (R, N, q) and r (R, N), zero in the padding; `present` zero where not given."""
         present = np.zeros((len(by_run), by_run.shape[2])) if present is None else present
         p, q = by_theta.shape[2], by_run.shape[2]
@@ -145,7 +145,7 @@ class Gram:
             product[:, run, -1], product[:, -1, -1], present, count
         )  # fmt: skip
 
-    def keep(self, free: NDArray[np.int64]) -> "Gram":
+    def keep(self, free: NDArray[np.int64]) -> "NormalEquations":
         """The same with only the parameters `free`; the others stay where they are, as at a bound."""
         jj = self.jj[:, free][:, :, free]
         return replace(self, jj=jj, jv=self.jv[:, free], jw=self.jw[:, free])
@@ -156,7 +156,7 @@ class Grams:
     """The same of every channel, linearised about one point; `prior`, if anything is known beforehand, is how far the
     parameters are expected from there (p,), and its precision (p, p)."""
 
-    channels: tuple[Gram, ...]
+    channels: tuple[NormalEquations, ...]
     prior: tuple[Floats, Floats] | None = None
 
     @property
@@ -171,7 +171,7 @@ class Grams:
         prior = None if self.prior is None else (self.prior[0][free], self.prior[1][np.ix_(free, free)])
         return Grams(tuple(channel.keep(free) for channel in self.channels), prior)
 
-    def at(self, variances: Floats) -> Gram:
+    def at(self, variances: Floats) -> NormalEquations:
         """One sum over the channels, each sample counting by its channel's noise."""
         first = self.channels[0]
         if len(self.channels) == 1:
@@ -182,7 +182,7 @@ class Grams:
         log_scale = np.sum([b * channel.count for b, channel in zip(behind, self.channels)], axis=0)
         products = zip(*((c.jj, c.jv, c.vv, c.jw, c.vw, c.ww) for c in self.channels))
         jj, jv, vv, jw, vw, ww = (np.asarray(sum(w * block for w, block in zip(share, part))) for part in products)
-        return Gram(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)
+        return NormalEquations(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)
 
 
 DIVERGED = (
@@ -323,7 +323,7 @@ FLAT = 1e-4
 """Slope of the deviance, by a variance in that unit, that counts as none: where an effect is next to nothing, or a run
 has none, slope and second derivatives are rounding."""
 BOLDEST = 1.0  # longest step of the logarithm of a standard deviation
-MOST_STEPS = 60
+MAX_STEPS = 60
 
 
 def scored_deviance(
@@ -430,7 +430,7 @@ def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restri
     unit = 1.0 / np.sqrt(2.0 * np.append(noises, np.full(len(factors), len(grams.count))))
     point = np.clip(start, *limits.T)
     value, slope, information = scored_deviance(grams, effects, point, restricted=restricted)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         steep = np.abs(slope) * unit > FLAT
         room = np.where(steep[:, None], limits - point[:, None], 0.0)
         newton = bounded_solution(information, -slope, room)

@@ -9,8 +9,8 @@ estimated factor (the scatter of the thrust gain, say).
 Estimator (Lindstrom and Bates 1990, Biometrics 46:673): linearise f at the present theta and b, which makes the
 problem linear and Gaussian (see linear_mixed.py); choose the variance factors by restricted likelihood, theta by
 generalised least squares, b by its posterior mean; repeat, with half the step where it turns back on the last one.
-After the linearisation a run is a small Gram matrix, so resampling runs, leaving one out and comparing models cost
-next to nothing.
+After the linearisation a run is a small Gram matrix, so resampling runs, leaving one out and comparing models cost next
+to nothing.
 
 Assumptions: noise white within a run, runs independent. The standard errors by the jackknife over runs hold without
 the first.
@@ -28,7 +28,14 @@ from scipy import optimize, special
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.known import Prior, bounds_of, prior_of
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram, Grams, RunEffects, choose_variances, scored_deviance
+from automarine_cli.fits.linear_mixed import (
+    SMALLEST_FACTOR,
+    Grams,
+    NormalEquations,
+    RunEffects,
+    choose_variances,
+    scored_deviance,
+)
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -95,11 +102,11 @@ def search_of(theta: Floats, positive: NDArray[np.bool_]) -> Floats:
 Response = Callable[[Floats, Floats], Floats]
 """Readings (P, R, N) of all channels one after the other, for theta (P, p) and run effects (P, R, q)."""
 
-LEAST_NOISE = 1e-4  # where the fit of a channel's noise starts at least [its unit]
+MIN_NOISE = 1e-4  # where the fit of a channel's noise starts at least [its unit]
 
 CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))  # rise of a deviance at the ends of a 95 % interval
 
-FEWEST_READINGS = 8  # readings from which on their noise can be told roughly
+MIN_READINGS = 8  # readings from which on their noise can be told roughly
 
 SWITCH = "switch-instant"
 """Name of the last entry of theta: where in their sample intervals the commands of all runs change."""
@@ -123,14 +130,14 @@ def slots_of(channels: Sequence[Channel]) -> tuple[Slot, ...]:
         width = channel.values.shape[1]
         noises = [series_noise(v[s]) for v, s in zip(channel.values, channel.seen) if s.any()]
         noise = float(np.median(noises)) if noises else 0.0
-        slots.append(Slot(channel.quantity, slice(at, at + width), max(noise, LEAST_NOISE), channel.counts))
+        slots.append(Slot(channel.quantity, slice(at, at + width), max(noise, MIN_NOISE), channel.counts))
         at += width
     return tuple(slots)
 
 
 def series_noise(values: Floats) -> float:
     """A rough standard deviation of the noise on readings (n,): of their second differences."""
-    if len(values) < FEWEST_READINGS:
+    if len(values) < MIN_READINGS:
         return 0.0
     return float(np.median(np.abs(np.diff(values, 2)))) / 0.6745 / np.sqrt(6.0)
 
@@ -192,7 +199,9 @@ class Problem:
     def inner(self, by_phi: Floats, by_run: Floats, residual: Floats, b: Floats | None = None) -> Grams:
         """The same of any residuals (R, N), zero in the padding; b zero where not given."""
         parts = [(slot.part, count) for slot, count in zip(self.counted, self.count.T)]
-        return Grams(tuple(Gram.of(by_phi[:, x], by_run[:, x], residual[:, x], count, b) for x, count in parts))
+        return Grams(
+            tuple(NormalEquations.of(by_phi[:, x], by_run[:, x], residual[:, x], count, b) for x, count in parts)
+        )
 
     def natural(self, phi: Floats) -> Floats:
         return natural_of(phi, self.positive)
@@ -315,7 +324,7 @@ PHI_STEP = 1e-6
 
 RUN_STEP = 1e-6  # step of the one-sided differences by run effects, whose scales are all of the order of one
 SETTLED = 1e-2  # a fit has converged when no parameter would move by more than this share of its standard error
-MOST_FOLLOWING = 5  # how often the run effects may be fitted again before a trial step is given up
+MAX_FOLLOWING = 5  # how often the run effects may be fitted again before a trial step is given up
 TRIFLE = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
@@ -456,7 +465,7 @@ def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit
     it would have to be tiny, but the disturbances, which are linear, follow in a step or two.
     """
     before = np.inf
-    for _ in range(MOST_FOLLOWING):
+    for _ in range(MAX_FOLLOWING):
         point = _linearise(problem, phi, b)
         cost = _penalised(problem, variances, point)
         if not (np.isfinite(cost) and point.gram.is_finite):

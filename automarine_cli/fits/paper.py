@@ -35,8 +35,8 @@ from automarine_cli.models.yaw_model import (
 from automarine_cli.quantities import Floats
 
 MODELS: tuple[str, ...] = ("1", "2", "3")
-FEWEST_A_WAY = 3  # runs each way from which on it is asked whether drag differs
-MOST_DILUTED = 0.5  # share of a sum that is taken off as noise at most: where more is noise, what is left says little
+MIN_A_WAY = 3  # runs each way from which on it is asked whether drag differs
+MAX_DILUTED = 0.5  # share of a sum that is taken off as noise at most: where more is noise, what is left says little
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def fit_drag_by_way(
     moment: Floats, rate: Floats, model: str, moment_unit: str, dof: Dof, variance: Floats | float = 0.0
 ) -> DragFit:
     """`fit_drag`; of a motion whose drag may differ between its two ways with that, where the points show it."""
-    if dof.directional and min(np.sum(rate > 0), np.sum(rate < 0)) >= FEWEST_A_WAY:
+    if dof.directional and min(np.sum(rate > 0), np.sum(rate < 0)) >= MIN_A_WAY:
         with suppress(FitError):
             apart = fit_drag(moment, rate, model, moment_unit, dof, sided=True, variance=variance)
             low, high = apart.estimates[dof.symbols.difference].ci95
@@ -183,7 +183,7 @@ def _credible(plain: Sums, corrected: Sums) -> float:
     squares = plain.squares.sum(axis=0)
     noise = squares - corrected.squares.sum(axis=0)
     worst = float(np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max())
-    return min(1.0, MOST_DILUTED / worst) if worst > 0 else 1.0
+    return min(1.0, MAX_DILUTED / worst) if worst > 0 else 1.0
 
 
 def nested_test(small: DragFit, large: DragFit) -> dict[str, Any]:
@@ -197,7 +197,7 @@ def nested_test(small: DragFit, large: DragFit) -> dict[str, Any]:
 
 Mask = NDArray[np.bool_]
 
-FEWEST_TAIL_SAMPLES = 3
+MIN_TAIL_SAMPLES = 3
 EARLIEST, LATEST = 15.0, 165.0  # of half a turn, [degrees]: before it nothing is steady, after it nothing is left
 
 
@@ -221,9 +221,9 @@ class TailLines:
 def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask, dof: Dof) -> TailLines:
     """Least-squares line through the used samples of each run (R, N): slope and intercept at time 0."""
     count = used.sum(axis=-1)
-    if np.any(count < FEWEST_TAIL_SAMPLES):
+    if np.any(count < MIN_TAIL_SAMPLES):
         raise FitError(
-            f"only {count.min()} samples in the steady tail of a {dof.words.step} where {FEWEST_TAIL_SAMPLES} are "
+            f"only {count.min()} samples in the steady tail of a {dof.words.step} where {MIN_TAIL_SAMPLES} are "
             f"needed; log the {dof.words.position} faster, or drop the highest {dof.words.force}s"
         )
     mean_t = np.sum(time * used, axis=-1) / count
@@ -238,7 +238,7 @@ def first_past(turned: Floats, time: Floats, observed: Mask, starts: Floats) -> 
     """First sample (R, A) of each run whose noise-free turn (R, N) is past each start (A,) [rad]; a few remain."""
     last = observed.shape[1] - 1 - np.argmax(observed[:, ::-1], axis=1)
     begun = np.argmax(observed & (time > 0), axis=1)
-    few = np.maximum(last - FEWEST_TAIL_SAMPLES + 1, begun)
+    few = np.maximum(last - MIN_TAIL_SAMPLES + 1, begun)
     # noise-free turns go one way: what is past an angle is what comes after the first sample past it
     past = [np.searchsorted(np.abs(psi[: n + 1]), starts) for psi, n in zip(turned, last)]
     return np.minimum(past, few[:, None])
@@ -251,7 +251,7 @@ def noise_about_lines(time: Floats, heading: Floats, used: Mask, dof: Dof) -> fl
     return float(np.sqrt(off @ off / max(used.sum() - 2 * len(time), 1)))
 
 
-def asked_tail(tail: float | None, dof: Dof) -> float | None:
+def parse_tail(tail: float | None, dof: Dof) -> float | None:
     """The place [rad or m] where a person wants the tails to start, given as logs hold positions: degrees or metres.
 
     Raises SettingError where no tail could be.
@@ -482,7 +482,7 @@ def expected(time: Floats, data: StepData, model: Reference, noise: float, thrus
 
 
 TAIL_FEEDBACK_STEP = 1e-3  # relative change of the model's inertia and drag by which the loop is felt
-MOST_GAIN = 0.9  # of the loop: beyond it the correction hardly settles, and its uncertainty has no end
+MAX_GAIN = 0.9  # of the loop: beyond it the correction hardly settles, and its uncertainty has no end
 
 
 @dataclass(frozen=True)
@@ -525,7 +525,7 @@ def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
     moved = tuple(model.moved(*factor).steady(raw, time) for factor in factors)
     loop = np.stack([(model.read(tails)[0] - estimate) / TAIL_FEEDBACK_STEP for tails in moved], axis=1)
     gain = float(np.abs(np.linalg.eigvals(loop)).max())
-    loop *= min(1.0, MOST_GAIN / max(gain, MOST_GAIN))
+    loop *= min(1.0, MAX_GAIN / max(gain, MAX_GAIN))
     return Feedback((moved[0], moved[1]), influence @ np.linalg.inv(np.eye(2) - loop).T)
 
 

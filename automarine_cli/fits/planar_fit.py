@@ -40,7 +40,7 @@ from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
 from automarine_cli.models.store import planar_json, units
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import Run, SetAside, runs_json
+from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 
 
 def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = False) -> Judgement:
@@ -189,7 +189,7 @@ class PlanarFit(Shown):
     way_because: str
     runs: tuple[Run, ...]
     observed: Observed
-    set_aside: tuple[SetAside, ...] = ()
+    set_aside: tuple[ExcludedRun, ...] = ()
     limits: tuple[str, ...] = ()
     prior: Known = NOTHING_KNOWN
 

@@ -49,7 +49,7 @@ class Judge(ABC, Generic[Model, Round]):
         Raises FitError where it cannot be done."""
 
     @abstractmethod
-    def able(self, look: Round, first: Round) -> Sequence[Model]:
+    def admissible(self, look: Round, first: Round) -> Sequence[Model]:
         """Models with one effect more that are beyond chance and may stand, the best first; `first` was the first look
         of the search."""
 
@@ -92,7 +92,7 @@ class NamedRival:
     label: str = ""  # the name with what it adds, where the name alone does not tell
 
 
-def discover(judge: Judge[Model, Round], base: Model) -> Outcome[Model, Round]:
+def stepwise_search(judge: Judge[Model, Round], base: Model) -> Outcome[Model, Round]:
     """What `base` lacks. Raises FitError where not even the first look can be made."""
     current, looks = _forward(judge, base)
     current, around = _reconsidered(judge, current, looks[0])
@@ -113,7 +113,7 @@ def _forward(judge: Judge[Model, Round], current: Model) -> tuple[Model, list[Ro
             current = alternatives.pop(0)
             continue
         looks.append(look)
-        candidates = judge.able(look, looks[0])
+        candidates = judge.admissible(look, looks[0])
         if not candidates:
             return look.before, looks
         current, *alternatives = candidates

@@ -15,7 +15,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.half_turns import MOST_OFFSET, StepData, density, instant, step_problem
+from automarine_cli.fits.half_turns import MAX_OFFSET, StepData, density, instant, step_problem
 from automarine_cli.fits.innovations import Fit
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import (
@@ -37,7 +37,7 @@ from automarine_cli.simulation.rollout import Start, simulate
 
 STEP = 0.1  # of the differences, in standard errors of a parameter or posterior standard deviations of a run effect
 FARTHEST = 1.0  # longest of these steps on a logarithm: nothing is known of a parameter that may be further off
-LEAST_STIFFNESS = 1e-8
+MIN_STIFFNESS = 1e-8
 """Smallest eigenvalue, with every parameter in units of its own curvature, of equations that fix a solution."""
 
 
@@ -59,7 +59,7 @@ def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
     if problem.prior is not None:
         total = total + problem.prior[1][np.ix_(free, free)]
     scale = linear_mixed.curvature_scale(total)
-    if np.linalg.eigvals(total / np.outer(scale, scale)).real.min() <= LEAST_STIFFNESS:
+    if np.linalg.eigvals(total / np.outer(scale, scale)).real.min() <= MIN_STIFFNESS:
         return fit.left_out - fit.phi
     inverse = np.linalg.pinv((total - stiffness) / np.outer(scale, scale), rcond=1e-9)
     moved[:, free] = -(inverse @ (pull / scale)[:, :, None])[:, :, 0] / scale
@@ -175,7 +175,7 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
                 predicted[i] = predicted[i] + blocks.of(b, bias_of(channel.quantity))
         return np.concatenate(predicted, axis=2)
 
-    most = MOST_OFFSET if within else 0.5
+    most = MAX_OFFSET if within else 0.5
     bounds, drags = [(0.0, np.inf)], {term.name for term in model.terms} >= set(BASE_TERMS["2"])
     for term in model.terms:
         for parameter in effects.get(term.name).parameters:
@@ -279,7 +279,7 @@ class Ways:
         return {"differ": self.differ, "p_value": self.p_value, **entries}
 
 
-def by_way(fit: "Callable[[bool], OutputErrorFit]", dof: Dof, two_way: bool) -> "OutputErrorFit":
+def fit_by_direction(fit: "Callable[[bool], OutputErrorFit]", dof: Dof, two_way: bool) -> "OutputErrorFit":
     """The fit with drag by way where that differs, else pooled; `fit` takes which, `two_way` whether both were gone."""
     if not (dof.directional and two_way):
         return fit(False)
@@ -287,11 +287,11 @@ def by_way(fit: "Callable[[bool], OutputErrorFit]", dof: Dof, two_way: bool) -> 
         apart = fit(True)
     except FitError:  # a model that is far off may run away with one way more than with both together
         return fit(False)
-    ways = ways_of(apart)
+    ways = directional_drag(apart)
     return replace(apart if ways.differ else fit(False), ways=ways)
 
 
-def ways_of(fit: "OutputErrorFit") -> Ways:
+def directional_drag(fit: "OutputErrorFit") -> Ways:
     """The drag of each way, and the test, from a fit of both: theta holds their middle and half their difference."""
     dof, names, role = fit.model.dof, list(fit.estimates), main_drag(fit.number)
     symbols = dof.symbols
@@ -322,7 +322,7 @@ ENOUGH_RUNS = 8
 likelihood's."""
 
 AT_ONCE = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval")  # commands act in the middle of their intervals
-MOST_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
+MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
 
 
 @dataclass(frozen=True)
@@ -458,7 +458,7 @@ def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
         return by_runs
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, by_runs))
     ratio = np.divide(between, likely, out=np.ones_like(between), where=likely > 0)  # none at a bound
-    grow = np.clip(ratio, 1.0, MOST_GROWTH)
+    grow = np.clip(ratio, 1.0, MAX_GROWTH)
     return mixed.covariance * np.outer(grow, grow)
 
 

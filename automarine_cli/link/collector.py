@@ -23,7 +23,7 @@ CONNECT_S, STALL_S = 1.0, 10.0
 """To connect, and without a byte once connected."""
 PIECE = 1 << 18
 """So much of a log is asked for at once: what lies in buffers when the link is cut is little."""
-MOST_ANSWER = 64_000_000
+MAX_ANSWER = 64_000_000
 
 
 class LinkCut(Exception):
@@ -97,7 +97,7 @@ class Client:
         if answer.tag != f'"{hashlib.sha256(answer.content).hexdigest()}"':
             remedy = "check the address, and that both sides have the same automarine"
             raise WrongAnswer(f"{self.url} does not answer as a vehicle of ours; {remedy}")
-        data = read_plain(Document("the vehicle's answer", answer.content), "JSON", WrongAnswer, most=MOST_ANSWER)
+        data = read_plain(Document("the vehicle's answer", answer.content), "JSON", WrongAnswer, most=MAX_ANSWER)
         if answer.status == HTTPStatus.UNAUTHORIZED:
             raise Refusal(f"{self.url} refuses the token; give the one that serve printed with --token or --token-file")
         if answer.status >= HTTPStatus.BAD_REQUEST:
@@ -132,7 +132,7 @@ def _whole_or_part(answer: http.client.HTTPResponse) -> bytes:
     """What came of an answer before the link was cut; of nothing at all the cut is told."""
     content = b""
     try:
-        while len(content) < MOST_ANSWER and (block := answer.read1(1 << 16)):
+        while len(content) < MAX_ANSWER and (block := answer.read1(1 << 16)):
             content += block
     except (OSError, http.client.HTTPException):
         if not content:

@@ -13,7 +13,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping
 from automarine_cli.planning.candidates import PLAN, Candidate, Supply
 from automarine_cli.simulation.specification import AboveZero, Limit, Settings, ZeroOrMore
-from automarine_cli.text import printable, told
+from automarine_cli.text import format_value, printable
 
 SCHEMA = "automarine/link-campaign/1"
 STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"
@@ -21,13 +21,13 @@ RUNS_SCHEMA: Literal["automarine/link-runs/1"] = "automarine/link-runs/1"
 LOG_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,140}\.(csv|part)")
 SHA256 = re.compile("[0-9a-f]{64}")
 LARGEST_LOG = 1 << 32
-MOST_BYTES = 4_000_000
-MOST_RUNS, MOST_COMMANDS, LONGEST_S = 500, 1000, 3600.0
+MAX_BYTES = 4_000_000
+MAX_RUNS, MAX_COMMANDS, LONGEST_S = 500, 1000, 3600.0
 SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
 WHOLE, STOPPED, INTERRUPTED = "", "_stopped", "_interrupted"
 ENDS = (WHOLE, STOPPED, INTERRUPTED)
 """What the names of logs end with, by how their runs ended."""
-MOST_HZ, LONGEST_LINE, HEAD = 100.0, 200, 4096
+MAX_HZ, LONGEST_LINE, HEAD = 100.0, 200, 4096
 """Lines of a log in a second, and bytes of one line and of its head, at most."""
 SHORT = 8
 """So many letters of a campaign's id begin the names of its logs."""
@@ -48,8 +48,8 @@ class PlannedRun(Settings):
         if self.name.endswith(ENDS[1:]):
             raise SettingError(f"name is {self.name!r}; expected another end, this one marks runs that were cut short")
         super().__post_init__()
-        if not 0 < len(self.commands) <= MOST_COMMANDS:
-            raise SettingError(f"commands has {len(self.commands)} entries; expected 1 to {MOST_COMMANDS}")
+        if not 0 < len(self.commands) <= MAX_COMMANDS:
+            raise SettingError(f"commands has {len(self.commands)} entries; expected 1 to {MAX_COMMANDS}")
         if min(seconds for _, seconds in self.commands) <= 0:
             raise SettingError("commands holds a time that is not above 0; expected [moment, seconds] pairs")
         if self.driven > LONGEST_S or self.wait_s > LONGEST_S:
@@ -92,8 +92,8 @@ class LinkCampaign(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 < len(self.runs) <= MOST_RUNS:
-            raise SettingError(f"runs has {len(self.runs)} entries; expected 1 to {MOST_RUNS}")
+        if not 0 < len(self.runs) <= MAX_RUNS:
+            raise SettingError(f"runs has {len(self.runs)} entries; expected 1 to {MAX_RUNS}")
         names = [run.name for run in self.runs]
         if twice := next((name for name in names if names.count(name) > 1), None):
             raise SettingError(f"runs holds {twice!r} more than once; expected a name of its own for each run")
@@ -117,7 +117,7 @@ class LinkCampaign(Settings):
 
     def room(self, run: PlannedRun) -> int:
         """Bytes that a run's log has at most, unless its vehicle speaks more, or more often, than any we know."""
-        lines = max(MOST_HZ, self.rate_hz) * (self.rest_s + run.driven + 1.0)
+        lines = max(MAX_HZ, self.rate_hz) * (self.rest_s + run.driven + 1.0)
         return int(lines * LONGEST_LINE) + HEAD
 
     def begins(self, number: int) -> float:
@@ -155,7 +155,7 @@ class CampaignState:
 
     def __post_init__(self) -> None:
         if not SHA256.fullmatch(self.id):
-            raise SettingError(f"id is {told(self.id)}; expected the SHA-256 of a campaign")
+            raise SettingError(f"id is {format_value(self.id)}; expected the SHA-256 of a campaign")
 
     @property
     def says(self) -> str:
@@ -187,9 +187,13 @@ class Log:
 
     def __post_init__(self) -> None:
         if not LOG_NAME.fullmatch(self.name) or not 0 <= self.size < LARGEST_LOG:
-            raise SettingError(f"a log cannot be called {told(self.name)} or hold {told(self.size)} B: check its host")
+            raise SettingError(
+                f"a log cannot be called {format_value(self.name)} or hold {format_value(self.size)} B: check its host"
+            )
         if self.closed and not (self.sha256 and SHA256.fullmatch(self.sha256) and self.name.endswith(".csv")):
-            raise SettingError(f"{self.name} is closed and has the SHA-256 {told(self.sha256)}; expected 64 hex digits")
+            raise SettingError(
+                f"{self.name} is closed and has the SHA-256 {format_value(self.sha256)}; expected 64 hex digits"
+            )
 
 
 @dataclass(frozen=True)
@@ -201,7 +205,7 @@ class Listing:
 def read_campaign(path: Path) -> LinkCampaign:
     """The campaign in a folder that `automarine plan` wrote, its plan.json, or a document. Raises SettingError."""
     file = path / PLAN.file if path.is_dir() else path
-    data = read_plain(file, "JSON", SettingError, most=MOST_BYTES)
+    data = read_plain(file, "JSON", SettingError, most=MAX_BYTES)
     where = printable(file.name)
     if data.get("schema") == PLAN.schema:
         plan = PLAN.of(data, where, SettingError)
@@ -214,7 +218,7 @@ def read_campaign(path: Path) -> LinkCampaign:
 
 def campaign_in(content: bytes) -> LinkCampaign:
     source: Source = Document("campaign", content)
-    return campaign_of(read_plain(source, "JSON", SettingError, most=MOST_BYTES), "campaign")
+    return campaign_of(read_plain(source, "JSON", SettingError, most=MAX_BYTES), "campaign")
 
 
 def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:

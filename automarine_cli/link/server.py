@@ -22,7 +22,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
-from automarine_cli.link.document import MOST_BYTES, SHA256, SHORT, State
+from automarine_cli.link.document import MAX_BYTES, SHA256, SHORT, State
 from automarine_cli.link.player import LEASE_S, play
 from automarine_cli.link.store import ASKED, HeldElsewhereError, Store, held, sync_folder
 from automarine_cli.link.vehicles.base import Vehicle
@@ -33,7 +33,7 @@ BEAT_S = 0.5
 QUIET_S = 5.0
 """A request to stop is answered when the vehicle is silent, after this at the latest."""
 PATIENCE_S = 30.0
-HEADER_S, MOST_STRANGERS = 10.0, 64
+HEADER_S, MAX_STRANGERS = 10.0, 64
 """So long, and so many at a time, may who has not shown the token yet stay; the first who came goes first."""
 SEND_BUFFER = 1 << 16  # what lies in it when the link is cut has crossed for nothing
 BLOCK = 1 << 15
@@ -74,8 +74,8 @@ class Handler(BaseHTTPRequestHandler):
         size = self.headers.get("Content-Length", "")
         if not SHA256.fullmatch(name) or name == self.path:
             self._refuse(HTTPStatus.NOT_FOUND, "a campaign is put to /campaigns/SHA-256 of its document")
-        elif not re.fullmatch(r"\d{1,9}", size) or int(size) > MOST_BYTES:
-            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"give a Content-Length of {MOST_BYTES} at most")
+        elif not re.fullmatch(r"\d{1,9}", size) or int(size) > MAX_BYTES:
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"give a Content-Length of {MAX_BYTES} at most")
         elif len(content := self.rfile.read(int(size))) < int(size):
             self.close_connection = True  # cut before its end: as if it had never come
         else:
@@ -154,7 +154,7 @@ class LinkServer(ThreadingHTTPServer):
     Where the disk refuses to keep a stop, `silenced` says so, and nothing is driven any more."""
 
     daemon_threads = True
-    request_queue_size = MOST_STRANGERS
+    request_queue_size = MAX_STRANGERS
 
     def __init__(
         self, address: tuple[str, int], store: Store, vehicle: Vehicle, token: str,
@@ -212,7 +212,7 @@ class LinkServer(ThreadingHTTPServer):
     def process_request(self, request: Any, client_address: Any) -> None:
         """Begin a thread for a connection, after one that has said nothing for longest gave way if there are many."""
         with self._door:
-            if len(self._strangers) >= MOST_STRANGERS:
+            if len(self._strangers) >= MAX_STRANGERS:
                 self._hang_up(next(iter(self._strangers)))
             self._strangers[request] = time.monotonic()
         super().process_request(request, client_address)

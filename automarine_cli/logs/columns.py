@@ -50,7 +50,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         )
     },
 }
-MOST_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, in which one may be guessed
+MAX_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, in which one may be guessed
 COMMANDS = ("n", *dict.fromkeys(name for dof in DOFS.values() for name in dof.thrusters))
 """Control signals keep the file's own unit, whatever it is called."""
 
@@ -193,7 +193,7 @@ def likely_column(quantity: str, names: Iterable[str]) -> str | None:
     words = (*WORDS.get(quantity, ()), *(name.lower() for name in names_of(quantity)))
     position = any(quantity == dof.position for dof in DOFS.values())
     best, score = None, 0.75
-    for name in islice(names, MOST_LOOKED_AT):
+    for name in islice(names, MAX_LOOKED_AT):
         if len(name) > LONGEST_GUESSED:
             continue
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")

@@ -139,7 +139,7 @@ def _header(lines: Sequence[bytes], where: str) -> tuple[tuple[str, ...], str]:
         if count > 1 and (share, count) > best:
             delimiter, best = mark, (share, count)
     names = tuple(cell.strip() for cell in _cells(header, delimiter))
-    if len(names) > formats.MOST_COLUMNS:
+    if len(names) > formats.MAX_COLUMNS:
         raise formats.too_many_columns(where, len(names))
     if any(names) and all(formats.is_number(cell) or not cell for cell in names):
         raise LogError(

@@ -26,8 +26,8 @@ from automarine_cli.pipeline.records import Document, Source
 from automarine_cli.quantities import Floats
 from automarine_cli.text import plural
 
-MOST_COLUMNS = 30_000
-MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
+MAX_COLUMNS = 30_000
+MAX_UNPACKED, MAX_TIMES = 64 << 20, 100  # bytes; times the file
 
 
 @dataclass(frozen=True)
@@ -100,15 +100,15 @@ class Format:
 
 def most_unpacked(path: Path) -> int:
     """The most bytes that a packed file may unpack to: what grows more is made to fill the memory."""
-    return max(MOST_UNPACKED, MOST_TIMES * path.stat().st_size)
+    return max(MAX_UNPACKED, MAX_TIMES * path.stat().st_size)
 
 
 def too_well_packed(name: str) -> LogError:
-    return LogError(f"{name}: unpacks to more than {MOST_TIMES} times its size, which no log does; check its content")
+    return LogError(f"{name}: unpacks to more than {MAX_TIMES} times its size, which no log does; check its content")
 
 
 def too_many_columns(where: str, count: int) -> LogError:
-    return LogError(f"{where}: found {count} columns, expected at most {MOST_COLUMNS}; check separators and line ends")
+    return LogError(f"{where}: found {count} columns, expected at most {MAX_COLUMNS}; check separators and line ends")
 
 
 def refuse_empty(content: object, source: str, what: str) -> None:

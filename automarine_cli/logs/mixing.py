@@ -29,7 +29,7 @@ from automarine_cli.logs.streams import Recording, Stream, taken
 from automarine_cli.quantities import Floats
 from automarine_cli.text import listed
 
-WISHES = tuple(dof.column(dof.command, NORMALISED) for dof in (YAW, SURGE, SWAY, HEAVE))
+CONTROL_AXES = tuple(dof.column(dof.command, NORMALISED) for dof in (YAW, SURGE, SWAY, HEAVE))
 """The columns that are made, -1 to 1: moment clockwise from above, forces ahead, to starboard and down (SNAME)."""
 SIGNS = {"tau": "clockwise from above", "X": "ahead", "Y": "to starboard", "Z": "down"}
 ROUNDING = 1e-6  # by which a wish may be found wrong that the motors tell: PX4's parameters have 32 bits
@@ -63,7 +63,7 @@ def _stretches(history: Parameters, begin: float, end: float) -> tuple[dict[floa
 
 @dataclass(frozen=True)
 class Demand:
-    """What was asked of the vehicle: columns of `WISHES`, each of shape (N,), -1 to 1; notes, and where they are
+    """What was asked of the vehicle: columns of `CONTROL_AXES`, each of shape (N,), -1 to 1; notes, and where they are
     from."""
 
     columns: Mapping[str, Floats] = field(default_factory=dict)
@@ -79,9 +79,8 @@ class Unclear(Exception):
 class Part:
     """How outputs are read while the parameters stay as they are: one entry a channel that drives the vehicle.
 
-    Outputs between `low`, `neutral` and `high` count from -1 to 1, 0 is no output. `back` leads from there to
-    `WISHES`, shape (wishes, channels), and `observable` says which of these the channels tell at all; `how` is for
-    people.
+    Outputs between `low`, `neutral` and `high` count from -1 to 1, 0 is no output. `back` leads from there to the
+    CONTROL_AXES, shape (wishes, channels), and `observable` says which of these the channels tell; `how` is for people.
     """
 
     how: str
@@ -93,7 +92,7 @@ class Part:
     observable: NDArray[np.bool_]
 
     def wishes(self, outputs: Floats) -> Floats:
-        """`WISHES`, shape (wishes, N), of outputs, shape (channels, N); NaN where the channels do not tell them."""
+        """CONTROL_AXES, shape (wishes, N), of outputs, shape (channels, N); NaN where the channels do not tell them."""
         off = outputs - self.neutral[:, None]
         span = np.where(off > 0, (self.high - self.neutral)[:, None], (self.neutral - self.low)[:, None])
         shares = np.where(outputs != 0, np.clip(off / span, -1, 1), 0.0)
@@ -102,7 +101,7 @@ class Part:
 
 def is_commanded_by(columns: ColumnMap) -> bool:
     """Whether a column map names a command itself, so that none is worked back from outputs."""
-    return not quantities_of(columns.columns).isdisjoint(quantities_of(WISHES) | {*COMMANDS} - {"n"})
+    return not quantities_of(columns.columns).isdisjoint(quantities_of(CONTROL_AXES) | {*COMMANDS} - {"n"})
 
 
 def worked_back(
@@ -111,7 +110,7 @@ def worked_back(
     """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s], which the file calls
     `source`; `read_by` says how they are read, or raises Unclear. Each stretch is read by the parameters of then."""
     stretches, changes = _stretches(history, float(time[0]), float(time[-1]))
-    wishes = np.full((len(WISHES), len(time)), np.nan)
+    wishes = np.full((len(CONTROL_AXES), len(time)), np.nan)
     hows, why = [], ""
     for (first, values), after in zip(stretches.items(), [*list(stretches)[1:], np.inf]):
         rows = (time >= first) & (time < after)
@@ -122,7 +121,7 @@ def worked_back(
             continue
         hows.append(part.how)
         wishes[:, rows] = part.wishes(np.array([channels[number][rows] for number in part.channels]))
-    columns = {name: values for name, values in zip(WISHES, wishes) if np.isfinite(values).any()}
+    columns = {name: values for name, values in zip(CONTROL_AXES, wishes) if np.isfinite(values).any()}
     if not columns:
         return Demand(origin=Origin(why_not=why))
     origin = f"{source} by {' and '.join(dict.fromkeys(hows))}"
@@ -146,7 +145,7 @@ def refuse_lacking(source: str, lacking: Sequence[str]) -> None:
         )
 
 
-ROW = [2, 4, 5, 3]  # places of WISHES in a row of factors: roll, pitch, yaw, up, ahead, abeam
+ROW = [2, 4, 5, 3]  # places of CONTROL_AXES in a row of factors: roll, pitch, yaw, up, ahead, abeam
 Row = tuple[float, float, float, float, float, float]
 
 _FOUR: tuple[Row, ...] = ((0, 0, 1, 0, -1, 1), (0, 0, -1, 0, -1, -1), (0, 0, -1, 0, 1, 1), (0, 0, 1, 0, 1, -1))
@@ -204,7 +203,7 @@ def recorded(
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """What leads from motors to `WISHES` for rows of factors, shape (motors, 6): the pseudo-inverse, shape
+    """What leads from motors to `CONTROL_AXES` for rows of factors, shape (motors, 6): the pseudo-inverse, shape
     (4, motors), and which wishes the motors can tell at all."""
     inverse = np.linalg.pinv(factors)
     unclear = np.abs(inverse @ factors - np.eye(6))[ROW].max(axis=1)

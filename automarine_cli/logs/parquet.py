@@ -38,7 +38,7 @@ def read_table(content: bytes, name: str) -> RawLog:
 
 def _read(source: Path | pa.BufferReader, name: str, limit: float) -> RawLog:
     with pq.ParquetFile(source) as file:
-        if file.metadata.num_columns > formats.MOST_COLUMNS:
+        if file.metadata.num_columns > formats.MAX_COLUMNS:
             raise formats.too_many_columns(name, file.metadata.num_columns)
         names = [field.name for field in file.schema_arrow if _readable(field)]
         rows = file.metadata.num_rows

@@ -47,8 +47,8 @@ from automarine_cli.logs.columns import (
 )
 from automarine_cli.logs.find import stem_of, whole_logs
 from automarine_cli.logs.formats import LogFile, RawLog, read_stamps
-from automarine_cli.logs.mixing import WISHES
-from automarine_cli.logs.table import few_words, means_thruster_test, splitting, whole_log
+from automarine_cli.logs.mixing import CONTROL_AXES
+from automarine_cli.logs.table import categorical_columns, means_thruster_test, splitting, whole_log
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.quantities import Floats
 
@@ -109,7 +109,7 @@ def spans_of(raw: RawLog) -> dict[str, Span]:
                 float(good.min()), float(good.max()), float(np.median(steps[steps > 0])) if steps.any() else 0.0,
                 float(steps.max(initial=0.0)), float(np.median(good)),
                 stamps.kind if stamps else "", stamps is not None and stamps.open,
-                raw.origin.made_from if name in WISHES else "",
+                raw.origin.made_from if name in CONTROL_AXES else "",
             )  # fmt: skip
     return spans
 
@@ -123,7 +123,7 @@ def is_share(span: Span) -> bool:
 SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
 DEGREES, RADIANS = 360.0, 2 * np.pi
 HARDLY = 20.0  # an angle that stays within as many degrees in all logs may be radians
-LEAST_SUPPLY = 3.0  # V
+MIN_SUPPLY = 3.0  # V
 FAR = 100.0  # radians that nothing turns through in a pool test without wrapping
 FORCE = {
     "kgf": "kgf", "kg": "kgf", "lbf": "lbf", "lb": "lbf", "lbs": "lbf", "gf": "gf", "g": "gf", "grams": "gf",
@@ -278,7 +278,7 @@ def _force(quantity: str, source: str, span: Span) -> Recognised:
 def _voltage(quantity: str, source: str, span: Span) -> Recognised:
     if span.low > 1000:
         return Recognised("voltage_V", source, f"{span}", "mV")
-    sure = source in CANONICAL or (_named_exactly(quantity, source) and LEAST_SUPPLY < span.high < 1000)
+    sure = source in CANONICAL or (_named_exactly(quantity, source) and MIN_SUPPLY < span.high < 1000)
     return Recognised("voltage_V", source, f"{span}", open="" if sure else "is this the supply, in volts?")
 
 
@@ -413,7 +413,7 @@ def _signed_by(name: str, neutral: float) -> object:
 NEEDED = ("time", YAW.position, YAW.command)
 OF_YAW = (*NEEDED, *YAW.thrusters, YAW.velocity, "surge", "sway", "voltage")
 BOLLARD = ("n", "force", "time", "voltage")
-MOST_LOOKED_INTO = 20  # bollard tests of one layout
+MAX_LOOKED_INTO = 20  # bollard tests of one layout
 
 
 @dataclass(frozen=True)
@@ -526,7 +526,7 @@ def _tests(
     if n.source == force.source:
         return {"n": None, "force": force}
     if not mapped.keys() & {"n", "force"} and (not force.open or force.ask):
-        raws = [whole_log(file, ColumnMap()) for file in layout.files[:MOST_LOOKED_INTO]]
+        raws = [whole_log(file, ColumnMap()) for file in layout.files[:MAX_LOOKED_INTO]]
         signal, pull = (
             np.concatenate([np.asarray(raw.arrays[raw.names.index(column.source)], float) for raw in raws])
             for column in (n, force)
@@ -663,7 +663,7 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
     mapped = {name: rule.source for name, rule in rules.columns.items() if rule.source in raw.names}
     dof = motion_of(raw.names, mapped)
     names = tuple(name for name in raw.names if name)
-    labels = few_words(raw, {*LABELS, *mapped.values()})
+    labels = categorical_columns(raw, {*LABELS, *mapped.values()})
     split = RUN in raw.names or RUN in rules.columns or BY in rules.columns
     words = {} if split else {key: label.names for key, label in labels.items()}
     bollard = means_thruster_test(quantities_of([*raw.names, *mapped]), names, dof)

@@ -137,7 +137,7 @@ def read_log(
         notes=(*raw.notes, *notes),
         holds=raw.holds,
         origin=raw.origin,
-        words=few_words(raw, {*used, *(columns.source_of(name) for name in LABELS)}),
+        words=categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)}),
         dof=dof,
     )
 
@@ -339,7 +339,7 @@ def csv_text(columns: dict[str, Floats | list[str]], comment: str) -> str:
     return f"# {comment}\n" + frame.to_csv(index=False, lineterminator="\n", float_format=number)
 
 
-MOST_NAMES, FEWEST_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean
+MAX_NAMES, MIN_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean
 RUN_WORDS = {"run", "trial", "test", "session", "series", "experiment"}
 PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label", "id"}
 
@@ -361,15 +361,15 @@ def labels_of(raw: RawLog, columns: ColumnMap, source: str) -> dict[str, Labels]
     return labels
 
 
-def few_words(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
-    """Columns of words that may name runs or parts of a table: of FEWEST_ROWS rows a name and more, two to MOST_NAMES
+def categorical_columns(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
+    """Columns of words that may name runs or parts of a table: of MIN_ROWS rows a name and more, two to MAX_NAMES
     names; none of those in `taken`."""
     columns = {} if raw.holds else {name: c for name, c in zip(raw.names, raw.arrays) if name and name not in taken}
     return {
         printable(name): _labels(array)
         for name, array in columns.items()
         if not (pa.types.is_floating(array.type) or pa.types.is_timestamp(array.type) or array.null_count)
-        and 2 <= pc.count_distinct(array).as_py() <= min(MOST_NAMES, len(array) // FEWEST_ROWS)
+        and 2 <= pc.count_distinct(array).as_py() <= min(MAX_NAMES, len(array) // MIN_ROWS)
     }
 
 

@@ -27,7 +27,7 @@ from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models import planar
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel, base_roles
 from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, key_of, keyed, read_plain
-from automarine_cli.text import LONGEST, Place, printable, told
+from automarine_cli.text import LONGEST, Place, format_value, printable
 
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
@@ -54,14 +54,14 @@ class Covariance:
 class Use:
     """Whether a model predicts better than somebody who expects no change, and the sentences that say so."""
 
-    of_use: bool = True
+    has_skill: bool = True
     says: tuple[str, ...] | str = ()
 
     @property
     def refusal(self) -> str:
         """Why the model is not to be used; empty where it is of use."""
         sentences = (self.says,) if isinstance(self.says, str) else self.says
-        return "" if self.of_use or not sentences else sentences[0]
+        return "" if self.has_skill or not sentences else sentences[0]
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class ModelFile(ResultRecord):
             raise SettingError("models: holds no model; expected one or more of 1, 2, 3")
         if self.preferred not in there:
             raise SettingError(
-                f"preferred: found {told(self.preferred)}, expected one of the file's models ({', '.join(there)})"
+                f"preferred: found {format_value(self.preferred)}, expected one of the models {', '.join(there)}"
             )
 
     @property
@@ -293,8 +293,8 @@ def _force_unit(file: ModelFile, codec: Codec) -> str:
         unit = next(filter(None, units), None)
         unit = {dof.unit_of("inertia", force): force for force in dof.units.forces}.get(str(unit), unit)
     if unit not in dof.units.forces:
-        expected = " or ".join(told(force) for force in dof.units.forces)
-        raise codec.refusal((key_of(file, "force_unit"),), f"found {told(unit)}, expected {expected}")
+        expected = " or ".join(format_value(force) for force in dof.units.forces)
+        raise codec.refusal((key_of(file, "force_unit"),), f"found {format_value(unit)}, expected {expected}")
     return str(unit)
 
 
@@ -331,7 +331,7 @@ def _effects(
         at = (*place, i)
         if not effects.known(entry.name):
             expected = ", ".join(effects.names())
-            raise codec.refusal((*at, "name"), f"found {told(entry.name)}, expected one of {expected}")
+            raise codec.refusal((*at, "name"), f"found {format_value(entry.name)}, expected one of {expected}")
         added.append((entry.name, _parameters(entry, codec, (*at, "parameters"), dof)))
     return added
 
@@ -341,7 +341,9 @@ def _parameters(entry: AddedEffect, codec: Codec, place: Place, dof: Dof) -> tup
     keys = effect.names_in(dof)
     for key in entry.parameters:
         if key not in keys:
-            raise codec.refusal(place, f"unknown key {told(key)}; {entry.name} takes {', '.join(keys) or 'none'}")
+            raise codec.refusal(
+                place, f"unknown key {format_value(key)}; {entry.name} takes {', '.join(keys) or 'none'}"
+            )
     numbers = {key: number_at(number, codec, (*place, key)) for key, number in entry.parameters.items()}
     values = values_of(effect, keys, numbers, codec, place)
     if lacking := effect.lacking(numbers, values, dof):
@@ -422,7 +424,9 @@ def planar_from_json(data: Mapping[str, object], where: str = "planar model") ->
     file, codec = PLANAR_MODEL.of(data, where), PLANAR_MODEL.codec(data, where)
     for key, unit in UNITS.items():
         if (stated := getattr(file, key)) != unit:
-            raise codec.refusal((key,), f"found {told(stated)}, expected {told(unit)}: coupled motions are in newtons")
+            raise codec.refusal(
+                (key,), f"found {format_value(stated)}, expected {format_value(unit)}: coupled motions are in newtons"
+            )
     values = {name: number_at(number, codec, (*PARAMETERS, name)) for name, number in file.parameters.items()}
     free = file.covariance.parameters if file.covariance else ()
     return StoredPlanar(_model(values, codec), where, free, file.random)
@@ -452,7 +456,7 @@ def _model(values: Mapping[str, float], codec: Codec) -> planar.PlanarModel:
     if len(water) == 1:
         lacking = next(name for name in CURRENT if name not in values)
         raise codec.refusal(
-            PARAMETERS, f"key {told(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both"
+            PARAMETERS, f"key {format_value(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both"
         )
     terms: dict[str, list[Term]] = {dof.name: [] for dof in PLANAR.dofs}
     cross: list[Term] = []
@@ -501,7 +505,9 @@ def _library_term(dof: Dof, short: str, unread: dict[str, float], codec: Codec) 
     keys = tuple(planar.parameters_of(dof, Term(name, ())))
     present = unread.keys() & set(keys)
     if f"{dof.name}.{short}" not in keys:
-        raise codec.refusal(PARAMETERS, f"unknown key {told(f'{dof.name}.{short}')}; did you mean {told(keys[0])}?")
+        raise codec.refusal(
+            PARAMETERS, f"unknown key {format_value(f'{dof.name}.{short}')}; did you mean {format_value(keys[0])}?"
+        )
     free = "{linear}"  # beside quadratic drag it may come out below zero
     values = values_of(effect, keys, unread, codec, PARAMETERS, free)
     for key in keys:
@@ -527,8 +533,8 @@ def _unknown(name: str) -> str:
     parameters = [name for dof in PLANAR.dofs for name in map(dof.parameter, dof.parameters)]
     names = [*parameters, *(f"{PLANAR.name}.{coupling}" for coupling in planar.inertia_names()[3:]), *CURRENT]
     close = difflib.get_close_matches(name[:LONGEST], names, n=1, cutoff=0.8)
-    hint = f"did you mean {told(close[0])}?" if close else (
+    hint = f"did you mean {format_value(close[0])}?" if close else (
         f"known are {', '.join(names)}, effects such as yaw.input-delay.t_d, and derivatives by the velocities "
         f"{', '.join(planar.VELOCITIES)} of others, such as sway.Y_r"
     )  # fmt: skip
-    return f"unknown key {told(name)}; {hint}"
+    return f"unknown key {format_value(name)}; {hint}"

@@ -24,11 +24,11 @@ from types import NoneType, UnionType
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.errors import AutomarineError, ModelError, OutputError, SetAside, SettingError
-from automarine_cli.text import LONGEST, Place, in_words, printable, quoted, told
+from automarine_cli.errors import AutomarineError, ExcludedRun, ModelError, OutputError, SettingError
+from automarine_cli.text import LONGEST, Place, format_value, in_words, printable, quoted
 
 # A model is a few kilobytes, with ten thousand runs set aside a few megabytes; TOML is written by hand.
-MOST_BYTES = {"JSON": 16_000_000, "TOML": 1_000_000}
+MAX_BYTES = {"JSON": 16_000_000, "TOML": 1_000_000}
 FILLER: Mapping[str, object] = {"filler": True}  # metadata of a field that is in no file: the codec's `words`
 
 
@@ -67,7 +67,7 @@ def read_plain(
 
     Raises `refuse` with the file, and the key's path where there is one.
     """
-    name, most = printable(path.name), most or MOST_BYTES[kind]
+    name, most = printable(path.name), most or MAX_BYTES[kind]
     try:
         with path.open("rb") as file:
             content = file.read(most + 1)  # what has no end (a device) must not fill the memory
@@ -82,7 +82,7 @@ def read_plain(
         data: object = tomllib.loads(text) if kind == "TOML" else json.loads(text, object_pairs_hook=_unique)
         for value, place in everything(data):
             if isinstance(value, float) and kind == "JSON" and not math.isfinite(value):
-                raise refuse(f"{name}: {in_words(place)}found {told(value)}, expected a finite number")
+                raise refuse(f"{name}: {in_words(place)}found {format_value(value)}, expected a finite number")
             if isinstance(value, int) and abs(value) > 10**300:  # no float any more
                 raise refuse(f"{name}: {in_words(place)}found a number of more than 300 digits, expected a smaller one")
     except UnicodeDecodeError:
@@ -92,7 +92,7 @@ def read_plain(
     except ValueError as problem:
         raise refuse(f"{name}: not valid {kind}: {printable(str(problem))[:300]}") from None
     if not isinstance(data, dict):
-        raise refuse(f"{name}: found {told(data)}, expected an object with named keys")
+        raise refuse(f"{name}: found {format_value(data)}, expected an object with named keys")
     return data
 
 
@@ -144,13 +144,13 @@ class Codec:
 
     def missing(self, place: Place, key: str, expected: str = "") -> AutomarineError:
         then = f"give a file as `automarine {self.writer}` writes it" if self.writer else f"expected {expected}"
-        return self.refusal(place, f"key {told(key)} is missing; {then}")
+        return self.refusal(place, f"key {format_value(key)} is missing; {then}")
 
     def read(self, record: type[Kind], data: object, place: Place = ()) -> Kind:
         """Return the `record` that plain data hold; raises `refuse` with the place for a key or value that is wrong."""
         if not isinstance(data, Mapping):
             table = "an object with named keys" if self.writer else "a table of settings"
-            raise self.refusal(place, f"found {told(data)}, expected {table}")
+            raise self.refusal(place, f"found {format_value(data)}, expected {table}")
         self._refuse_unknown(record, data, place)
         values, keys = dict[str, object](), _keys(record, self.words)
         for field in dataclasses.fields(record):
@@ -179,8 +179,8 @@ class Codec:
         of_motions = (pair for words in DOFS.values() for pair in zip(_top_keys(record, words), top_keys))
         meant = [ours for theirs, ours in of_motions if theirs == key and ours in free]
         close = meant or difflib.get_close_matches(str(key)[:LONGEST], free, 1, 0.8 if self.writer else 0.6)
-        hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(accepted)}"
-        raise self.refusal(place, f"unknown key {told(key)}; {hint}")
+        hint = f"did you mean {format_value(close[0])}?" if close else f"known are {', '.join(accepted)}"
+        raise self.refusal(place, f"unknown key {format_value(key)}; {hint}")
 
     def value(self, hint: Any, value: Any, place: Place = ()) -> Any:
         """Return a plain value as the type `hint`, which a record's field may have. Raises `refuse` with the place."""
@@ -214,7 +214,7 @@ class Codec:
             or (hint is int and number and isinstance(value, int))
         ):
             return value
-        text = "a table" if isinstance(value, Mapping) and not self.writer else told(value)
+        text = "a table" if isinstance(value, Mapping) and not self.writer else format_value(value)
         expected = "a finite number" if hint is float and number else _expected(hint)
         raise self.refusal(place, f"found {text}, expected {expected}")
 
@@ -317,7 +317,7 @@ class Shown:
 @dataclass(frozen=True)
 class RunsUsed:
     used: int = 0
-    set_aside: tuple[SetAside, ...] = ()
+    set_aside: tuple[ExcludedRun, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,9 +354,9 @@ class ResultKind(Generic[Kind]):
         if isinstance(data, Mapping) and (schema := data.get("schema")) != self.schema:
             parts = str(schema).split("/")
             other = parts[1].replace("-", " ") if len(parts) == 3 and parts[1] != self.name else ""
-            expected = f"expected {told(self.schema)}; " + f"this is a {printable(other)}; " * bool(other)
+            expected = f"expected {format_value(self.schema)}; " + f"this is a {printable(other)}; " * bool(other)
             files = f"give the {self.file} that `automarine {self.writer}` writes"
-            raise codec.refusal(("schema",), f"found {told(schema)}, {expected}{files}")
+            raise codec.refusal(("schema",), f"found {format_value(schema)}, {expected}{files}")
         return codec.read(self.record, data)
 
     def codec(self, data: object, name: str, refuse: type[AutomarineError] = ModelError) -> Codec:

@@ -25,7 +25,7 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-MOST_FOREIGN = 1000  # files of others in a folder that may be replaced by a rename: not a home, not a project
+MAX_FOREIGN = 1000  # files of others in a folder that may be replaced by a rename: not a home, not a project
 MANIFEST, OURS = "manifest.json", "automarine/manifest/"
 SCHEMA = f"{OURS}1"
 LIBRARIES = ("click", "numpy", "scipy", "pandas", "pyarrow", "matplotlib")
@@ -221,7 +221,7 @@ def _replaced(target: Path, out: Path, command: str, overwrite: bool) -> set[str
     if not (target / MANIFEST).exists():
         done = {path.parent for path in target.rglob(MANIFEST) if is_manifest(path)}  # results of steps of a campaign
         count = sum(not done & {path, *path.parents} for path in target.rglob("*"))
-        if count > MOST_FOREIGN:
+        if count > MAX_FOREIGN:
             raise OutputError(f"{out} holds {count} other files; give a folder inside it with -o")
         return set()
     if (manifest := manifest_of(target)) is None:

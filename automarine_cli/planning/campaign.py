@@ -26,7 +26,16 @@ from automarine_cli.planning import candidates as pool
 from automarine_cli.planning import information as info
 from automarine_cli.planning.candidates import PLAN, Candidate, Drive, Limits, Slot, Supply, consumption, drive_of
 from automarine_cli.planning.information import Fitting, Intervals, Logger, PriorResults
-from automarine_cli.planning.rivals import Pair, Split, Splitting, contest, head_start, pairs_of, splits, with_effect
+from automarine_cli.planning.rivals import (
+    Discrimination,
+    Pair,
+    Split,
+    contest,
+    head_start,
+    pairs_of,
+    splits,
+    with_effect,
+)
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import SCHEMA
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
@@ -36,7 +45,7 @@ FAR = 1.5  # a run turns far if it turns by more than this times what steps may;
 ROUNDS = 3  # how often the wrong explanation is fitted again to the runs chosen, and the choice made again
 MARGIN = 1.3
 """By how much more evidence is asked for, and again when a choice fell short: it is not quite linear."""
-Objective = Intervals | Splitting
+Objective = Intervals | Discrimination
 QUANTILE = 2.2  # half width of an interval in standard errors: Student's t where about a dozen runs carry it
 SWEEPS = 8
 ALIKE = 1e-3
@@ -134,7 +143,7 @@ def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudge
     about, counts = tuple(pairs), budget.fixed
     for _ in range(ROUNDS):
         contests = tuple(contest(a, b, spread) for a, b in about)
-        counts = choose(Splitting(contests, required), budget).astype(float)
+        counts = choose(Discrimination(contests, required), budget).astype(float)
         runs = [spread[i] for i, count in enumerate(counts.astype(int)) for _ in range(count)]
         outcome, about = splits(pairs, runs)
         short = np.array([split.evidence < limits.goal.evidence for split in outcome])

@@ -35,18 +35,18 @@ from automarine_cli.thrusters.map import Curve, ThrusterMap
 
 SCHEMA = "automarine/plan-limits/1"
 KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")
-LEAST_TURN = 30.0
-MOST_LEVELS, MOST_RUNS = 20, 500
+MIN_TURN = 30.0
+MAX_LEVELS, MAX_RUNS = 20, 500
 
 
 @dataclass(frozen=True)
 class Pool(Settings):
     minutes: AboveZero = 60.0
-    runs: Annotated[int, Limit(2, MOST_RUNS)] = 24
+    runs: Annotated[int, Limit(2, MAX_RUNS)] = 24
     motion_s: AboveZero | None = None
     wait_s: ZeroOrMore = 60.0
     wait_after_long_turn_s: ZeroOrMore = 180.0
-    turn_deg: Annotated[float, Limit(LEAST_TURN, 3600.0)] = 180.0
+    turn_deg: Annotated[float, Limit(MIN_TURN, 3600.0)] = 180.0
     start_headings_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
 
     def __post_init__(self) -> None:
@@ -58,14 +58,14 @@ class Pool(Settings):
 @dataclass(frozen=True)
 class Moments(Settings):
     largest: AboveZero | None = None
-    levels: Annotated[int, Limit(2, MOST_LEVELS)] = 6
+    levels: Annotated[int, Limit(2, MAX_LEVELS)] = 6
 
 
 @dataclass(frozen=True)
 class Runs(Settings):
     kinds: tuple[str, ...] = KINDS
     rest_before_s: Annotated[float, Limit(1.0, 60.0)] = 3.0
-    most_alike: Annotated[int, Limit(2, MOST_RUNS)] = 4
+    most_alike: Annotated[int, Limit(2, MAX_RUNS)] = 4
     of_one_size_percent: Annotated[float, Limit(1.0, 100.0)] = 50.0
     repeat_first_last: bool = True
     voltages_V: tuple[float, ...] = ()

@@ -36,7 +36,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate, step_for
-from automarine_cli.text import printable, told
+from automarine_cli.text import format_value, printable
 
 Fit = Literal["whole-runs", "diagnosis"]
 
@@ -365,7 +365,7 @@ NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chose
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Ambiguity:
     """An effect that a diagnosis named, and another that its runs cannot exclude."""
 
     effect: str
@@ -384,7 +384,7 @@ class PriorResults:
     noise_deg: float | None
     scatter: float | None
     used: int
-    doubts: tuple[Doubt, ...] = ()
+    doubts: tuple[Ambiguity, ...] = ()
     notes: tuple[str, ...] = ()
     rate_noise_deg_s: float | None = None
     random: Mapping[str, float] = field(default_factory=dict)
@@ -403,7 +403,7 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     now = _some({**drag, ANGLE: entry.ratio or file.ratio, **added})
     spread = file.gain_scatter.value if file.gain_scatter else None
     notes: tuple[str, ...] = ()
-    doubts: tuple[Doubt, ...] = ()
+    doubts: tuple[Ambiguity, ...] = ()
     judged = None
     if diagnosis is not None:
         judged, new_effects, estimates, open_rivals = _read_diagnosis(diagnosis, stored)
@@ -484,7 +484,7 @@ def _some(entries: Mapping[str, Given | None]) -> dict[str, Estimate]:
 
 def _read_diagnosis(
     path: Source, stored: StoredModels
-) -> tuple[DiagnosisFile, dict[str, tuple[float, ...]], dict[str, Estimate], list[Doubt]]:
+) -> tuple[DiagnosisFile, dict[str, tuple[float, ...]], dict[str, Estimate], list[Ambiguity]]:
     """The file, the effects with their values, estimates by label, and what is open."""
     file, force, where = DIAGNOSIS.read(path), stored.dof.words.force, printable(path.name)
     if file.dof is not stored.dof or file.force_unit is None:
@@ -493,8 +493,8 @@ def _read_diagnosis(
         )
     if file.force_unit != stored.moment_unit:
         raise ModelError(
-            f"{where}: a diagnosis of {force}s in {told(file.force_unit)}, but {stored.source} is a model of {force}s "
-            f"in {stored.moment_unit}; give the diagnosis of this model"
+            f"{where}: a diagnosis of {force}s in {format_value(file.force_unit)}, but {stored.source} is a model of "
+            f"{force}s in {stored.moment_unit}; give the diagnosis of this model"
         )
     values_by_effect, estimates, doubts = dict[str, tuple[float, ...]](), dict[str, Given | None](), []
     for i, entry in enumerate(file.effects):
@@ -509,11 +509,11 @@ def _read_diagnosis(
         values_by_effect[name] = tuple(values)
         for j, rival in enumerate(entry.rivals):
             if not rival.name.startswith(PREFIX):  # a curve that was not fitted has no size to look for
-                doubts.append(Doubt(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
+                doubts.append(Ambiguity(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
     return file, values_by_effect, _some(estimates), doubts
 
 
 def _known(name: str, where: str) -> str:
     if name not in effects.names() and not name.startswith(PREFIX):
-        raise ModelError(f"{where}: name: found {told(name)}, expected one of {', '.join(effects.names())}")
+        raise ModelError(f"{where}: name: found {format_value(name)}, expected one of {', '.join(effects.names())}")
     return name

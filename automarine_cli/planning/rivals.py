@@ -25,7 +25,7 @@ from automarine_cli.quantities import Floats
 ROUNDS, HALVINGS = 20, 6
 SETTLED = 1e-4
 SEEN = 4.0  # misfit without an effect from which it counts as seen: two standard errors of its size
-MOST_STARTS, FEW = 12, 8  # places from which the other explanation's fit may start, and runs on which they are compared
+MAX_STARTS, FEW = 12, 8  # places from which the other explanation's fit may start, and runs on which they are compared
 
 
 Pair = tuple[Fitting, Fitting]
@@ -41,7 +41,7 @@ class Split:
 
 
 @dataclass(frozen=True)
-class Contest:
+class ModelPair:
     """Two explanations on K candidates: one is true, the other is fitted about its parameters there.
 
     `square` (K,) is the squared difference of the headings in units of their noise, `gradient` (K, p) and `hessian`
@@ -61,10 +61,10 @@ class Contest:
 
 
 @dataclass(frozen=True)
-class Splitting:
+class Discrimination:
     """Explanations to separate: `contests`, settled from misfits of `enough` (C,) on; worth is their settled shares."""
 
-    contests: tuple[Contest, ...]
+    contests: tuple[ModelPair, ...]
     enough: Floats
 
     def scores(self, counts: Floats, extras: NDArray[np.int64] | None = None) -> Floats:
@@ -108,14 +108,14 @@ def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) ->
         for start in product(*options)
         if all(v == these[0] or effect.counts(p, start) for p, v, these in zip(effect.parameters, start, options))
     ]
-    every = max(1, -(-len(starts) // MOST_STARTS))
+    every = max(1, -(-len(starts) // MAX_STARTS))
     return [replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]]
 
 
-NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
+NOTHING = ModelPair(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 
 
-def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> Contest:
+def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> ModelPair:
     free = np.flatnonzero(other.free)
     truth, problem = true.problem(candidates), other.problem(candidates)
     target = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
@@ -124,7 +124,7 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
     gram = problem.inner(by_phi, by_run, residual).keep(free)
     weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
     square, gradient, hessian = (other.fitted * x for x in (weighted.square, weighted.gradient, weighted.hessian))
-    return Contest(square, gradient, hessian, other.loose_information)
+    return ModelPair(square, gradient, hessian, other.loose_information)
 
 
 def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
@@ -153,7 +153,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     return other, now
 
 
-def _step(current: Contest, bounds: Floats) -> Floats:
+def _step(current: ModelPair, bounds: Floats) -> Floats:
     """Change of the free parameters (p,) to the best of the linearised contest, no bolder than their own sizes."""
     hessian = current.hessian.sum(axis=0) + current.ridge
     step = linear_mixed.bounded_solution(hessian, current.gradient.sum(axis=0), bounds)
@@ -161,7 +161,7 @@ def _step(current: Contest, bounds: Floats) -> Floats:
     return step / max(boldest, 1.0)
 
 
-def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Contest, float]:
+def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[ModelPair, float]:
     """The contest about `other`, its misfit as it stands (infinite where it runs away), the common instant free."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:

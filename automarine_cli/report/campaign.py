@@ -15,7 +15,7 @@ from automarine_cli.comparison.validation import VALIDATION, ValidationFile
 from automarine_cli.control.tuning import TUNING
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import OutputError, SetAside
+from automarine_cli.errors import ExcludedRun, OutputError
 from automarine_cli.estimate import Given
 from automarine_cli.fits.innovations import sentences_of
 from automarine_cli.models.store import (
@@ -38,8 +38,8 @@ from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 FILES = ("report.html", "report.md")
 REPORT = "report"
-MOST_FIGURES = 12  # of a step that are in the page; all are in its folder
-MOST_NAMED = 12  # campaigns whose folders are named at the end
+MAX_FIGURES = 12  # of a step that are in the page; all are in its folder
+MAX_NAMED = 12  # campaigns whose folders are named at the end
 SAME_VOLTAGE = 1.03  # voltages that differ by less are one, as in the thruster fit
 MADE = (
     "The `manifest.json` of each folder holds the command, every setting, the seed and the SHA-256 of every input; "
@@ -252,7 +252,7 @@ def _(result: Campaigns) -> Sections:
         rows.append({"campaign": name} | cells | {"refused": "; ".join(run.refused) or MISSING})
     table = Table.of("", rows)
     written: dict[str, Content] = {"campaigns.json": result.to_json(), "campaigns.csv": table.to_csv()}
-    folders = [f"{name}/" for name in list(result.campaigns)[:MOST_NAMED]]
+    folders = [f"{name}/" for name in list(result.campaigns)[:MAX_NAMED]]
     return Sections([table], written, listed=("campaigns.csv", "campaigns.json", *folders))
 
 
@@ -454,8 +454,8 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
     text = inside.sub(lambda match: result.picture(match[2], match[1]), text)
     stems = sorted({path.stem for kind in ("png", "svg") for path in result.folder.glob(f"*.{kind}")})
     apart = [stem for stem in stems if f"/{stem}." not in text]
-    pictures = [result.picture(stem, stem.replace("_", " ").capitalize()) for stem in apart[:MOST_FIGURES]]
-    if (more := len(apart) - MOST_FIGURES) > 0:
+    pictures = [result.picture(stem, stem.replace("_", " ").capitalize()) for stem in apart[:MAX_FIGURES]]
+    if (more := len(apart) - MAX_FIGURES) > 0:
         pictures.append(f"The figures of {more} more runs are in the folder {result.step.folder}.")
     if isinstance(file, ModelFile):
         rejected = tuple(f"Model {number}" for number in file.models if number != file.preferred)
@@ -478,7 +478,7 @@ def _logs(steps: Steps) -> list[str]:
 
 
 def _set_aside(steps: Steps) -> list[str]:
-    folders: dict[SetAside, list[str]] = {}
+    folders: dict[ExcludedRun, list[str]] = {}
     for folder, result in steps.items():
         for run in result.file.runs.set_aside:
             folders.setdefault(run, []).append(folder)

@@ -24,7 +24,7 @@ from automarine_cli.text import in_words, listed, plural, printable
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
 WIDEST = 120  # of a line with its comment; a longer one has it above
-MOST_LISTED = 20  # logs without a place that are listed
+MAX_LISTED = 20  # logs without a place that are listed
 SAY = {
     "thrusters": "bollard tests",
     "steps": "one constant {force} each",
@@ -192,7 +192,7 @@ def _not_used(look: Survey) -> Iterator[Line]:
     lines += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
     if lines:
         yield f"# Not used: {len(lines)}"
-        yield from (f"#   {line}" for line in lines[:MOST_LISTED])
+        yield from (f"#   {line}" for line in lines[:MAX_LISTED])
 
 
 def _motion(motion: str) -> Iterator[Line]:

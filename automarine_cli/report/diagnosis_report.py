@@ -33,7 +33,7 @@ MORE = {"p_value": "p", "cv_rmse_N": "cross-validated error [N]"}  # of candidat
 OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}  # kinds of learned curves in words
 PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs that separate them."
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
-MOST_CANDIDATES, MOST_RIVALS = 5, 3
+MAX_CANDIDATES, MAX_RIVALS = 5, 3
 
 
 def _sections(
@@ -56,7 +56,7 @@ def _sections(
             rows.append({"effect": name, **columns, "confidence": f"{effect.confidence:.0%}"})
     tried, gaps = candidates(data, effects), gap_tables(data, unit, key, notes[0])
     threshold = f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}"
-    fitted = [row for row in tried if row["is"] != "not fitted"][:MOST_CANDIDATES]
+    fitted = [row for row in tried if row["is"] != "not fitted"][:MAX_CANDIDATES]
     table = Table.of("Candidates", fitted, [threshold], header=("effect", "evidence gained", "is"))
     drawings: dict[str, Draw] = {
         "where": partial(figures.where_figure, where),
@@ -70,7 +70,8 @@ def _sections(
         f"# {title}", escape(verdict), *map(escape, below), *page,
         "## The gap before and after", *gaps, "![Before and after](before_after.png)",
         *(_moves(data) if "base" in data else ()),
-        "## Where the gap is", *regions_table(where.regions, unit), "![Where the gap is](where.png)", "## Why", table, "![Why](why.png)", *appendix,
+        "## Where the gap is", *regions_table(where.regions, unit), "![Where the gap is](where.png)",
+        "## Why", table, "![Why](why.png)", *appendix,
     )  # fmt: skip
     return Sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
@@ -87,9 +88,9 @@ def _rivals(effect: NamedEffect) -> list[str]:
     lines = [
         f"Cannot be excluded: {rival.label or rival.name} (weight {rival.confidence:.0%}). "
         f"Told apart by {rival.split_by}."
-        for rival in effect.rivals[:MOST_RIVALS]
+        for rival in effect.rivals[:MAX_RIVALS]
     ]
-    more = len(effect.rivals) - MOST_RIVALS
+    more = len(effect.rivals) - MAX_RIVALS
     return [*lines, f"Not excluded are {more} more, which diagnosis.json lists."] if more > 0 else lines
 
 
@@ -173,8 +174,8 @@ def regions_table(regions: Sequence[Region], unit: str) -> list[Table]:
     """Lay out the regions that stand out, the most significant first; gaps in `unit`."""
     rows = [
         {"variable": region.variable, "from": number(region.low, 3), "to": number(region.high, 3),
-         "unit": region.unit or MISSING, f"gap [{unit}]": number(region.gap, 3), "share of the gap": f"{region.share:.0%}",
-         "p": number(region.p_value, 2), "runs": len(region.runs)}
+         "unit": region.unit or MISSING, f"gap [{unit}]": number(region.gap, 3),
+         "share of the gap": f"{region.share:.0%}", "p": number(region.p_value, 2), "runs": len(region.runs)}
         for region in regions
     ]  # fmt: skip
     note = (

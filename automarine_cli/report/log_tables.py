@@ -9,11 +9,11 @@ from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown
 from automarine_cli.report.sections import Content, Sections, document, file_stems, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
-from automarine_cli.runs.run import SetAside, runs_json
+from automarine_cli.runs.run import ExcludedRun, runs_json
 from automarine_cli.text import plural
 
-MOST_NAMED = 3  # runs that share a note
-MOST_LEVELS = 6  # written out
+MAX_NAMED = 3  # runs that share a note
+MAX_LEVELS = 6  # written out
 RUNS, MOVING = "runs", "moving"  # folders of what was cut
 
 
@@ -32,7 +32,7 @@ class Check(Shown):
 
     runs: tuple[RunSeen, ...]
     tests: tuple[ThrusterTestSeen, ...]
-    set_aside: tuple[SetAside, ...]
+    set_aside: tuple[ExcludedRun, ...]
     logs: int
 
     def to_json(self) -> dict[str, object]:
@@ -84,13 +84,13 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             notes.setdefault(note, []).append(run.run)
     lines = []
     for note, names in notes.items():  # what runs share is said once
-        more = f" and {len(names) - MOST_NAMED} more" * (len(names) > MOST_NAMED)
-        lines.append(f"{', '.join(names[:MOST_NAMED])}{more}: {note}")
+        more = f" and {len(names) - MAX_NAMED} more" * (len(names) > MAX_NAMED)
+        lines.append(f"{', '.join(names[:MAX_NAMED])}{more}: {note}")
     return Table.of(f"{dof.name.capitalize()} runs", rows, lines).without_empty_columns()
 
 
 def _levels(levels: Sequence[float] | None) -> str | None:
-    if levels and len(levels) > MOST_LEVELS:
+    if levels and len(levels) > MAX_LEVELS:
         return f"{len(levels)} from {number(min(levels), 3)} to {number(max(levels), 3)}"
     return ", ".join(number(level, 3) for level in levels or ()) or None
 
@@ -155,7 +155,7 @@ class Slices(Shown):
     by: str
     form: str
     sources: tuple[SlicedLog, ...]
-    set_aside: tuple[SetAside, ...]
+    set_aside: tuple[ExcludedRun, ...]
 
     @property
     def cuts(self) -> tuple[Cut, ...]:

@@ -41,11 +41,11 @@ def velocity_noise(run: Run) -> float:
 
 
 SEGMENTS = (16, 32, 128)  # Samples of a segment of the spectra: filters of different length show in each
-FEWEST_SEGMENTS, MANY_SEGMENTS = 10, 24  # Segments of a spectrum, and from which on single octaves can be told
+MIN_SEGMENTS, MANY_SEGMENTS = 10, 24  # Segments of a spectrum, and from which on single octaves can be told
 LUCK = 9.0
 """Share of a bin's power, times the segments, that chance explains in one of a thousand: these overlap by half."""
 NOISE_BAND = 1.6  # The position is noise at frequencies where its spectrum is no more than so many times the lowest
-LEAST_NOISE = 1e-6  # Of positions [rad or m]; what is less is arithmetic
+MIN_NOISE = 1e-6  # Of positions [rad or m]; what is less is arithmetic
 
 
 def noise_followed(pairs: Sequence[tuple[Floats, Floats]]) -> float | None:
@@ -63,7 +63,7 @@ def noise_followed(pairs: Sequence[tuple[Floats, Floats]]) -> float | None:
 def _followed(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | None:
     """The same from segments of `size` samples of the differences, less what chance would explain of so few."""
     pairs = [(a[i : i + size], b[i : i + size]) for a, b in rough for i in range(0, len(a) - size + 1, size // 2)]
-    if len(pairs) < 2 * FEWEST_SEGMENTS:
+    if len(pairs) < 2 * MIN_SEGMENTS:
         return None
     levels = [float(a @ a) for a, _ in pairs]
     quiet = np.argsort(levels, kind="stable")[: len(levels) // 2]
@@ -74,7 +74,7 @@ def _followed(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | None
     across = np.abs((first * second.conj()).mean(axis=0)) ** 2
     position = of_position / turn**3
     floor = np.sort(position)[: size // 8].mean()
-    if floor <= LEAST_NOISE**2 * float(window @ window):
+    if floor <= MIN_NOISE**2 * float(window @ window):
         return None
     noise = position <= NOISE_BAND * floor
     power, explained = of_velocity / turn**2, across / np.maximum(of_position, 1e-300) / turn**2
@@ -325,8 +325,8 @@ FOLLOWS = 0.3
 """Share of a velocity's noise that comes from the position's from which on it counts as computed from that."""
 RELATED = 0.7  # Correlation, of either sign, of velocity and position below which they are of different motions
 SURELY_RELATED = 0.9  # The same where the vehicle hardly changed its velocity, and the sensor's bias may hide in it
-LEAST_SCALE = 0.03  # Error of scale that is none: what tilt, deviation and the sums of slow loggers make of it
-LEAST_LATE = 1.5  # Delay that is none, in times between readings
+MIN_SCALE = 0.03  # Error of scale that is none: what tilt, deviation and the sums of slow loggers make of it
+MIN_LATE = 1.5  # Delay that is none, in times between readings
 SURE = 5.0  # Standard errors
 NEAR = 1.25  # A scale this near to that of a mistaken unit, as a factor, is that
 
@@ -366,7 +366,7 @@ def _without_velocity(run: Run) -> Run:
 NOTHING_TO_CHOOSE = ChannelChoice()
 
 
-def wanted_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
+def parse_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
     """The quantities that the setting names; None for "auto" and "all". Raises SettingError for what is none."""
     if text in (AUTO, ALL):
         return None
@@ -386,7 +386,7 @@ def choose_channels(runs: Sequence[Run], dof: Dof, wanted: str = AUTO, *, late_p
     alone, "all" every one; else they are named, with commas between. With `late_position` a position that is read late
     is no contradiction: who asks has a name for that. Raises SettingError for a sensor that no log holds.
     """
-    named = wanted_channels(wanted, dof)
+    named = parse_channels(wanted, dof)
     read = any((column := run.channel(dof.velocity)) is not None and np.isfinite(column).any() for run in runs)
     logged = any(not run.summed_up for run in runs)
     lacking = [name for name, there in zip(dof.channels, (logged, read)) if named and name in named and not there]
@@ -433,8 +433,8 @@ def trouble_of(sensors: Agreement, dof: Dof, late_position: bool = False) -> str
         )
     if unit:
         return f"The {rate} {unit}; map it with {rule} in the --columns file."
-    off = abs(scale - 1.0) > max(LEAST_SCALE, SURE * sensors.scale_error)
-    late = abs(sensors.late) > max(LEAST_LATE * sensors.period, SURE * sensors.late_error)
+    off = abs(scale - 1.0) > max(MIN_SCALE, SURE * sensors.scale_error)
+    late = abs(sensors.late) > max(MIN_LATE * sensors.period, SURE * sensors.late_error)
     if late and (sensors.clock or not off):
         if late_position and sensors.late < 0:
             return ""

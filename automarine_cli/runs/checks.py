@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.pipeline.records import FILLER, to_mapping
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import ASKED, Run, SetAside, median
+from automarine_cli.runs.run import ASKED, ExcludedRun, Run, median
 from automarine_cli.text import listed, plural
 
 FEWEST_SAMPLES = 8
-LEAST_STUCK = 20  # samples of one exact position
+MIN_STUCK = 20  # samples of one exact position
 TIMES_HELD = 4.0  # as long as other values: a sensor that answers seldom is not stuck
 SLOWEST = 5.0  # s between samples; nobody logs a test more slowly
 FASTEST = 2e-4  # s between samples
@@ -106,7 +106,7 @@ def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
     if not acting.any():
         return None
     longest, at = longest_repeat(position, acting)
-    if longest < max(LEAST_STUCK, acting.sum() / 2) or is_slow(position, longest):
+    if longest < max(MIN_STUCK, acting.sum() / 2) or is_slow(position, longest):
         return None
     where = dof.shown(at) % 360 if dof.wraps else dof.shown(at)
     return (
@@ -137,7 +137,7 @@ ALIKE = 1.25  # pushes of one size: steps that end at one angle are logged a sam
 STILL_PIECE_S = 1.0  # positions are averaged over pieces of about this length, so that noise is no motion
 
 
-def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
+def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[ExcludedRun, ...]]:
     """The runs that may be modelled, and those that stood still though another run was moved by no more.
 
     Stuck is a run of one constant moment that never moved, where a run that did was pushed no harder to that side and
@@ -156,7 +156,7 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
             f"never moved under a {run.dof.words.force} of {size:.4g} {run.moment_unit}, though run {other.name} "
             "did under no more; check thrusters and tether, and make the run again"
         )
-        aside.append(SetAside(run.source, run.name, why))
+        aside.append(ExcludedRun(run.source, run.name, why))
     return good, tuple(aside)
 
 
@@ -191,14 +191,14 @@ SPEED_PIECE_S = 3.0  # over which speeds are taken: shorter than a manoeuvre, as
 ECHO_S = 4.0  # after a command, in which delays, thrusters and water may still act on it
 UNDRIVEN_TIMES = 3  # times that speed is gathered with nothing commanded
 UNDRIVEN_SHARE = 0.8  # of all speed gathered
-LEAST_WAYS = 1.5  # times the least way of a step
+MIN_WAYS = 1.5  # times the least way of a step
 SPEED_SIGMAS = 8.0  # standard deviations of the position
 
 
-def without_undriven(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
+def without_undriven(runs: Sequence[Run]) -> tuple[list[Run], tuple[ExcludedRun, ...]]:
     """The runs that their commands may have moved, and those that something else did."""
     reasons = [(run, undriven(run)) for run in runs]
-    aside = tuple(SetAside(run.source, run.name, why) for run, why in reasons if why)
+    aside = tuple(ExcludedRun(run.source, run.name, why) for run, why in reasons if why)
     return [run for run, why in reasons if why is None], aside
 
 
@@ -221,7 +221,7 @@ def undriven(run: Run) -> str | None:
     alone = idle & (gained > 0)
     there, back = _times(alone & (after > 0)), _times(alone & (after < 0))
     one_way = dof.has_constant and min(there, back) == 0
-    little = extent < LEAST_WAYS * dof.limits.least or there + back < UNDRIVEN_TIMES
+    little = extent < MIN_WAYS * dof.limits.least or there + back < UNDRIVEN_TIMES
     if little or one_way or gained[alone].sum() < UNDRIVEN_SHARE * gained.sum():
         return None
     words, unit = dof.words, dof.units.shown

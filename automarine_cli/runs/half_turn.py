@@ -17,11 +17,11 @@ from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import is_slow, longest_repeat, undriven
 from automarine_cli.runs.load import Mask
-from automarine_cli.runs.run import Run, SetAside, slope
+from automarine_cli.runs.run import ExcludedRun, Run, slope
 
 SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are one
 FEWEST_SAMPLES = 5  # a shorter stretch of one moment is part of a changing command
-FEWEST_AT_REST = 2
+MIN_AT_REST = 2
 SHORT_REST = 10
 SLOW = 0.1  # of the mean rate of the step: a slower start counts as standing still
 SURE = 4.0  # standard errors
@@ -116,7 +116,7 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
     idle = run.command[first - 1] if run.dof.has_constant and first else 0.0
     acting = np.flatnonzero(np.abs(run.command[:first] - idle) > least)
     length, most = first - (int(acting[-1]) + 1 if acting.size else 0), SLOW * abs(pace)
-    while length >= FEWEST_AT_REST:
+    while length >= MIN_AT_REST:
         start = first - length
         rate, error = slope(run.time[start:first], run.position[start:first])
         doubt = SURE * error * run.noise
@@ -175,9 +175,9 @@ LOG_ENDS, WINDOW = "the log ended", "the window"
 
 MIN_SAMPLES = 8
 MARGIN_IN_SIGMA = 3.0
-FEWEST_STUCK = 10  # samples of one exact position
+MIN_STUCK = 10  # samples of one exact position
 STILL_CHANGING = 0.1  # of the last third's rate
-MOST_REST = 200
+MAX_REST = 200
 """Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
 
 
@@ -243,7 +243,7 @@ class HalfTurn:
     def looked_at(self) -> tuple[int, int]:
         """Samples that sensors are judged by and figures show: some of the rest, and as much after."""
         step = self.step
-        begin = max(step.first if step.rest is None else step.rest.start, step.first - MOST_REST)
+        begin = max(step.first if step.rest is None else step.rest.start, step.first - MAX_REST)
         return begin, min(step.stop, 2 * self.kept.stop - step.first)
 
     def of(self, run: Run) -> "HalfTurn":
@@ -256,7 +256,7 @@ def all_half_turns(run: Run, trim: Trim = UNTRIMMED) -> list[HalfTurn]:
     return [_half_turn(step, trim) for step in find_steps(run)]
 
 
-def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
+def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfTurn, ...], tuple[ExcludedRun, ...]]:
     """The first half-turn of every run that serves, and the runs set aside with their reasons."""
     good, aside = [], []
     for run in runs:
@@ -264,7 +264,7 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
         if first := next((turn for turn in turns if not turn.why), None):
             good.append(first)
         else:
-            aside.append(SetAside(run.source, run.name, why_none(run, turns)))
+            aside.append(ExcludedRun(run.source, run.name, why_none(run, turns)))
     return tuple(good), tuple(aside)
 
 
@@ -315,7 +315,7 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     size = round(abs(float(dof.shown(turn.turned))))
     way = f"{size} {words.unit if size == 1 else words.units}"
     repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
-    if repeats >= max(FEWEST_STUCK, count / 2) and not is_slow(run.position, repeats):
+    if repeats >= max(MIN_STUCK, count / 2) and not is_slow(run.position, repeats):
         same = f"{words.sensor} stuck: {repeats} of {count} samples of {at} show one {words.position}"
         return f"{same}. Check the {words.sensor}, or whether the vehicle was held"
     if count < MIN_SAMPLES:
@@ -347,7 +347,7 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     return f"{ended}: {after}, and {settled}. {longer}"
 
 
-def without_contrary(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
+def without_contrary(runs: Sequence[Run]) -> tuple[list[Run], tuple[ExcludedRun, ...]]:
     """Return the runs that may be modelled, and those whose first step drove them far against it though another run,
     pushed by no more to that side, went with it: a constant moment may turn small steps round, but not those alone."""
     firsts = [None if run.dof.has_constant else next(iter(find_steps(run)), None) for run in runs]
@@ -363,7 +363,7 @@ def without_contrary(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ..
     }
     if len(contrary) >= len(along):  # then who is to say which are wrong?
         return list(runs), ()
-    aside = tuple(SetAside(runs[i].source, runs[i].name, why) for i, why in contrary.items())
+    aside = tuple(ExcludedRun(runs[i].source, runs[i].name, why) for i, why in contrary.items())
     return [run for i, run in enumerate(runs) if i not in contrary], aside
 
 

@@ -25,7 +25,17 @@ from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs import checks
-from automarine_cli.runs.run import NORMAL, Run, SetAside, fresh_readings, median, named_apart, own_name, slope, summed
+from automarine_cli.runs.run import (
+    NORMAL,
+    ExcludedRun,
+    Run,
+    fresh_readings,
+    median,
+    named_apart,
+    own_name,
+    slope,
+    summed,
+)
 from automarine_cli.text import plural
 
 Indices = NDArray[np.int64]
@@ -337,11 +347,11 @@ def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices)
     return rate, 2 * scatter / float(spans.sum())
 
 
-OfOneLog = tuple[list[Run], list[SetAside]]
+OfOneLog = tuple[list[Run], list[ExcludedRun]]
 ANGLE_SLACK = 1.001
 Reading = Callable[..., OfOneLog]
 
-MOST_REASONS = 3  # reasons shown when nothing is left
+MAX_REASONS = 3  # reasons shown when nothing is left
 PAYS_FROM = 3000  # logs; to start processes takes longer than to read fewer
 
 
@@ -351,7 +361,7 @@ class Campaign:
     nowhere); what was commanded beyond the limits of the thrusters."""
 
     runs: tuple[Run, ...]
-    set_aside: tuple[SetAside, ...]
+    set_aside: tuple[ExcludedRun, ...]
     inputs: tuple[LogFile, ...]
     limits: tuple[checks.AllocationLimit, ...] = ()
 
@@ -369,7 +379,7 @@ def load_runs(
     files = find_logs(logs)
     work = partial(read or read_runs, columns=columns, dof=dof)
     runs: list[Run] = []
-    aside: list[SetAside] = []
+    aside: list[ExcludedRun] = []
     jobs = jobs if len(files) > PAYS_FROM else 1
     for good, bad in ordered_map(work, files, jobs, progress=progress, stage="reading logs"):
         runs += good
@@ -383,7 +393,7 @@ def load_runs(
 
 
 def _refuse_other_units(
-    aside: Sequence[SetAside], files: Sequence[LogFile], columns: ColumnMap | None, dof: Dof
+    aside: Sequence[ExcludedRun], files: Sequence[LogFile], columns: ColumnMap | None, dof: Dof
 ) -> None:
     """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and other logs
     that were read alike look so too: they are as wrong, and only smoother."""
@@ -414,7 +424,7 @@ def has_bytes(file: LogFile) -> bool:
     return file.content is not None or (file.path.is_file() and os.access(file.path, os.R_OK))
 
 
-def require_usable(usable: Sized, aside: Sequence[SetAside], logs: int, strict: bool) -> None:
+def require_usable(usable: Sized, aside: Sequence[ExcludedRun], logs: int, strict: bool) -> None:
     """Raise RunError for the first of those set aside if `strict`; with the first reasons, if of so many logs nothing
     is usable."""
     if strict and aside:
@@ -422,13 +432,13 @@ def require_usable(usable: Sized, aside: Sequence[SetAside], logs: int, strict: 
         raise RunError(f"{first.file}, run {first.run!r}: {first.why} (refused because of --strict)")
     if not usable:
         files = {run.why: run.file for run in reversed(aside)}
-        reasons = [f"{file}: {why}" for why, file in reversed(files.items())][:MOST_REASONS]
+        reasons = [f"{file}: {why}" for why, file in reversed(files.items())][:MAX_REASONS]
         more = f" (and {len(aside) - len(reasons)} more)" * (len(aside) > len(reasons))
         raise RunError(f"no usable run in {plural(logs, 'log')}: {'; '.join(reasons)}{more}")
 
 
 @contextlib.contextmanager
-def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
+def append_exclusions(aside: Sequence[ExcludedRun]) -> Iterator[None]:
     """Whoever is refused for want of runs is also told how many were set aside before, and why the first was."""
     try:
         yield
@@ -450,12 +460,12 @@ def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | Non
         return [], [unreadable(file, error)]
 
 
-def unreadable(file: LogFile, error: Exception, run: str | None = None) -> SetAside:
+def unreadable(file: LogFile, error: Exception, run: str | None = None) -> ExcludedRun:
     """A log, or a run of it, that was found and cannot be read right. Raises the error where the log was named."""
     if file.named:
         raise error
     why = str(error).removeprefix(file.name).lstrip(":, ")  # the result has the file's name in a field of its own
-    return SetAside(file.name, own_name(file.name) if run is None else run, why)
+    return ExcludedRun(file.name, own_name(file.name) if run is None else run, why)
 
 
 def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
@@ -463,20 +473,20 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
     is none of its motion."""
     require_motion(table)
     runs: list[Run] = []
-    aside: list[SetAside] = []
+    aside: list[ExcludedRun] = []
     for name, rows in rows_of_runs(table):
         try:
             parts = clean(table, rows, name)
         except RunError as error:
             usable = not isinstance(error, NotUsable)
-            aside.append(unreadable(file, error, name) if usable else SetAside(file.name, name, str(error)))
+            aside.append(unreadable(file, error, name) if usable else ExcludedRun(file.name, name, str(error)))
             continue
         for part in parts:
             why = (checks.clock_trouble(part.time) or _too_short(part)) if len(parts) > 1 else None
             if why is None:
                 runs.append(part)
             else:
-                aside.append(SetAside(file.name, part.name, f"{why} ({part.notes[-1]})"))
+                aside.append(ExcludedRun(file.name, part.name, f"{why} ({part.notes[-1]})"))
     return runs, aside
 
 

@@ -20,9 +20,9 @@ from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, segments, why_none
 from automarine_cli.runs.load import rows_of_runs, runs_of_table, unreadable
-from automarine_cli.runs.run import CommandRange, Run, SetAside, misfit_of, position_noise, undirected
+from automarine_cli.runs.run import CommandRange, ExcludedRun, Run, misfit_of, position_noise, undirected
 
-MOST_LEVELS = 64  # more different values than this are a signal, not levels
+MAX_LEVELS = 64  # more different values than this are a signal, not levels
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class ThrusterTestSeen:
     notes: list[str]
 
 
-def look_at_log(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]:
+def look_at_log(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[ExcludedRun]]:
     """Describe the runs and thruster tests of a file, and what is set aside; samples are dropped."""
     try:
         table = read_log(file, columns, dof=None)
@@ -120,7 +120,7 @@ def look_at_run(run: Run) -> RunSeen:
         longest_step_s=float(spans.max()), counts=dict(run.counts),
         noise=float(run.dof.shown(position_noise(run.time, run.position))),
         extent=float(np.ptp(run.position) / (run.dof.turn if run.dof.wraps else 1.0)), moment_unit=driven.moment_unit,
-        levels=levels if len(levels) <= min(MOST_LEVELS, len(run) // 4) else None,
+        levels=levels if len(levels) <= min(MAX_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns], half_turn=None if best is None else _step_seen(best),
         why=None if best is not None else why_none(driven, turns), columns=sorted(run.extras),
         notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)], commanded=commanded(run),
@@ -159,14 +159,14 @@ def _step_seen(turn: HalfTurn) -> dict[str, Any]:
     }
 
 
-def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[SetAside]]:
+def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[ExcludedRun]]:
     """The runs of a thruster test, and those without a single point."""
     good = ~(np.isnan(table.columns["n"]) | np.isnan(table.columns["force"]))
     tests, aside = [], []
     for name, every in rows_of_runs(table):
         rows = every[good[every]]
         if not len(rows):
-            aside.append(SetAside(table.source, name, "no row has both a control signal and a force"))
+            aside.append(ExcludedRun(table.source, name, "no row has both a control signal and a force"))
             continue
         n, force, voltage = table.columns["n"][rows], table.columns["force"][rows], table.columns.get("voltage")
         volts = [] if voltage is None else np.unique(voltage[rows][~np.isnan(voltage[rows])]).tolist()
@@ -174,7 +174,7 @@ def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[SetAsid
             table.source, name, points=len(n), missing=len(every) - len(n), levels=len(np.unique(n)),
             lowest_n=float(n.min()), highest_n=float(n.max()),
             lowest_force_N=float(force.min()), highest_force_N=float(force.max()),
-            voltages=volts if len(volts) <= MOST_LEVELS else [], columns=sorted(table.extras),
+            voltages=volts if len(volts) <= MAX_LEVELS else [], columns=sorted(table.extras),
             notes=[*table.notes, *filter(None, [undirected(n, force)])],
         ))  # fmt: skip
     return tests, aside
@@ -199,7 +199,7 @@ class Survey:
     layouts: tuple[Layout, ...]
     maps: Maps
     runs: Mapping[LogFile, list[RunSeen]]
-    set_aside: tuple[SetAside, ...]
+    set_aside: tuple[ExcludedRun, ...]
     placed: Placed
     forces: Mapping[str, Placed]
     unread: tuple[LogFile, ...]

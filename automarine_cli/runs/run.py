@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.errors import RunError, SetAside
+from automarine_cli.errors import ExcludedRun, RunError
 from automarine_cli.logs.columns import PULSES, names_of
 from automarine_cli.logs.find import stem_of
 from automarine_cli.pipeline.records import to_mapping
@@ -298,7 +298,7 @@ def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
     return (f"{misfit.sentence[0].upper()}{misfit.sentence[1:]}.",)
 
 
-def runs_json(used: int, set_aside: Iterable[SetAside], runs: Sequence[Run] = ()) -> dict[str, object]:
+def runs_json(used: int, set_aside: Iterable[ExcludedRun], runs: Sequence[Run] = ()) -> dict[str, object]:
     """The `runs` of a result file; of `runs` come notes of the reading and of the thrusters' map."""
     by_file = {run.source: list(run.reading) for run in runs if run.reading}
     readings = [{"file": file, "notes": texts} for file, texts in by_file.items()]
@@ -323,14 +323,14 @@ def own_name(source: str) -> str:
 
 
 def named_apart(runs: Sequence[Run]) -> list[Run]:
-    names = names_apart([(run.name, run.source) for run in runs])
+    names = make_unique([(run.name, run.source) for run in runs])
     return [
         run if run.name == name else replace(run, name=name, notes=(*run.notes, NAMED_APART))
         for run, name in zip(runs, names)
     ]
 
 
-def names_apart(runs: Sequence[tuple[str, str]]) -> list[str]:
+def make_unique(runs: Sequence[tuple[str, str]]) -> list[str]:
     """Names for runs (name, file): those of one name get their file's name in front, without its ending where that is
     enough."""
     names = [name for name, _ in runs]

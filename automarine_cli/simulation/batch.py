@@ -20,7 +20,7 @@ WINDOW = 2.0  # length [s] of the windows in which a disturbance moment is held
 
 WHITE = 2.33
 """Standard deviations of von Neumann's ratio by which neighbouring readings are more alike than white noise (1 %)."""
-MOST_SWITCHES = 24
+MAX_SWITCHES = 24
 """Runs with more changes of command than this (closed-loop driving) get one delay for all changes together."""
 
 
@@ -228,7 +228,7 @@ def _grid(run: Run, force: Floats, max_step: float) -> _Grid:
     late = changed[which] & (order >= count[which] // 2)
     switch = np.cumsum(changed)[which] - 1
     width = intervals[changed]
-    if len(width) > MOST_SWITCHES:
+    if len(width) > MAX_SWITCHES:
         switch, width = np.zeros_like(switch), np.array([np.median(width)])
     moves = np.where(late, -2.0, 2.0) / count[which]
     return _Grid(

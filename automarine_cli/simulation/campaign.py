@@ -30,8 +30,8 @@ FINER = 8.0  # steps are this much shorter than a fit needs: the error stays bel
 PLANAR_STEP = 0.02  # s: the error stays far below the last digit logged
 AROUND = 1e-7  # s: the command changes in the middle of an interval of twice this length
 CHUNK = 64  # runs that are simulated together
-MOST_REDRAWS = 10_000
-MOST_SAMPLES, MOST_RUNS = 500_000_000, 1_000_000
+MAX_REDRAWS = 10_000
+MAX_SAMPLES, MAX_RUNS = 500_000_000, 1_000_000
 DECIMALS = 3  # of seconds, degrees and metres in every log
 MOMENT_DECIMALS = 6
 
@@ -160,7 +160,7 @@ def _added_moment(plan: Plan, specification: Specification, seed: int) -> float:
         return 0.0
     smallest = min((abs(forces[-1]) for forces in plan.moments if forces[-1]), default=np.inf)
     most = np.inf if scatter.force_most is None else scatter.force_most * smallest
-    for draw in range(MOST_REDRAWS):
+    for draw in range(MAX_REDRAWS):
         moment = scatter.force * float(normal(1, seed, plan.key, "moment", str(draw))[0])
         if abs(moment) <= most:
             return moment
@@ -231,14 +231,14 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
 
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
     more than half a thousand million samples."""
-    plans = list(islice(_listed(specification, seed), MOST_RUNS + 1))
-    if len(plans) > MOST_RUNS:
-        raise SettingError(f"{specification.source}: more than {MOST_RUNS} runs would be made; ask for fewer")
+    plans = list(islice(_listed(specification, seed), MAX_RUNS + 1))
+    if len(plans) > MAX_RUNS:
+        raise SettingError(f"{specification.source}: more than {MAX_RUNS} runs would be made; ask for fewer")
     _refuse_clashes(plans, specification)
     total = sum(plan.samples for plan in plans)
-    if total > MOST_SAMPLES:
+    if total > MAX_SAMPLES:
         raise SettingError(
-            f"{specification.source}: {total:.3g} samples would be made; expected at most {MOST_SAMPLES:.0g}. Ask for "
+            f"{specification.source}: {total:.3g} samples would be made; expected at most {MAX_SAMPLES:.0g}. Ask for "
             "fewer or shorter runs, or a lower rate_hz"
         )
     if specification.campaign.order == "random":

@@ -26,7 +26,7 @@ from automarine_cli.models.store import PLANAR_MODEL, planar_from_json
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
 from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, key_of, keyed
 from automarine_cli.quantities import Floats
-from automarine_cli.text import Place, in_words, told
+from automarine_cli.text import Place, format_value, in_words
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _stream(seed: int, words: tuple[str, ...]) -> np.random.Generator:
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
 Commands: TypeAlias = tuple[tuple[float, ...], ...]
 """Rows of a moment or force for each degree of freedom, and how many seconds it is held."""
-MOST_LEVELS = 100_000
+MAX_LEVELS = 100_000
 LABELS = {"step": "{f}", "coast-down": "coast"}  # what labels begin with where it is not the kind
 SETTINGS = {
     "step": (("levels",), ("way", "duration_s")),
@@ -123,8 +123,8 @@ class Range(Settings):
         super().__post_init__()
         if self.to < self.from_:
             raise SettingError(f"to is {self.to:g}; expected at least from, {self.from_:g}")
-        if (self.to - self.from_) / self.step > MOST_LEVELS:
-            raise SettingError(f"step is {self.step:g}; that makes more than {MOST_LEVELS} values; give a larger step")
+        if (self.to - self.from_) / self.step > MAX_LEVELS:
+            raise SettingError(f"step is {self.step:g}; that makes more than {MAX_LEVELS} values; give a larger step")
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -190,7 +190,8 @@ class RunGroup(Settings):
                 keys = ", ".join(key_of(self, name) for name in (*needed, *optional))
                 raise SettingError(f"{key_of(self, name)} is no setting of the kind {self.kind}, which has {keys}")
         if lacking := next((name for name in needed if getattr(self, name) is None), None):
-            raise SettingError(f"key {told(key_of(self, lacking))} is missing; runs of the kind {self.kind} need it")
+            key = format_value(key_of(self, lacking))
+            raise SettingError(f"key {key} is missing; give it, as runs of the kind {self.kind} need it")
         if self.suffix is not None and self.repeats > 1:
             raise SettingError("suffix names a single run; expected repeats = 1 with it")
         if "way" in optional and (self.way is None) == (self.duration_s is None):
@@ -205,8 +206,8 @@ class RunGroup(Settings):
             forces = "X, Y, N" if self.kind == "planar" else self.dof.words.force
             raise SettingError(f"commands: expected at least one [{forces}, seconds], each longer than 0 s")
         (least, most), duration = self.hold_s or HOLD_S, self.duration_s or DRAWN_S
-        if self.largest and not (0 < least <= min(most, duration) and duration <= MOST_LEVELS * least):
-            expected = f"expected [least, most], both above 0, for 1 to {MOST_LEVELS} commands in duration_s"
+        if self.largest and not (0 < least <= min(most, duration) and duration <= MAX_LEVELS * least):
+            expected = f"expected [least, most], both above 0, for 1 to {MAX_LEVELS} commands in duration_s"
             raise SettingError(f"hold_s: {expected}")
 
     def runs(self, model: Any, seed: int) -> Iterator[tuple[str, str, Commands]]:
@@ -275,7 +276,7 @@ def time_to_turn(angle: float, moment: float, model: YawModel) -> float:
 
 SCHEMA = "automarine/simulation/1"
 SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
-MOST_JITTER = 0.3  # of a sample period: the clock must keep rising
+MAX_JITTER = 0.3  # of a sample period: the clock must keep rising
 
 
 @dataclass(frozen=True)
@@ -300,7 +301,9 @@ class Vehicle(Settings):
         super().__post_init__()
         if self.force_unit not in self.dof.units.forces:
             units = ", ".join(map(repr, self.dof.units.forces))
-            raise SettingError(f"{key_of(self, 'force_unit')}: expected one of {units}, found {told(self.force_unit)}")
+            raise SettingError(
+                f"{key_of(self, 'force_unit')}: expected one of {units}, found {format_value(self.force_unit)}"
+            )
         if self.linear + self.quadratic == 0:
             keys = f"{key_of(self, 'quadratic')} and {key_of(self, 'linear')}"
             raise SettingError(f"{keys} are both 0; expected a drag, or the vehicle never gets steady")
@@ -348,8 +351,8 @@ class Logger(Settings):
         if self.rate_noise is None and self.rate_bias is not None:
             bias, expected = key_of(self, "rate_bias"), f"expected {key_of(self, 'rate_noise')} with it (0 for none)"
             raise SettingError(f"{bias} is of the {self.dof.words.speed}s logged; {expected}")
-        if self.clock_jitter_s > (most := MOST_JITTER * self.period):
-            expected = f"expected at most {MOST_JITTER:g} of the sample period, {most:g} s"
+        if self.clock_jitter_s > (most := MAX_JITTER * self.period):
+            expected = f"expected at most {MAX_JITTER:g} of the sample period, {most:g} s"
             raise SettingError(f"clock_jitter_s is {self.clock_jitter_s:g}; {expected}")
 
     @property
@@ -511,7 +514,7 @@ class Specification(Settings):
         if twice := sorted(set(getattr(self.vehicle, "parameters", ())) & set(self.hidden)):
             raise SettingError(f"hidden: {twice[0]!r} is a parameter of the vehicle too; give it once")
         if unknown := next((name for name in self.sensors if name not in self.columns), None):
-            raise SettingError(f"sensors: found {told(unknown)}, expected some of {', '.join(self.columns)}")
+            raise SettingError(f"sensors: found {format_value(unknown)}, expected some of {', '.join(self.columns)}")
         if turns and "heading_deg" not in self.sensors:
             raise SettingError("sensors: heading_deg is missing; give it, as every log of motion in the plane has it")
         if turns and (self.logger.noise or self.logger.rate_noise is not None or self.scatter.zero):
@@ -583,7 +586,7 @@ class _Codec(Codec):
         if hint is EffectSetting:
             if not isinstance(value, Mapping) or "name" not in value:
                 expected = f"a table with name = one of {', '.join(library.names())}"
-                raise self.refusal(place, f"found {told(value)}, expected {expected}")
+                raise self.refusal(place, f"found {format_value(value)}, expected {expected}")
             value = {"name": value["name"], "values": {key: entry for key, entry in value.items() if key != "name"}}
         return super().value(hint, value, place)
 
@@ -596,7 +599,7 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     planar = motion == PLANAR.name
     if not isinstance(motion, str) or (dof := YAW if planar else DOFS.get(motion)) is None:
         names = " or ".join((*DOFS, PLANAR.name))
-        raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {names}")
+        raise SettingError(f"{where}: vehicle.motion: found {format_value(motion)}, expected {names}")
     log, turns = dof.units.log, dof.wraps  # headings wrap and begin anywhere, and who sinks or rises is held
     table: dict[str, Any] = {**mapping, "source": where}
     defaults: dict[str, dict[str, object]] = {
@@ -623,9 +626,11 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
 def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
     """Refuse another schema, and numbers that no campaign has. Raises SettingError with the key's path."""
     if mapping.get("schema") != SCHEMA:
-        schema = told(mapping.get("schema"))
+        schema = format_value(mapping.get("schema"))
         raise SettingError(f'{where}: schema: found {schema}, expected the line schema = "{SCHEMA}"')
     for value, place in everything(mapping):
         if isinstance(value, int | float) and value and place != ("seed",) and not SMALLEST <= abs(value) <= LARGEST:
             sizes = f"{SMALLEST:g} to {LARGEST:g}"
-            raise SettingError(f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {sizes}")
+            raise SettingError(
+                f"{where}: {in_words(place)}found {format_value(value)}, expected 0 or a size of {sizes}"
+            )

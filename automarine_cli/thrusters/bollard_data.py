@@ -17,7 +17,7 @@ from automarine_cli.logs.table import Labels, splitting
 from automarine_cli.pipeline.parallel import Progress, counted, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import has_bytes, require_usable, unreadable
-from automarine_cli.runs.run import SetAside
+from automarine_cli.runs.run import ExcludedRun
 from automarine_cli.text import listed, quoted
 
 
@@ -51,7 +51,7 @@ class ThrusterLogs:
     user named it, `rule` how all logs read their force, where a column map says it."""
 
     records: tuple[Series, ...]
-    set_aside: tuple[SetAside, ...]
+    set_aside: tuple[ExcludedRun, ...]
     inputs: tuple[LogFile, ...]
     missing: int
     n_unit: str = ""
@@ -87,7 +87,7 @@ def load_thruster_logs(
     Raises LogError for a log named on the command line that cannot serve, RunError with `strict` or if none is left."""
     files = find_logs(logs)
     records: list[Series] = []
-    set_aside: list[SetAside] = []
+    set_aside: list[ExcludedRun] = []
     missing, units, found_by = 0, set[str](), ""
     for file in counted(progress, "reading", files, len(files)):
         try:
@@ -127,7 +127,7 @@ def _name_of_parts(table: LogTable) -> str:
     return splitting(may, bollard=True).get(BY, may[0] if len(may) == 1 else "")
 
 
-def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, list[SetAside]]:
+def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, list[ExcludedRun]]:
     n, force = table.columns["n"], table.columns["force"]
     time, voltage = table.columns.get("time"), table.columns.get("voltage")
     good = np.isfinite(n) & np.isfinite(force) & np.isfinite(n if time is None else time)
@@ -138,7 +138,7 @@ def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, 
     for name, part in dict.fromkeys(pairs):  # in the order in which they first appear
         rows = (names == name) & (part_names == part) & good
         if not np.any(rows):
-            idle.append(SetAside(table.source, name or part, "no row has both a control signal and a force"))
+            idle.append(ExcludedRun(table.source, name or part, "no row has both a control signal and a force"))
             continue
         clock, volts = (None if column is None else column[rows] for column in (time, voltage))
         extras = {key: column[rows] for key, column in table.extras.items()}
@@ -152,7 +152,7 @@ SAME = 0.004  # commands within this share of full scale are one level
 MANY = 24  # more levels than this in a direction are left out in blocks of neighbours
 BLOCKS = 20
 STEP = 0.03  # voltages further apart than this share are two nominal steps
-MOST_STEPS = 12  # more voltage steps than this are a drifting supply, not steps
+MAX_STEPS = 12  # more voltage steps than this are a drifting supply, not steps
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ def voltage_steps(voltage: Floats) -> Ints | None:
     jumps = np.diff(np.log(voltage[order])) > STEP
     step = np.zeros(len(voltage), dtype=np.int64)
     step[order[1:]] = np.cumsum(jumps)
-    return step if int(step.max()) < MOST_STEPS else None
+    return step if int(step.max()) < MAX_STEPS else None
 
 
 # Limits in shares of full scale, and in robust standard deviations of the readings; the larger counts.
@@ -487,7 +487,7 @@ def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
 BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation
 SPIKE = 8.0  # robust standard deviations beyond which one sample is an electrical spike
-MOST_READINGS = 2000  # rows of one record that are judged one by one
+MAX_READINGS = 2000  # rows of one record that are judged one by one
 SLOW = 0.02  # of the range: how far the command may move within the mean of neighbouring rows
 NOISY = 0.02  # command noise up to this share of its range still means "held constant"
 SERIES = 200  # rows from which a measured speed may be a series
@@ -663,7 +663,7 @@ def _readings(record: Series, number: int) -> Points:
     """A table: every row is a point. A long slow sweep goes in means of neighbouring rows."""
     n, force, voltage = record.n, record.force, record.voltage
     when = np.arange(len(n), dtype=float) if record.time is None else record.time
-    size = -(-len(n) // MOST_READINGS)
+    size = -(-len(n) // MAX_READINGS)
     if size <= 1 or np.median(np.abs(np.diff(n))) * size > SLOW * np.ptp(n):
         return Points.measured(n, force, when, voltage, number)
     blocks = np.array_split(np.arange(len(n)), -(-len(n) // size))

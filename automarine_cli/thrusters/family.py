@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from automarine_cli.errors import FitError
-from automarine_cli.fits.stepwise import Chance, Judge, discover
+from automarine_cli.fits.stepwise import Chance, Judge, stepwise_search
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters import bollard_data as bollard
 from automarine_cli.thrusters.bollard_data import Ints, Points, ThrusterLogs, left_out, levels_of, neighbour_weights
@@ -26,14 +26,14 @@ MIN_LEVELS = 5  # levels in a direction from which a curve with a second paramet
 MIN_LEVELS_TO_HOLD_OUT = 10  # levels in a direction from which a quarter of them is held out
 MIN_REPEATS = 6  # degrees of freedom among repeats from which their own scatter is the noise level
 SAME_COMMAND = 1e-6  # commands that differ by less than this share of full scale are the same command
-MOST_EXPLAINED = 0.8  # share of the run order that the levels explain from which a drift cannot be told from the curve
+MAX_EXPLAINED = 0.8  # share of the run order that the levels explain from which a drift cannot be told from the curve
 ALPHA, NULLS = 0.01, 1999
 """Share of tables without a missing effect in which one may be named; fewer cannot be told with eight levels."""
-MOST_EFFECTS = 3
+MAX_EFFECTS = 3
 ALTERNATIONS = 6  # rounds of curves and what multiplies them; they hardly depend on each other
 ROUNDING = 1e-6  # errors below this share of full scale are rounding, not evidence
 NEEDLESS = 0.5  # standard errors by which cross-validation may get worse without an effect that is needless
-BROKEN_WEIGHT, MOST_STRETCHES = 0.01, 2
+BROKEN_WEIGHT, MAX_STRETCHES = 0.01, 2
 SHORTEST_STRETCH = 3  # readings in sequence that make a faulty stretch
 STEP_SHARE, STEP_NOISES = 0.03, 6.0
 """How sharply a faulty stretch begins and ends: share of full scale, and multiples of the noise level."""
@@ -81,7 +81,7 @@ class BollardData(Points):
         volts = [] if self.step is None else [self.voltage]
         matrix = np.stack([np.ones(len(n)), n, np.abs(n), n**2, n * np.abs(n), *volts], axis=1)
         residual = self.order - matrix @ np.linalg.lstsq(matrix, self.order, rcond=None)[0]
-        return bool(np.ptp(self.order) > 0 and 1.0 - residual.var() / self.order.var() < MOST_EXPLAINED)
+        return bool(np.ptp(self.order) > 0 and 1.0 - residual.var() / self.order.var() < MAX_EXPLAINED)
 
     def place(self, index: int) -> str:
         return self.places[int(self.record[index])]
@@ -422,7 +422,7 @@ class _Levels(Judge[CandidateFit, SearchStep]):
     start: Shape
     random: np.random.Generator
     fits: dict[Shape, Fitted] = field(default_factory=dict)
-    most = 2 * MOST_EFFECTS + 1
+    most = 2 * MAX_EFFECTS + 1
 
     def fitted(self, shape: Shape) -> Fitted:
         if shape not in self.fits:
@@ -435,7 +435,7 @@ class _Levels(Judge[CandidateFit, SearchStep]):
             for effect, where, shape in current.shape.additions(data):
                 parts = data.parts(shape.tied)
                 enough = all(parts[name].can_leave_out(form_of(effects)) for name, effects in shape.curves)
-                if enough and (len(model.added) < MOST_EFFECTS or effect in model.added):
+                if enough and (len(model.added) < MAX_EFFECTS or effect in model.added):
                     fits[effect, where] = self.fitted(shape)
         chance = evidence_by_chance(current, fits, self.random) if fits else Chance(np.zeros(1))
         candidates = []
@@ -448,7 +448,7 @@ class _Levels(Judge[CandidateFit, SearchStep]):
             candidates.append(replace(candidate, held_out=held_out, stderr=stderr))
         return SearchStep(model, tuple(candidates), max(chance.threshold(ALPHA), 0.0))
 
-    def able(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
+    def admissible(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
         best = _best([c for c in look.candidates if c.p_value <= ALPHA and c.held_out > c.stderr])
         return [] if best is None else [best]
 
@@ -483,7 +483,7 @@ def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
     """Add the effects that are missing from `start`, at most three, and list what else they could be."""
     judge = _Levels(data, start, np.random.default_rng(seed))
     base = CandidateFit(judge.fitted(start))
-    outcome = discover(judge, base)
+    outcome = stepwise_search(judge, base)
     final, alternatives = outcome.final, dict[str, dict[str, tuple[float, CandidateFit, float]]]()
     for name, step in outcome.around.items():
         rivals = alternatives.setdefault(name, {})
@@ -503,7 +503,7 @@ def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
 def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: int) -> MapSearch:
     """Search, and again without any stretch of readings that steps off the curve and back."""
     search = search_map(data, shape, seed)
-    for _ in range(MOST_STRETCHES):
+    for _ in range(MAX_STRETCHES):
         index = broken_stretch(search.final, floor)
         if index is None or np.all(data.flag[index] != ""):
             break

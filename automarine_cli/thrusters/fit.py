@@ -12,7 +12,7 @@ from automarine_cli.runs.run import usual_neutral
 from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
 from automarine_cli.thrusters.map import FORMS, SIDES, SQUARE, Curve, Form, ThrusterMap, fit_direction, thrust_both_ways
 
-FEWEST_LEVELS = 3
+MIN_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
 PLAIN, UNBIASED, JACKKNIFE = 0.0, 0.5, 1.0
 
@@ -70,7 +70,7 @@ def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str,
             part = points.where(inside)
             group, record = groups_of(np.abs(part.n)), part.record if step is None else step[inside]
             levels = [len(np.unique(group[record == number])) for number in np.unique(record)]
-            crossed = len(levels) > 1 and min(levels) >= FEWEST_LEVELS
+            crossed = len(levels) > 1 and min(levels) >= MIN_LEVELS
             values = (np.abs(part.n), sign * part.force, part.weight, group, record if crossed else None)
             sides[name] = Side(name, sign, *values, np.nan_to_num(part.stderr), tare_stderr, np.flatnonzero(inside))
     return sides
@@ -344,7 +344,7 @@ def analyse(
     without = _refused_directions(sides, full_scale, where)
     sides = {name: side for name, side in sides.items() if name not in without}
     if not sides:
-        expected = f"expected at least {FEWEST_LEVELS} different commands in one direction. Pull at more levels"
+        expected = f"expected at least {MIN_LEVELS} different commands in one direction. Pull at more levels"
         raise FitError(f"{where}: no direction can be fitted ({'; '.join(without.values())}); {expected}")
     square = {name: square_law(side, amplitude_unit(n_unit)) for name, side in sides.items()}
     used = points.where(np.isin(np.sign(points.n), [0.0, *(side.sign for side in sides.values())]))
@@ -388,8 +388,8 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
                 f"{idle:.4g} }} under [columns] in the --columns file"
             )
         mean = float((side.weight * side.magnitude**2) @ side.thrust / (side.weight @ side.magnitude**2))
-        if count < FEWEST_LEVELS:
-            without[name] = f"{count} {name} level{'s' if count > 1 else ''}, at least {FEWEST_LEVELS} needed"
+        if count < MIN_LEVELS:
+            without[name] = f"{count} {name} level{'s' if count > 1 else ''}, at least {MIN_LEVELS} needed"
         elif -FAINT * full_scale <= mean <= 0.0:
             without[name] = f"no {name} thrust measured"
         elif mean < 0.0:

@@ -27,9 +27,9 @@ from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, keyed, read_plain
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import Campaign, load_runs, read_planar, require_usable
-from automarine_cli.runs.run import CommandRange, Run, SetAside
+from automarine_cli.runs.run import CommandRange, ExcludedRun, Run
 from automarine_cli.simulation.specification import Bollard, levels_of, normal, uniform
-from automarine_cli.text import Place, printable, told
+from automarine_cli.text import Place, format_value, printable
 
 SIDES = (("forward", 1.0), ("backward", -1.0))
 SQUARE = 2.0
@@ -344,7 +344,7 @@ class ThrusterMap:
         """A map from the content of `thrusters.json`; ModelError names the key that is wrong."""
         file, codec = THRUSTER_MAP.of(data, where), THRUSTER_MAP.codec(data, where)
         if file.form not in FORMS:
-            raise codec.refusal(("form",), f"found {told(file.form)}, expected one of {', '.join(FORMS)}")
+            raise codec.refusal(("form",), f"found {format_value(file.form)}, expected one of {', '.join(FORMS)}")
         low, high = file.n_range or (0.0, 1.0)
         if not low < high:
             raise codec.refusal(("n_range",), f"found {low:g} and {high:g}, expected the lower one first")
@@ -478,15 +478,15 @@ def load_planar(
     return replace(campaign, runs=tuple(good), set_aside=tuple(aside))
 
 
-def driven_by(runs: Sequence[Run], drive: Callable[[Run], Run]) -> tuple[list[Run], list[SetAside]]:
+def driven_by(runs: Sequence[Run], drive: Callable[[Run], Run]) -> tuple[list[Run], list[ExcludedRun]]:
     """The runs as `drive` commands them, and those that it refuses, with the reasons."""
-    good, aside = list[Run](), list[SetAside]()
+    good, aside = list[Run](), list[ExcludedRun]()
     for run in runs:
         try:
             good.append(drive(run))
         except AutomarineError as error:
             why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
-            aside.append(SetAside(run.source, run.name, why))
+            aside.append(ExcludedRun(run.source, run.name, why))
     return good, aside
 
 

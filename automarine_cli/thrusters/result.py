@@ -19,7 +19,7 @@ from automarine_cli.runs.run import runs_json
 from automarine_cli.text import listed
 from automarine_cli.thrusters import bollard_data as bollard
 from automarine_cli.thrusters.bollard_data import Ints, Points, Reduction, Tare, ThrusterLogs, levels_of
-from automarine_cli.thrusters.fit import FEWEST_LEVELS, Analysis, FormScore, Side, analyse, parameters_json
+from automarine_cli.thrusters.fit import MIN_LEVELS, Analysis, FormScore, Side, analyse, parameters_json
 from automarine_cli.thrusters.map import SIDES, THRUSTER_MAP, ThrusterMap
 
 MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean
@@ -321,7 +321,7 @@ def _differ(loaded: ThrusterLogs, points: Points, thrusters: int, where: str) ->
         force = points.force[level == number]
         if len(force) > 1 and not np.any(points.raw[level == number]):
             ends.append((float(np.ptp(force)) / float(np.abs(force).max()), int(number)))
-    if len(ends) < FEWEST_LEVELS or np.median([apart for apart, _ in ends]) < APART:
+    if len(ends) < MIN_LEVELS or np.median([apart for apart, _ in ends]) < APART:
         return ()
     _, number = max(ends)
     at, force = float(np.mean(points.n[level == number])), thrusters * points.force[level == number]

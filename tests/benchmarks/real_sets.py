@@ -13,7 +13,7 @@ from repository import DATA
 from automarine_cli.dofs import DOFS
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import ExcludedRun, Run
 
 EVERY_MODEL = ("1", "2", "3")
 
@@ -44,7 +44,7 @@ class RealSet:
     def path(self) -> Path:
         return DATA / self.folder
 
-    def load(self, motion: str, scratch: Path) -> tuple[list[Run], tuple[SetAside, ...]]:
+    def load(self, motion: str, scratch: Path) -> tuple[list[Run], tuple[ExcludedRun, ...]]:
         """Its runs of one motion, in the order of their names, and those set aside."""
         campaign = load_runs([str(self.path / self.glob)], self.column_map(scratch), dof=DOFS[motion])
         return list(campaign.runs), campaign.set_aside

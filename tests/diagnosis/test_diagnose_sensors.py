@@ -47,7 +47,7 @@ def steps(effect: str, seed: int = 1) -> list[Run]:
     return runs
 
 
-def told(runs: list[Run], channels: str = "auto", hold_out: Sequence[Run] = ()) -> Diagnosis:
+def format_value(runs: list[Run], channels: str = "auto", hold_out: Sequence[Run] = ()) -> Diagnosis:
     """A diagnosis that tries the three lags only."""
     with few_candidates(LAGS, curves=False):
         return diagnose_runs(runs, BASE, hold_out=hold_out, channels=channels)
@@ -56,7 +56,7 @@ def told(runs: list[Run], channels: str = "auto", hold_out: Sequence[Run] = ()) 
 @pytest.mark.slow
 @pytest.mark.parametrize("lag", LAGS)
 def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str) -> None:
-    found = told(steps(lag))
+    found = format_value(steps(lag))
     assert found.channels.names == ("heading", "yaw_rate") and found.verdict == "named"
     (named,) = found.effects
     assert (named.name, named.rivals) == (lag, ())
@@ -70,21 +70,21 @@ def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str) -> None:
 @pytest.mark.slow
 def test_without_it_they_are_rivals() -> None:
     def tied(lag: str) -> bool:
-        found = told(steps(lag), channels="position")
+        found = format_value(steps(lag), channels="position")
         return found.channels.names == ("heading",) and any(named.rivals for named in found.effects)
 
     assert any(map(tied, LAGS))  # the first will do
 
 
 def test_a_gyro_alone_sees_no_lag_of_the_compass() -> None:
-    found = told(steps("sensor-lag"), channels="yaw_rate")
+    found = format_value(steps("sensor-lag"), channels="yaw_rate")
     assert found.verdict == "nothing-missing" and "sensor-lag" not in found.detectable
 
 
 @pytest.mark.slow
 def test_runs_held_out_may_lack_the_gyro() -> None:
     runs = steps("thruster-lag")
-    found = told(runs[:14], hold_out=[replace(run, extras={}) for run in runs[14:]])
+    found = format_value(runs[:14], hold_out=[replace(run, extras={}) for run in runs[14:]])
     assert [named.name for named in found.effects] == ["thruster-lag"]
     assert found.held_out_gap is not None and found.held_out_gap.after < found.held_out_gap.before
 

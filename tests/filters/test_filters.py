@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from automarine_cli.dofs import YAW
-from automarine_cli.filters.course import APART, LEAST_STEP, make_course
-from automarine_cli.filters.kalman import SETTLING, Followed, Noises, follow, predict, shown_channel
+from automarine_cli.filters.course import APART, MIN_STEP, make_course
+from automarine_cli.filters.kalman import SETTLING, FilterResult, Noises, follow, predict, shown_channel
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
@@ -126,7 +126,7 @@ def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:
     np.testing.assert_allclose(read.time[0][read.channels[0].seen[0]], time[::5], atol=1e-9)
     quiet, loud = (make_course([noisy(logged(time, np.sin(time), np.cos(time)), d)], REST) for d in (0.02, 1.0))
     assert quiet.noise[0] < YAW.limits.least_noise < loud.noise[0]
-    for course, apart in ((quiet, APART), (loud, LEAST_STEP)):
+    for course, apart in ((quiet, APART), (loud, MIN_STEP)):
         here = course.time[0][course.channels[0].seen[0]]
         assert apart - 1e-6 < np.diff(here).min() < apart + 0.101 and len(here) > 0.9 * 30.0 / (apart + 0.1)
         np.testing.assert_allclose(np.round(10 * here), 10 * here, atol=1e-6)
@@ -178,7 +178,7 @@ def test_the_filter_of_a_linear_model_is_kalmans() -> None:
     assert np.all(sizes[2] < 0.67 * sizes[1]) and np.all(sizes[3] < 0.67 * sizes[2]), sizes
 
 
-def jumped(degrees: float) -> tuple[Followed, int]:
+def jumped(degrees: float) -> tuple[FilterResult, int]:
     """A run with one reading that is off by so much, and the node of that reading."""
     (run,) = steered(1, 2, Sea(inertia=INERTIA, k_r=LINEAR, k_rr=0.0, scatter=0.0), length=30.0)
     heading = run.position.copy()
@@ -274,7 +274,7 @@ def test_readings_of_a_fast_log_are_averaged_at_their_nodes() -> None:
     course = make_course([run], REST)
     (channel,) = course.channels
     error = np.rad2deg(channel.values[0] - 0.3 * course.time[0] ** 2)[channel.seen[0]]
-    assert len(error) == pytest.approx(12 / LEAST_STEP, abs=2)  # and every sample counts in them
+    assert len(error) == pytest.approx(12 / MIN_STEP, abs=2)  # and every sample counts in them
     assert np.std(error) == pytest.approx(2.0 / np.sqrt(11), rel=0.2) and abs(error.mean()) < 0.2
     assert np.rad2deg(course.noise[0]) == pytest.approx(2.0 / np.sqrt(11), rel=0.1)
     sparse = replace(run, time=20 * run.time)  # slower than the filter: as they are

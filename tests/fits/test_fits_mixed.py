@@ -16,7 +16,14 @@ from tolerances import assert_close
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.half_turns import half_turn_data, step_problem
-from automarine_cli.fits.linear_mixed import Block, Gram, Grams, RunEffects, choose_variances, scored_deviance
+from automarine_cli.fits.linear_mixed import (
+    Block,
+    Grams,
+    NormalEquations,
+    RunEffects,
+    choose_variances,
+    scored_deviance,
+)
 from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
 from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
 from automarine_cli.runs.half_turn import half_turns
@@ -75,7 +82,10 @@ class Linear:
         residual = np.where(self.seen, self.w - self.j @ phi - np.einsum("rnq,rq->rn", self.v, b), 0.0)
         parts = (slice(0, 12), slice(12, SAMPLES)) if sensors == 2 else (slice(0, SAMPLES),)
         return Grams(
-            tuple(Gram.of(self.j[:, p], self.v[:, p], residual[:, p], self.seen[:, p].sum(axis=1), b) for p in parts)
+            tuple(
+                NormalEquations.of(self.j[:, p], self.v[:, p], residual[:, p], self.seen[:, p].sum(axis=1), b)
+                for p in parts
+            )
         )
 
     def deviation(self, variances: Floats) -> Floats:

@@ -15,7 +15,7 @@ from tolerances import assert_close
 from automarine_cli.dofs import SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.half_turns import StepData, half_turn_data, step_data
-from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, asked_tail, fit_velocity_error, tail_lines
+from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, fit_velocity_error, parse_tail, tail_lines
 from automarine_cli.models.yaw_model import inertia_from_velocity_error, response
 from automarine_cli.runs.half_turn import half_turns
 
@@ -94,9 +94,9 @@ def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: floa
 )
 def test_a_tail_that_cannot_be_is_refused(tail: float, dof: Dof, sentence: str) -> None:
     with pytest.raises(SettingError, match=re.escape(sentence)):
-        asked_tail(tail, dof)
-    assert asked_tail(None, dof) is None
-    assert asked_tail(90.0, YAW) == pytest.approx(np.pi / 2, rel=1e-15) and asked_tail(1.5, SURGE) == 1.5
+        parse_tail(tail, dof)
+    assert parse_tail(None, dof) is None
+    assert parse_tail(90.0, YAW) == pytest.approx(np.pi / 2, rel=1e-15) and parse_tail(1.5, SURGE) == 1.5
 
 
 def test_noise_moves_the_tail_forward_and_steady_turns_move_it_back() -> None:

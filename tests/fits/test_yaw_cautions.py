@@ -120,7 +120,7 @@ def test_cautions_stand_below_the_table_of_their_parameter_and_warnings_on_the_t
     both = Caution("", ("inertia", "quadratic", "linear"), "On both.", grave=True)
     fit = replace(sound(), cautions=(drag, inertia, both), warnings=("On both.",))
     first, second = fit_report.tables(fit)
-    assert first.notes[-2:] == ("On drag.", "On both.") and second.notes[-2:] == ("On inertia.", "On both.")
+    assert first.notes[-2:] == ("On drag.", "On both.") and second.notes[-1] == "On inertia."
     for form in ("to_markdown", "to_latex", "to_text"):
         assert "On drag." in getattr(first, form)() and "On drag." not in getattr(second, form)()
     assert fit.to_json()["warnings"] == ["On both."] and "Warning: On both." in fit_report.sentences(fit)

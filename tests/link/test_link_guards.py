@@ -139,10 +139,10 @@ def test_silent_strangers_give_way(tmp_path: Path) -> None:
     with vehicle_at(tmp_path) as vehicle, contextlib.ExitStack() as stack:
         silent = [
             stack.enter_context(socket.create_connection(("127.0.0.1", vehicle.port), timeout=60.0))
-            for _ in range(2 * server_module.MOST_STRANGERS)
+            for _ in range(2 * server_module.MAX_STRANGERS)
         ]
         assert ask(vehicle.port, "GET", "/state")[0] == 200
-        assert [one.recv(1) for one in silent[: server_module.MOST_STRANGERS]] == [b""] * server_module.MOST_STRANGERS
+        assert [one.recv(1) for one in silent[: server_module.MAX_STRANGERS]] == [b""] * server_module.MAX_STRANGERS
 
 
 def test_who_trickles_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

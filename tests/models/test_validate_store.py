@@ -66,7 +66,7 @@ REFUSED = {
     "models.1.k_rr: model 1 has no such term; it has k_r": put("models.1.k_rr", 1.0),
     "models.4: unknown model; known are 1, 2, 3": put("models.4", {}),
     "models: holds no model; expected one or more of 1, 2, 3": put("models", {}),
-    "preferred: found \"5\", expected one of the file's models (1, 2, 3)": put("preferred", "5"),
+    "preferred: found \"5\", expected one of the models 1, 2, 3": put("preferred", "5"),
     "moment_unit: found \"kg\", expected \"nu\" or \"N m\"": put("moment_unit", "kg"),
     "switch_offset: found 0.7, expected a share of a sample interval between -0.5 and 0.5": put(
         "switch_offset", 0.7

@@ -11,8 +11,8 @@ from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.campaign import DRIFT, NARROW, Plan, PlanBudget, choose, plan_campaign, ways_back
 from automarine_cli.planning.candidates import Limits, Logger, Moments, Pool, Runs, Supply
-from automarine_cli.planning.information import Doubt, Intervals, PriorResults
-from automarine_cli.planning.rivals import Contest, Splitting
+from automarine_cli.planning.information import Ambiguity, Intervals, PriorResults
+from automarine_cli.planning.rivals import Discrimination, ModelPair
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ LIMITS = Limits(
 )
 
 
-def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Doubt, ...] = ()) -> Plan:
+def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Ambiguity, ...] = ()) -> Plan:
     prior = PriorResults(StoredModels({"3": MODEL}, "3", "nu", 0.0, "model", YAW), model, {}, None, None, 0, doubts)
     return plan_campaign(prior, limits, 1.2, Supply(0.3, 6.0, 1.2))
 
@@ -53,7 +53,7 @@ def test_not_all_runs_are_of_one_size(percent: float) -> None:
 def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> None:
     limits = replace(LIMITS, runs=Runs(voltages_V=(19.0,), kinds=("step", "other-voltage")))
     model = MODEL.with_effect("voltage-exponent", (1.2, 24.0))
-    campaign = planned(limits, model, (Doubt("voltage-exponent", "battery-sag"),))
+    campaign = planned(limits, model, (Ambiguity("voltage-exponent", "battery-sag"),))
     assert any(run.kind == "other-voltage" for run in campaign.candidates)
     assert campaign.splits[0].evidence > 20.0
     assert campaign.notes == ()
@@ -61,7 +61,7 @@ def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> 
 
 def test_what_the_limits_do_not_split_is_said() -> None:
     limits = replace(LIMITS, pool=Pool(minutes=4, runs=3), runs=Runs(kinds=("step", "coast-down")))
-    campaign = planned(limits, MODEL.with_effect("thruster-lag", (0.06,)), (Doubt("thruster-lag", "input-delay"),))
+    campaign = planned(limits, MODEL.with_effect("thruster-lag", (0.06,)), (Ambiguity("thruster-lag", "input-delay"),))
     assert campaign.splits[0].evidence < 20.0
     assert campaign.notes[0].startswith("Not split within these limits: thruster-lag from input-delay")
 
@@ -143,11 +143,11 @@ def test_a_dear_run_is_chosen_only_for_its_worth() -> None:
 def test_a_line_and_a_parabola_are_split_where_they_differ() -> None:
     """The straight line is fitted to a parabola: the squared misfit of x² at -1, 0 and 1 is 2/3 (by least squares)."""
     curved = PLACES**2
-    contest = Contest(curved**2, LINE * curved[:, None], EACH, 1e-9 * np.eye(2))
+    contest = ModelPair(curved**2, LINE * curved[:, None], EACH, 1e-9 * np.eye(2))
     three = np.zeros(9)
     three[[0, 4, 8]] = 1.0
     assert contest.misfit(three[None])[0] == pytest.approx(2.0 / 3.0, rel=1e-6)
-    split = Splitting((contest,), np.array([2.0]))
+    split = Discrimination((contest,), np.array([2.0]))
     counts = choose(split, shop((40, 40, 40, 40)))
     assert split.reached(counts.astype(float))
     assert counts.sum() <= 9  # T-optimal: a quarter at each end, half in the middle, 8 runs for 2.0

@@ -17,7 +17,7 @@ from automarine_cli.quantities import Complexes, Floats
 
 RAD = np.pi / 180.0
 CDEG = RAD / 100.0
-MOST_ERROR = 45.0 * RAD
+MAX_ERROR = 45.0 * RAD
 
 
 def gyro(slow: Floats, slower: Floats, velocity: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]:
@@ -140,7 +140,7 @@ class ArduSub(ParameterFile):
         of_demand, of_error, of_change = (share(dt, gains[f"ATC_RAT_YAW_FLT{letter}"]) for letter in "TED")
         speed_up, slew = np.where(limit > 0, limit * dt, np.inf), gains["ATC_SLEW_YAW"] * CDEG
         pull = np.clip(0.5 * limit, 10.0 * RAD, 120.0 * RAD)
-        furthest = np.minimum(MOST_ERROR, distance_to(1.0 / np.maximum(p, 1e-6), gains["ATC_ANG_YAW_P"], pull))
+        furthest = np.minimum(MAX_ERROR, distance_to(1.0 / np.maximum(p, 1e-6), gains["ATC_ANG_YAW_P"], pull))
         to_reference = root_law(1.0 / np.maximum(gains["ATC_INPUT_TC"], 0.01), limit, dt)
         to_target = root_law(gains["ATC_ANG_YAW_P"], pull, dt)
 

@@ -20,7 +20,7 @@ from automarine_cli.report.figures import style
 STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey", "not fitted": "yellow"}
 """Colours of what became of candidates; the bars of those that were not fitted are promises."""
 BEFORE_AFTER = ("before", "after")
-MOST_VARIABLES, LONGEST_LINE = 6, 104
+MAX_VARIABLES, LONGEST_LINE = 6, 104
 
 
 @style.house_style
@@ -28,7 +28,7 @@ def where_figure(where: ResidualRegions) -> Figure:
     """Draw the gap against each variable that stands out, or where there is none the one that is nearest to it."""
     variables = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))
     out = [variable for variable in variables if variable.stands_out.any()]
-    drawn = (out or variables[:1])[:MOST_VARIABLES]
+    drawn = (out or variables[:1])[:MAX_VARIABLES]
     figure, axes = style.panels(len(drawn), 2, 2.1, 0.8)
     for ax, variable in zip(axes.flat, drawn):
         _bins(ax, variable)

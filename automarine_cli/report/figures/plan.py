@@ -16,18 +16,18 @@ from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, l
 if TYPE_CHECKING:  # a plan needs no controllers
     from automarine_cli.control.tuning import FlownStep, Tuning
 
-MOST_PANELS = 4
+MAX_PANELS = 4
 WORTH_IT = 1.1  # how many times wider intervals would be
-FEWEST_RUNS = 3  # below which a curve is not drawn: nothing is known yet
+MIN_RUNS = 3  # below which a curve is not drawn: nothing is known yet
 LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
-MOST_STEPS = 4
+MAX_STEPS = 4
 FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
 
 
 @house_style
 def plan_figure(plan: Plan) -> Figure:
     """Draw a panel for each parameter, run by run."""
-    names, minutes = list(plan.errors)[:MOST_PANELS], plan.minutes
+    names, minutes = list(plan.errors)[:MAX_PANELS], plan.minutes
     figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
     half = int(np.searchsorted(minutes, 0.5 * minutes[-1]))
     wider = max(plan.errors[name][half] / plan.errors[name][-1] for name in names)
@@ -36,9 +36,7 @@ def plan_figure(plan: Plan) -> Figure:
     figure.suptitle(f"{advice}: {time} intervals are up to {wider:.2g} times as wide")
     for ax, name in zip(axes.flat, names):
         percent = plan.errors[name]
-        ax.plot(
-            minutes[FEWEST_RUNS - 1 :], percent[FEWEST_RUNS - 1 :], color=COLOURS["blue"], marker="o", markevery=[-1]
-        )
+        ax.plot(minutes[MIN_RUNS - 1 :], percent[MIN_RUNS - 1 :], color=COLOURS["blue"], marker="o", markevery=[-1])
         ax.set_title(f"{name}: {percent[-1]:.2g} %", loc="left", parse_math=False)
         ax.set(xlabel="minutes in the pool", ylabel="standard error [%]")
     return figure
@@ -71,7 +69,7 @@ def tuning_figure(tuning: "Tuning") -> Figure:
 @house_style
 def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
     """Draw the first steps of a log as flown, and the bands that were promised."""
-    drawn = steps[:MOST_STEPS]
+    drawn = steps[:MAX_STEPS]
     figure, axes = new_figure(1, len(drawn), PAGE_IN, 2.6)
     for ax, step in zip(axes[0], drawn):
         low, high = dof.shown(step.low), dof.shown(step.high)

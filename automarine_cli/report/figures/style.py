@@ -40,7 +40,7 @@ TWO_LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 PAGE_IN = 7.2  # width of a page [inch]
-MOST_RUNS, MOST_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
+MAX_RUNS, MAX_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
 LONGEST_NAME = 26  # letters that have room beside and above a panel
 
 house_style = matplotlib.style.context(["default", {
@@ -134,9 +134,9 @@ def residuals_figure(
     first model, beside the noise `floor`; errors in the `unit`. The title says what of `runs_of` is left in all."""
     runs = [(name, lines) for name, lines in residuals if all(len(error) for _, error in lines)]
     sizes = np.array([[np.sqrt(np.mean(error**2)) for _, error in lines] for _, lines in runs]).reshape(-1, 2)
-    order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MOST_RUNS]
+    order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MAX_RUNS]
     figure = Figure(figsize=(PAGE_IN, max(4.5, 0.16 * len(order) + 1.2)), layout="constrained")
-    places = range(min(len(order), MOST_DRAWN) or 1)
+    places = range(min(len(order), MAX_DRAWN) or 1)
     axes: dict[Any, Axes] = figure.subplot_mosaic([[place, "all"] for place in places], width_ratios=(1.6, 1.0))
     for place, i in zip(places, order):
         ax = axes[place]
