@@ -1,4 +1,4 @@
-"""`import automarine_cli as am`: light to import, easy to call, results that show themselves; the README's lines."""
+"""`import automarine_cli as am`: light to import, easy to call, results that show themselves; the guide's session."""
 
 import doctest
 import subprocess
@@ -158,16 +158,11 @@ def test_settings_of_a_wrong_kind_are_refused(
         am.fit_yaw(logs / "steps", logs / "driving")
 
 
-@pytest.mark.parametrize(
-    ("page", "heading", "least"),
-    [("README.md", "Your own logs", 2), ("automarine_cli/guide/python.md", "A session", 6)],
-)
-def test_sections_do_what_they_show(page: str, heading: str, least: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_guide_s_session_does_what_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    text = (ROOT / page).read_text(encoding="utf-8")
-    section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
-    test = doctest.DocTestParser().get_doctest(section, {}, heading, page, 0)
-    assert len(test.examples) >= least
+    page = ROOT / "automarine_cli" / "guide" / "python.md"
+    test = doctest.DocTestParser().get_doctest(page.read_text(encoding="utf-8"), {}, page.stem, page.name, 0)
+    assert len(test.examples) >= 6
     wrong: list[str] = []
     doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE).run(test, out=wrong.append)
     assert not wrong, "".join(wrong)

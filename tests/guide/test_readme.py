@@ -4,10 +4,12 @@ import os
 import re
 import shlex
 import subprocess
+import tomllib
 from pathlib import Path
 
 import click
 import pytest
+import yaml
 from repository import ROOT
 
 from automarine_cli import __version__
@@ -15,11 +17,19 @@ from automarine_cli.commands import CommandGroup, automarine
 from automarine_cli.logs.columns import CANONICAL
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+ABOUT, GUIDE = ROOT / ".github", ROOT / "automarine_cli" / "guide"
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
-    for path in (ROOT / "README.md", *sorted((ROOT / "automarine_cli" / "guide").rglob("*.md")))
+    for path in (ROOT / "README.md", *sorted(ABOUT.glob("*.md")), *sorted(GUIDE.rglob("*.md")))
 }
-README = PAGES["README.md"]
+INDEXES = ("README.md", "automarine_cli/guide/contents.md")
+PLAIN = (
+    "README.md", ".github/CHANGELOG.md", ".github/CONTRIBUTING.md", ".github/SECURITY.md",
+    "automarine_cli/guide/contents.md", "automarine_cli/guide/hidden-walk.md",
+)  # fmt: skip
+"""Pages whose sentences are counted; add a page once it is written in plain English."""
+LONGEST_SENTENCE = 30  # words; write for 25
 EVERY_PAGE = pytest.mark.parametrize("page", PAGES)
 ANYWHERE = "\n".join(PAGES.values())
 
@@ -31,6 +41,17 @@ def fences(page: str) -> list[str]:
 def without_fences(page: str) -> str:
     """A page's text, without its fenced blocks."""
     return re.sub(r"^```.*?^```$", "", PAGES[page], flags=re.MULTILINE | re.DOTALL)
+
+
+def sentences(text: str) -> list[str]:
+    """Sentences, headings, list items and table cells of a text without fenced blocks."""
+    text = re.sub(r"\]\([^)]*\)|<[^>]*>", "", text)
+    pieces = re.split(r"\n\s*\n|\n\s*(?:[-#]+|\d+\.)\s|\|", text)
+    return [one for piece in pieces for one in re.split(r"[.!?][*_)\"]*\s+", piece)]
+
+
+def words(sentence: str) -> int:
+    return sum(bool(re.search(r"\w", word)) for word in sentence.split())
 
 
 def anchors(page: str) -> set[str]:
@@ -150,7 +171,7 @@ def test_links_lead_somewhere(page: str) -> None:
 def test_every_page_is_linked_to() -> None:
     linked = {
         Path(os.path.normpath(Path(page).parent / place.partition("#")[0])).as_posix()
-        for page in PAGES
+        for page in INDEXES
         for place in re.findall(r"\]\(([^)\s]+)\)", PAGES[page])
     }
     assert set(PAGES) - linked - {"README.md"} == set()
@@ -177,6 +198,28 @@ def test_columns_are_those_that_are_read() -> None:
     assert listed == set(CANONICAL)
 
 
-def test_changes_begin_with_this_version() -> None:
-    changes = README.partition("\n## Changes")[2]
-    assert re.findall(r"^- \*\*([\d.]+)\*\*", changes, flags=re.MULTILINE)[0] == __version__
+def test_changes_and_citation_say_this_version() -> None:
+    assert re.findall(r"^- \*\*([\d.]+)\*\*", PAGES[".github/CHANGELOG.md"], flags=re.MULTILINE)[0] == __version__
+    citation = yaml.safe_load((ABOUT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (citation["version"], citation["license"]) == (__version__, PROJECT["license"])
+
+
+def test_the_licence_is_where_the_package_takes_it_from() -> None:
+    (place,) = PROJECT["license-files"]
+    assert (ROOT / place).read_text(encoding="utf-8").startswith(f"{PROJECT['license']} License\n")
+
+
+def test_readme_is_short_and_begins_with_the_two_commands() -> None:
+    assert PAGES["README.md"].count("\n") < 120
+    assert re.findall(r"^\$ (.*)$", fences("README.md")[0], flags=re.MULTILINE) == ["make demo", "make test"]
+
+
+@pytest.mark.parametrize("page", PLAIN)
+def test_sentences_are_short(page: str) -> None:
+    assert [one for one in sentences(without_fences(page)) if words(one) > LONGEST_SENTENCE] == []
+
+
+def test_the_count_of_words_can_fail() -> None:
+    text = "# Title\n\nOne `two` [three](x.md#y)\nfour. **Five.** Six - seven\n- eight\n1. nine\n\n| ten | eleven |\n"
+    assert [count for count in map(words, sentences(text)) if count] == [1, 4, 1, 2, 1, 1, 1, 1]
+    assert words("word " * 31) > LONGEST_SENTENCE
