@@ -201,7 +201,7 @@ def _do(
         return without_result("skipped", str(refusal))
     except AutomarineError as refusal:
         return without_result("refused", str(refusal))
-    return "done", why or "--force"
+    return "done", "--force" if why is None else why
 
 
 def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
@@ -246,7 +246,7 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
         folder.write(RUN.file, record)
         for name, page in make_report(out, campaign.title, content).files.items() if to_show else ():
             folder.write(name, page)
-    return ("done", why or "--force") if to_show else ("skipped", NO_PAGE)
+    return ("done", "--force" if why is None else why) if to_show else ("skipped", NO_PAGE)
 
 
 def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
@@ -287,7 +287,7 @@ def why_made_again(folder: Path, **manifest: Any) -> str | None:
 
     then = manifest_of(folder)
     if then is None or then.command != manifest["command"]:
-        return "no result yet"
+        return ""  # done for the first time
     now = Codec(MANIFEST).read(Manifest, json.loads(json_text(recorded(**manifest))))
     before, after = ({"automarine": run.automarine, **run.libraries} for run in (then, now))
     hashes = {entry.file: sha256(folder / entry.file) for entry in then.outputs}

@@ -234,7 +234,7 @@ def _(result: CampaignRun) -> Sections:
     says, did = result.says, {step.step: step.did for step in result.steps}
     rows = [
         {"step": step.step, "": step.did,
-         "because": MISSING if step.did == "refused" or step.why == "no result yet" else step.why,
+         "because": MISSING if step.did == "refused" else step.why or MISSING,
          "result": says.get(step.step, MISSING)}
         for step in result.steps if step.step != REPORT or step.did == "skipped"
     ]  # fmt: skip
@@ -340,6 +340,8 @@ def _result_box(steps: Steps, ran: RunFile) -> str:
             text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
             advice = re.findall(r"^- (To see .*)$", result.markdown(), flags=re.MULTILINE)
             after = " ".join(advice) or (USE if file.verdict == "nothing-missing" else PLAN)
+            if file.verdict == "named":
+                after = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after}"
         lines[label] = "; ".join(filter(None, [lines.get(label), text]))
     box = [f"**{label}:** {escape(text)}" for label, text in lines.items() if text]
     return bullets([*box, *[f"**Next:** {after}"] * bool(after)])

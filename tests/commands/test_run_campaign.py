@@ -64,7 +64,7 @@ def test_a_campaign_done_to_its_end_is_kept_whole(place: Path) -> None:
     }  # fmt: skip
     assert lines[4:8] == [
         "3/6 fit-yaw 2/6", "3/6 fit-yaw: kept (inputs, settings and versions unchanged) 0/0",
-        "4/6 validate 3/6", "4/6 validate: done, SECONDS s (no result yet) 0/0",
+        "4/6 validate 3/6", "4/6 validate: done, SECONDS s 0/0",
     ]  # fmt: skip
     written = tree(place / "out")
     assert {"report.html", "report.md", "run.json", "manifest.json", "yaw/drag.svg", "yaw/drag.png"} <= set(written)

@@ -41,7 +41,7 @@ turn_deg = 200
         ('"step"', '"stepp"', "spec.toml: runs[0].kind: found \"stepp\", expected one of 'step', 'coast-down'"),
         ('"step"', '"planar"', "spec.toml: runs[0]: moments is no setting of the kind planar, which has name"),
         ('"step"', '"ramp"', "spec.toml: runs[0]: moments is no setting of the kind ramp, which has to, duration_s"),
-        ('"step"', '"coast-down"', 'spec.toml: runs[0]: key "coast_s" is missing; give it, as runs of the kind coast-down need it'),
+        ('"step"', '"coast-down"', 'spec.toml: runs[0]: key "coast_s" is missing; give it, as runs of the kind coast'),
         ("bias-moment", "bias-momnt", "spec.toml: effects[0]: effect 'bias-momnt' is not in the library; known are"),
         ("b = 0.02", "c = 0.02",
          "spec.toml: effects[0]: effect 'bias-moment' has no parameter 'c'; it has b"),
