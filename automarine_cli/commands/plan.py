@@ -21,7 +21,7 @@ def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> N
 
 
 @command("plan", report="plan_report")
-@argument("model", type=options.FILE, metavar="MODEL.json", reads="file")
+@argument("model", type=options.FILE, metavar="[MODEL.json]", required=False, reads="file")
 @option(
     "--diagnosis", type=options.FILE, metavar="FILE", reads="file",
     help="A diagnosis.json whose rivals the runs should separate.",
@@ -50,7 +50,8 @@ def plan(progress: Progress, **settings: Any) -> "Plan":
     """The next pool campaign for a yaw model: which runs, in which order, and what intervals to expect of them.
 
     Runs are chosen by Fisher information (with all that differs from run to run), within the time, the battery and
-    the moments that the limits allow. With a diagnosis, runs that separate its rivals come first.
+    the moments that the limits allow. With a diagnosis, runs that separate its rivals come first. Without a model it
+    is the first campaign: the paper's steps, to both sides, as many as the limits allow.
 
     \b
     Example:

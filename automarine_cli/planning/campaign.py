@@ -5,6 +5,7 @@ explanations a diagnosis left open, then what narrows the intervals most; then e
 1972; Mitchell 1974, Technometrics 16:203, for D-optimal designs; here with costs).
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
+from automarine_cli.models.store import model_head
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, Shown, Source, read_mapping, to_mapping
@@ -37,7 +39,7 @@ from automarine_cli.planning.rivals import (
     with_effect,
 )
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.specification import SCHEMA
+from automarine_cli.simulation.specification import SCHEMA, time_to_turn
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 
@@ -53,6 +55,7 @@ ALIKE = 1e-3
 BETTER, MARKED = 1e-9, 1e-7  # gains in worth that count: of a run for its cost, and of an exchange
 DRIFT = "shows drift over the day"
 NARROW = "narrows the intervals"
+FIRST = "tells inertia and drag"
 DISTURBED = (
     "The intervals allow for the disturbance and the unsteady thrust that the model's own runs had. In still water "
     "they would be narrower."
@@ -117,7 +120,7 @@ def select(
     sizes = np.array([max(abs(moment) for moment, _ in candidate.commands) for candidate in candidates])
     of_size = (sizes[:, None] == np.unique(sizes[sizes > 0])).astype(float)  # a rest is of none
     budget = PlanBudget(cost, room, fixed, most_alike, mirrors, of_size, of_one_size)
-    _refuse_too_little(budget, limits)
+    _refuse_too_little(2, fixed @ cost if fixed.any() else 2.0 * cost.min(axis=0), limits)
     progress("choosing runs", 0, 2)
     split = _split(pairs, spread, budget, limits) if pairs else fixed
     progress("choosing runs", 1, 2)
@@ -153,15 +156,14 @@ def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudge
     return counts
 
 
-def _refuse_too_little(budget: PlanBudget, limits: Limits) -> None:
-    need = budget.fixed @ budget.costs if budget.fixed.any() else 2.0 * budget.costs.min(axis=0)
+def _refuse_too_little(runs: int, need: Floats, limits: Limits) -> None:
     names = ("pool.minutes", "pool.runs", "pool.motion_s", "battery.charge_Ah (less the reserve)")
-    for name, needed, allowed in zip(names, need, budget.room):
+    for name, needed, allowed in zip(names, need, pool.allowance(limits)):
         if needed > allowed + 1e-9:
             wait = limits.pool.wait_s / 60.0 if name == "pool.minutes" else 0.0
             raise SettingError(
-                f"the limits allow no campaign: two runs already need {needed - wait:.3g} of {name}, and it is "
-                f"{allowed - wait:.3g}; give more, or set runs.repeat_first_last = false"
+                f"the limits allow no campaign: {runs} runs already need {needed - wait:.3g} of {name}, and it is "
+                f"{allowed - wait:.3g}; give more"
             )
 
 
@@ -242,7 +244,15 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
 
 
 LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
+TWICE, FEWEST_SIZES, MOST_SIZES = 2, 2, 12  # how often the first campaign makes each step, and at how many moments
+PAPER = {"I_r": 1.018, "k_rr": 1.257}
+"""Inertia and drag of the paper's vehicle; the first campaign has both scaled by the time of its half turn."""
+NO_MODEL = (
+    "No intervals can be foretold without a model. Steps are as long as they must be if half a turn at {:.4g} {} takes "
+    "{:g} s. Time yours, and state it as half_turn_s under [pool] of the limits."
+)
 FIT_COMMANDS = {
+    "half-turns": "automarine fit-yaw LOGS -o out/yaw",
     "whole-runs": "automarine fit-yaw LOGS --fit-to whole-runs -o out/yaw",
     "diagnosis": "automarine diagnose LOGS --model {model} -o out/diagnosis",
 }
@@ -251,7 +261,7 @@ FIT_COMMANDS = {
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """A campaign on paper for the file `model`.
+    """A campaign on paper for the file `model`; the first one, of steps alone, has none ("").
 
     `slots` are its runs in order; `now`, `alone` and `together` the estimates by name before it, of its runs alone, and
     of these with the earlier ones (empty where these are not known or not to be used); `splits` what is expected of
@@ -291,7 +301,7 @@ class Plan(Shown):
 
     @property
     def fit_command(self) -> str:
-        return FIT_COMMANDS[self.fitting.fit].format(model=self.model)
+        return FIT_COMMANDS[self.fitting.fit if self.model else "half-turns"].format(model=self.model)
 
     def to_json(self) -> dict[str, Any]:
         fitting, limits, supply, last = self.fitting, self.limits, self.supply, self.slots[-1]
@@ -359,12 +369,6 @@ def plan_campaign(
     runs = [slot.candidate for slot in slots]
     outcome = splits(pairs, runs)[0]
     per_run = fitting.information(runs)
-    turned = np.rad2deg([heading[-1] for heading in headings_of(fitting.model, fitting.logger, runs)])
-    there = ways_back(turned, [run.start_heading for run in runs])
-    slots = tuple(
-        replace(slot, why=why[slot.candidate.label], turns=float(turn), turn_there=float(back))
-        for slot, turn, back in zip(slots, turned, there)
-    )
     short = (
         f"Not split within these limits: {split.true} from {split.other} where {split.true} is true; "
         f"{split.evidence:.1f} of the {limits.goal.evidence:g} asked for is expected. Allow more runs or time, or log "
@@ -379,11 +383,48 @@ def plan_campaign(
         covariance = np.asarray(np.linalg.inv(new + before))
         together = fitting.estimates(covariance, dict.fromkeys(fitting.directions, dof))
     return Plan(
-        model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted, slots=slots,
-        now=prior.now, alone=fitting.predicted(per_run), together=together, splits=outcome,
+        model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted,
+        slots=_with_ways(slots, why, fitting), now=prior.now, alone=fitting.predicted(per_run), together=together,
+        splits=outcome,
         errors=errors_of(fitting, np.cumsum(per_run, axis=0) + before),
         notes=(*prior.notes, *((DISTURBED,) if fitting.random else ()), *short),
     )  # fmt: skip
+
+
+def first_campaign(prior: PriorResults, limits: Limits, largest: float, supply: Supply, seed: int) -> Plan:
+    """Lay out the paper's steps, each twice and to both sides, at as many sizes of moment as the limits allow.
+
+    The model of `prior` says how long they last. Raises SettingError where the limits allow no campaign."""
+    longer = limits.pool.half_turn_s / time_to_turn(np.pi, largest, prior.model)
+    model = prior.model.with_theta(longer**2 * prior.model.theta)
+    fitting = fitting_of(replace(prior, model=model), limits)
+    for count in range(MOST_SIZES, FEWEST_SIZES - 1, -1):
+        sizes = (min(float(f"{largest * i / count:.3g}"), largest) for i in range(1, count + 1))
+        chosen = TWICE * [pool.full_step(model, limits, side * size) for size in sizes for side in (1, -1)]
+        needs = pool.costs(chosen, limits, supply).sum(axis=0)
+        if np.all(needs <= pool.allowance(limits) + 1e-9):
+            break
+    else:
+        _refuse_too_little(len(chosen), needs, limits)
+    check = chosen[-2] if limits.runs.repeat_first_last else None
+    slots = pool.scheduled(pool.in_order(chosen, check, seed), limits, supply)
+    why = {run.label: DRIFT if run == check else FIRST for run in chosen}
+    return Plan(
+        model="", fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=(),
+        slots=_with_ways(slots, why, fitting), now={}, alone={}, together={}, splits=(), errors={},
+        notes=(NO_MODEL.format(largest, model.moment_unit, limits.pool.half_turn_s),),
+    )  # fmt: skip
+
+
+def _with_ways(slots: Sequence[Slot], why: Mapping[str, str], fitting: Fitting) -> tuple[Slot, ...]:
+    """The runs with what they are for, how far they turn, and the way to the start heading before each."""
+    runs = [slot.candidate for slot in slots]
+    turned = np.rad2deg([heading[-1] for heading in headings_of(fitting.model, fitting.logger, runs)])
+    there = ways_back(turned, [run.start_heading for run in runs])
+    return tuple(
+        replace(slot, why=why[slot.candidate.label], turns=float(turn), turn_there=float(back))
+        for slot, turn, back in zip(slots, turned, there)
+    )
 
 
 def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
@@ -476,16 +517,19 @@ def command_path(slot: Slot) -> str:
 
 
 def make_plan(
-    model: Source, *, diagnosis: Source | None = None, limits: Path | Limits | None = None,
+    model: Source | None = None, *, diagnosis: Source | None = None, limits: Path | Limits | None = None,
     parameters: tuple[str, ...] = (), thruster_tests: Sequence[LogFile] = (),
     thrusters: Source | ThrusterMap | None = None, arm: float | None = None,
     columns: Path | Document | ColumnMap | None = None, seed: int = 0, progress: Progress = silent,
 ) -> Plan:  # fmt: skip
-    """Plan the next campaign for the preferred model of the file `model`, and for the rivals in a `diagnosis`.
+    """Plan the next campaign for the preferred model of the file `model`, and for the rivals in a `diagnosis`; the
+    first one without a model.
 
     `parameters` are those whose intervals are to shrink (all by default); `thrusters` and `arm` [m] make commands of
     moments, and with `thruster_tests` the battery's use. Raises ModelError, SettingError, LogError or RunError."""
-    prior = info.read_prior_results(model, diagnosis)
+    if model is None and (diagnosis is not None or parameters):
+        raise SettingError("--diagnosis and --parameter go with a model; give MODEL.json")
+    prior = info.read_prior_results(model or _paper("nu" if thrusters is None else "N m"), diagnosis)
     if not prior.model.dof.wraps:
         source, motion = prior.stored.source, prior.model.dof.name
         raise ModelError(f"{source} is a model of {motion}; give a model of yaw, for no other campaigns are planned")
@@ -497,8 +541,17 @@ def make_plan(
     records = load_thruster_logs(thruster_tests, names, progress=progress).records if thruster_tests else None
     per_test = int(names.defaults.get("thrusters_per_test", 1))
     supply, source = _supply(limits, largest, prior.stored.moment_unit, drive, per_test, records)
-    plan = plan_campaign(prior, limits, largest, supply, wanted=parameters, seed=seed, progress=progress)
+    if model is None:
+        plan = first_campaign(prior, limits, largest, supply, seed)
+    else:
+        plan = plan_campaign(prior, limits, largest, supply, wanted=parameters, seed=seed, progress=progress)
     return replace(plan, drive=drive, columns=names, source=source)
+
+
+def _paper(unit: str) -> Document:
+    """The paper's vehicle as a model file, in a unit of the moment that is to be scaled."""
+    models = {"3": {name: {"value": value} for name, value in PAPER.items()}}
+    return Document("no model", json.dumps(model_head(YAW, unit) | {"preferred": "3", "models": models}).encode())
 
 
 def _drive(

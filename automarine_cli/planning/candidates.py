@@ -48,6 +48,7 @@ class Pool(Settings):
     wait_after_long_turn_s: ZeroOrMore = 180.0
     turn_deg: Annotated[float, Limit(MIN_TURN, 3600.0)] = 180.0
     start_headings_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
+    half_turn_s: AboveZero = 4.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -32,16 +32,16 @@ def _(plan: Plan) -> Sections:
     specified, rehearsal = specification(plan)
     if specified:
         rehearsal = f"Rehearse it with `automarine simulate plan.toml -o out/rehearsal`. {rehearsal}".rstrip()
-    sheet, intervals = _sheet_table(plan), _interval_table(plan)
+    sheet, intervals = _sheet_table(plan), [_interval_table(plan)] if plan.alone else []
     splits = [_split_table(plan)] if plan.splits else []
     files: dict[str, Content] = {"plan.toml": toml_text(specified)} if specified else {}
-    files |= {"plan.md": _page(plan, rehearsal, [sheet, intervals, *splits]), "plan.csv": _sheet_rows(plan).to_csv()}
+    files |= {"plan.md": _page(plan, rehearsal, [sheet, *intervals, *splits]), "plan.csv": _sheet_rows(plan).to_csv()}
     files[PLAN.file] = plan.to_json()
     for slot in plan.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest_s, unit, plan.drive, plan.columns)
     return Sections(
-        [_totals(plan), *plan.notes, intervals], files, {"plan": partial(plan_figure, plan)}, FILES, plan.runs(),
-        details=[sheet, *splits],
+        [_totals(plan), *plan.notes, *intervals], files, {"plan": partial(plan_figure, plan)} if plan.errors else {},
+        FILES if plan.errors else [name for name in FILES if name != "plan.png"], plan.runs(), details=[sheet, *splits],
     )  # fmt: skip
 
 
@@ -123,9 +123,13 @@ def _split_table(plan: Plan) -> Table:
 def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
     pool = plan.limits.pool
     sheet, *further = tables
+    expected: list[Table | str] = [
+        "The intervals below are those that it should report.", *further,
+        "![Precision against minutes in the pool](plan.png)",
+    ] if plan.model else []  # fmt: skip
     headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)
     return document(
-        f"# The next campaign, planned from {plan.model}",
+        f"# The next campaign, planned from {plan.model}" if plan.model else "# The first campaign",
         _totals(plan),
         "## Run sheet",
         f"Before each run bring the vehicle back and let the water settle: {pool.wait_s:g} s, after long turns "
@@ -135,10 +139,9 @@ def _page(plan: Plan, rehearsal: str, tables: Sequence[Table]) -> str:
         replace(sheet, title=""),
         "Play `commands/NAME.csv` for each run, or command it by hand, and log time, heading and command of the whole "
         "run, rest included. Repeat a failed run at once; keep the order, which is random on purpose.",
-        "## Expected precision",
-        f"Fit the runs with\n\n```\n{plan.fit_command}\n```\n\nThe intervals below are those that it should report.",
-        *further,
-        "![Precision against minutes in the pool](plan.png)",
+        "## Expected precision" if plan.model else "## Afterwards",
+        f"Fit the runs with\n\n```\n{plan.fit_command}\n```",
+        *expected,
         "## Assumptions",
         bullets(_assumptions(plan, rehearsal)),
     )
@@ -148,6 +151,8 @@ def _assumptions(plan: Plan, rehearsal: str) -> list[str]:
     fitting = plan.fitting
     effects = ", ".join(term.name for term in fitting.model.terms[len(fitting.base.terms) :])
     gyro = "" if fitting.rate_noise is None else f"and yaw rate noise {np.rad2deg(fitting.rate_noise):.3g} degrees/s "
+    if not plan.model:
+        return [*plan.notes, plan.source, rehearsal.replace("it", "it on such a vehicle", 1)]
     lines = [
         f"The model{f' with {effects}' if effects else ''} is taken to be right: runs are chosen for what it says, and "
         "a campaign of few kinds shows little of what it lacks. After a surprise, run `automarine diagnose` and plan "

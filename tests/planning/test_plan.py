@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -105,6 +106,24 @@ def test_what_alone_is_wanted_is_narrowed_more(plan: Plan, folder: Path) -> None
     assert first != second and sorted(first) == sorted(second)
 
 
+@pytest.mark.parametrize(("minutes", "runs", "sizes"), [(60, 48, 12), (60, 24, 6), (14, 24, 3), (9, 24, 2)])
+def test_the_first_campaign_needs_no_model(tmp_path: Path, minutes: int, runs: int, sizes: int) -> None:
+    """The paper's steps, each twice and to both sides, at as many sizes as the limits allow; nothing is foretold."""
+    limits = write(tmp_path / "limits.toml", f"pool = {{ minutes = {minutes}, runs = {runs}, half_turn_s = 6 }}")
+    first = am.plan(limits=limits, out=tmp_path / "plan")
+    moments = Counter(moment for run in first.candidates for moment, _ in run.commands)
+    assert moments == {float(f"{side * i / sizes:.3g}"): 2 for i in range(1, sizes + 1) for side in (1, -1)}
+    assert first.candidates[0].label == first.candidates[-1].label == "step_+1.0_180deg"
+    assert first.candidates[0].driven == 6.0 and first.minutes[-1] <= minutes
+    assert [abs(slot.turns) for slot in first.slots] == pytest.approx([180.0] * len(first.slots), abs=5.0)
+    data = first.to_json()
+    assert data["parameters"] == {} and data["fit_command"] == "automarine fit-yaw LOGS -o out/yaw"
+    page = (tmp_path / "plan" / "plan.md").read_text()
+    assert "No intervals can be foretold without a model" in page and "plan.png" not in page
+    assert not (tmp_path / "plan" / "plan.png").exists()
+    assert len(am.simulate(tmp_path / "plan" / "plan.toml").runs) == 4 * sizes
+
+
 def test_it_can_be_rehearsed(plan: Plan, folder: Path) -> None:
     """The specification holds the runs of the sheet, at their times and start headings."""
     place = folder / "plan" / "plan.toml"
@@ -163,7 +182,7 @@ def test_the_example_is_the_default(run: Run) -> None:
     ("key", "content", "why"),
     [
         ("limits", "[pool]\nminuts = 3", r'limits.toml: pool: unknown key "minuts"; did you mean "minutes"\?'),
-        ("limits", "[pool]\nminutes = 1", "the limits allow no campaign: two runs already need 1.24 of pool.minutes"),
+        ("limits", "[pool]\nminutes = 1", "the limits allow no campaign: 2 runs already need 1.24 of pool.minutes"),
         ("limits", "[battery]\ncharge_Ah = 0.001", r"of battery.charge_Ah \(less the reserve\)"),
         ("limits", 'schema = "other/1"', "expected the line schema"),
         ("limits", '[runs]\nkinds = ["coast-down"]', "runs: kinds .* expected 'step' among them"),
@@ -179,6 +198,7 @@ def test_the_example_is_the_default(run: Run) -> None:
         ("model", {"schema": "other"}, "expected"),
         ("parameters", ["k_r"], "no parameter 'k_r' to plan for; it has I_r, k_rr"),
         ("arm", 0.1, "--arm goes with"),
+        ("model", None, "--diagnosis and --parameter go with a model"),
     ],
 )
 def test_refusals(model: Path, tmp_path: Path, key: str, content: Any, why: str) -> None:
@@ -187,7 +207,7 @@ def test_refusals(model: Path, tmp_path: Path, key: str, content: Any, why: str)
     elif isinstance(content, dict):
         content = write(tmp_path / f"{key}.json", {"model": MODEL, "diagnosis": DIAGNOSIS}[key] | content)
     with pytest.raises((ModelError, SettingError), match=why):
-        am.plan(**{"model": model, key: content})
+        am.plan(**{"model": model, **({} if content else {"parameters": ["k_rr"]}), key: content})
 
 
 @pytest.mark.slow
