@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, Polygon
 from PIL import Image
 from pool_day import ARM, write_pool_day
 from repository import ROOT, SAMPLE_RUNS
@@ -31,6 +32,7 @@ DPI, COLOURS = 120, 128
 
 def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
     """Each figure with its name; what is fitted on the way goes into `folder`."""
+    yield "signs", signs_figure()
     yield "thrusters", thruster_figure(fit_thrusters([SAMPLE_RUNS / "thrusters"], thrusters_per_test=2))
 
     # the campaign in which nothing is hidden: drag, inertia, one validation run
@@ -62,6 +64,34 @@ def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
     yield "pool_thrusters", thruster_figure(thrusters)
     fit = fit_yaw([day / "run_*.csv"], columns=columns, thrusters=thrusters, arm=ARM)
     yield "pool_half_turns", half_turns_figure(fit)
+
+
+HULL = [(0.0, 1.0), (0.45, 0.45), (0.45, -0.9), (-0.45, -0.9), (-0.45, 0.45)]  # from above, the bow up
+ARROW = {"arrowstyle": "-|>", "mutation_scale": 16, "linewidth": 2}
+
+
+@house_style
+def signs_figure() -> Figure:
+    """Draw the positive directions from above: of automarine, and of ROS."""
+    figure = Figure((7.0, 3.2), layout="constrained")
+    titles = ("automarine, SNAME, PX4: clockwise from north", "ROS: counter-clockwise from east")
+    for ax, side, title, across, third in zip(
+        figure.subplots(1, 2), (1, -1), titles,
+        ("v, Y\nto starboard", "v, Y\nto port"), ("w, Z: down, into the page", "w, Z: up, out of the page"),
+    ):  # fmt: skip
+        ax.set(title=title, xlim=(-2.3, 2.3), ylim=(-1.5, 2.4), aspect="equal")
+        ax.axis("off")
+        ax.add_patch(Polygon(HULL, facecolor="0.9", edgecolor="0.3"))
+        ax.add_patch(FancyArrowPatch((0, 0), (0, 1.8), color="C0", **ARROW))
+        ax.add_patch(FancyArrowPatch((0, 0), (side * 1.4, 0), color="C0", **ARROW))
+        ax.add_patch(FancyArrowPatch((-side * 0.9, 1.0), (side * 0.9, 1.0), connectionstyle=f"arc3,rad={-side * 0.5}",
+                                     color="C1", **ARROW))  # fmt: skip
+        ax.text(0, 1.9, "u, X: ahead", ha="center")
+        ax.text(side * 1.5, 0, across, ha="left" if side > 0 else "right", va="center")
+        ax.text(side * 1.0, 0.95, "ψ, r, τ\npositive", ha="left" if side > 0 else "right", va="center", color="C1")
+        ax.plot(0, 0, marker="x" if side > 0 else "o", color="0.3", markersize=8)
+        ax.text(0, -1.3, third, ha="center")
+    return figure
 
 
 def of_run(log: Path, model: Path) -> Figure:
