@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5312, "report": 4056, "logs": 3942, "diagnosis": 3706, "commands": 3320, "runs": 2691, "thrusters":
-    2539, "link": 2515, "control": 2074, "effects": 2012, "planning": 1780, "simulation": 1609, "exports": 1648,
+    "fits": 5312, "report": 4063, "logs": 3942, "diagnosis": 3706, "commands": 3321, "runs": 2691, "thrusters":
+    2539, "link": 2515, "control": 2074, "effects": 2012, "planning": 1834, "simulation": 1609, "exports": 1648,
     "comparison": 1139, "models": 1130, "filters": 974, "pipeline": 800, "dofs": 484, "top": 295, "guide": 192,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 42218
+MAX_LINES_IN_ALL = 42280
 MAX_FILES = 213
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -244,7 +244,7 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
 
 
 LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
-TWICE, FEWEST_SIZES, MOST_SIZES = 2, 2, 12  # how often the first campaign makes each step, and at how many moments
+TWICE, MIN_SIZES, MAX_SIZES = 2, 2, 12  # how often the first campaign makes each step, and at how many moments
 PAPER = {"I_r": 1.018, "k_rr": 1.257}
 """Inertia and drag of the paper's vehicle; the first campaign has both scaled by the time of its half turn."""
 NO_MODEL = (
@@ -398,7 +398,7 @@ def first_campaign(prior: PriorResults, limits: Limits, largest: float, supply: 
     longer = limits.pool.half_turn_s / time_to_turn(np.pi, largest, prior.model)
     model = prior.model.with_theta(longer**2 * prior.model.theta)
     fitting = fitting_of(replace(prior, model=model), limits)
-    for count in range(MOST_SIZES, FEWEST_SIZES - 1, -1):
+    for count in range(MAX_SIZES, MIN_SIZES - 1, -1):
         sizes = (min(float(f"{largest * i / count:.3g}"), largest) for i in range(1, count + 1))
         chosen = TWICE * [pool.full_step(model, limits, side * size) for size in sizes for side in (1, -1)]
         needs = pool.costs(chosen, limits, supply).sum(axis=0)
@@ -522,8 +522,7 @@ def make_plan(
     thrusters: Source | ThrusterMap | None = None, arm: float | None = None,
     columns: Path | Document | ColumnMap | None = None, seed: int = 0, progress: Progress = silent,
 ) -> Plan:  # fmt: skip
-    """Plan the next campaign for the preferred model of the file `model`, and for the rivals in a `diagnosis`; the
-    first one without a model.
+    """Plan the next campaign for the preferred model of the file `model` (else the first one), and for a `diagnosis`.
 
     `parameters` are those whose intervals are to shrink (all by default); `thrusters` and `arm` [m] make commands of
     moments, and with `thruster_tests` the battery's use. Raises ModelError, SettingError, LogError or RunError."""

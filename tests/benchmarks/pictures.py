@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, Polygon
+from matplotlib.patches import Polygon
 from PIL import Image
 from pool_day import ARM, write_pool_day
 from repository import ROOT, SAMPLE_RUNS
@@ -82,10 +82,10 @@ def signs_figure() -> Figure:
         ax.set(title=title, xlim=(-2.3, 2.3), ylim=(-1.5, 2.4), aspect="equal")
         ax.axis("off")
         ax.add_patch(Polygon(HULL, facecolor="0.9", edgecolor="0.3"))
-        ax.add_patch(FancyArrowPatch((0, 0), (0, 1.8), color="C0", **ARROW))
-        ax.add_patch(FancyArrowPatch((0, 0), (side * 1.4, 0), color="C0", **ARROW))
-        ax.add_patch(FancyArrowPatch((-side * 0.9, 1.0), (side * 0.9, 1.0), connectionstyle=f"arc3,rad={-side * 0.5}",
-                                     color="C1", **ARROW))  # fmt: skip
+        ax.annotate("", (0, 1.8), (0, 0), arrowprops={"color": "C0", **ARROW})
+        ax.annotate("", (side * 1.4, 0), (0, 0), arrowprops={"color": "C0", **ARROW})
+        bent = {"color": "C1", "connectionstyle": f"arc3,rad={-side * 0.5}"}
+        ax.annotate("", (side * 0.9, 1.0), (-side * 0.9, 1.0), arrowprops=bent | ARROW)
         ax.text(0, 1.9, "u, X: ahead", ha="center")
         ax.text(side * 1.5, 0, across, ha="left" if side > 0 else "right", va="center")
         ax.text(side * 1.0, 0.95, "ψ, r, τ\npositive", ha="left" if side > 0 else "right", va="center", color="C1")
