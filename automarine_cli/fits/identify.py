@@ -504,8 +504,8 @@ def _fit_steps(
     listed = (*design_cautions([turn.moment for turn in turns], unit, dof), *fit_cautions(fits))
     unsteady = (
         f"{dof.words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
-        f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
-        f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model; trust the maximum "
+        f"{100 * BIAS_LIMIT:.1f} %. The one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on is biased by "
+        f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model. Trust the maximum "
         "likelihood, which needs no tail."
     )
     warnings = (

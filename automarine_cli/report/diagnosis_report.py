@@ -199,9 +199,9 @@ def _verdict(
 ) -> str:  # fmt: skip
     """The verdict in one sentence, of motions, the plane and maps alike; the `quantity` has these `sizes`, before and
     after."""
-    before, after = sizes
-    gap = f"the {quantity} is {before} {unit} ({reference})."
-    falls = f"the {quantity} falls from {before} to {after} {unit} ({reference})."
+    beside = f". {reference[0].upper()}{reference[1:]}." if reference.startswith("a constant") else f" ({reference})."
+    gap = f"the {quantity} is {sizes[0]} {unit}{beside}"
+    falls = f"the {quantity} falls from {sizes[0]} to {sizes[1]} {unit}{beside}"
     return {
         diagnose.NAMED: f"Named: {names}; {falls} {remaining}",
         diagnose.SUSPECTED: f"Suspected, not named: {names}. {why}",
