@@ -315,7 +315,7 @@ class Validation(Shown):
             }  # fmt: skip
         if self.use is not None:
             prediction = {number: list(self._ahead_json(predicted)) for number, predicted in self.predictions.items()}
-            data |= {"prediction": prediction, "use": {"has_skill": self.use.has_skill, "says": self.says}}
+            data |= {"prediction": prediction, "use": {"of_use": self.use.of_use, "says": self.says}}
         return data | {
             f"noise_floor_{unit}": self.floor, "best_because": self.because, "preferred_by_fit": stored.preferred,
             "effects": list(stored.effects), f"{dof.words.force}_unit": stored.moment_unit,

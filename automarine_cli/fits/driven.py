@@ -149,7 +149,7 @@ class ForecastScore:
     count: int
 
     @property
-    def has_skill(self) -> bool:
+    def of_use(self) -> bool:
         return self.error < min(self.constant_rate, self.constant)
 
     def beside(self, dof: Dof, rate: str = "", place: str = "", unit: str = "") -> str:
@@ -432,10 +432,10 @@ class Judgement:
     def beaten(self) -> dict[str, ForecastScore]:
         """Quantities that a constant predicts better over the horizon that decides."""
         judged = {name: judged_of(scores) for name, scores in self.worth.items()}
-        return {name: score for name, score in judged.items() if score is not None and not score.has_skill}
+        return {name: score for name, score in judged.items() if score is not None and not score.of_use}
 
     @property
-    def has_skill(self) -> bool:
+    def of_use(self) -> bool:
         """Whether no constant predicts better; what cannot be judged counts as of use."""
         return not self.beaten
 
@@ -454,7 +454,7 @@ class Judgement:
             return "The runs are too short to judge predictions."
         alone = self.runs == 1
         on = on or ("the run that was fitted: others may be predicted worse" if alone else "held out")
-        if self.has_skill:
+        if self.of_use:
             return f"{model or 'The model'} predicts {self._beside(first, judged, dof)} ({on})."
         worse = "; and ".join(self._beside(name, score, dof) for name, score in self.beaten.items())
         return (
@@ -470,7 +470,7 @@ class Judgement:
         return f"the {quantity} {score.beside(dof, *rivals)}"
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
-        sentences = (*([] if self.has_skill else [self.sentence(dof)]), *filter(None, [self.large]))
+        sentences = (*([] if self.of_use else [self.sentence(dof)]), *filter(None, [self.large]))
         if not self.proposed:
             return sentences
         names = ",".join(self.proposed)
@@ -494,7 +494,7 @@ class Judgement:
                         f"constant_{name}_{unit}": score.constant,
                     }
                 )
-        return {"left_out_runs": [*entries.values()], "has_skill": self.has_skill, "says": self.sentence(dof)}
+        return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": self.sentence(dof)}
 
 
 PLACE = "place"  # on the water, both axes together

@@ -54,14 +54,14 @@ class Covariance:
 class Use:
     """Whether a model predicts better than somebody who expects no change, and the sentences that say so."""
 
-    has_skill: bool = True
+    of_use: bool = True
     says: tuple[str, ...] | str = ()
 
     @property
     def refusal(self) -> str:
         """Why the model is not to be used; empty where it is of use."""
         sentences = (self.says,) if isinstance(self.says, str) else self.says
-        return "" if self.has_skill or not sentences else sentences[0]
+        return "" if self.of_use or not sentences else sentences[0]
 
 
 @dataclass(frozen=True)

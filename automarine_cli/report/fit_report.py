@@ -142,7 +142,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     model, runs = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})", used + len(fit.set_aside)
     lines = [f"{dof.name.capitalize()}: {model} from {used} of {runs} runs: {values}."]
     if fit.use is not None:
-        lines.insert(int(fit.use.has_skill), fit.use.sentence(dof))
+        lines.insert(int(fit.use.of_use), fit.use.sentence(dof))
     derived = {f"{symbols.inertia}/{symbols.quadratic}": preferred.inertial_turn_angle}
     derived |= {f"drag {way}": e for way, e in preferred.ways.drag.items()} if preferred.ways else {}
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
@@ -166,7 +166,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     lines += [f"Read: {note}." for note in shared_readings(fit.read)]
-    warnings = fit.warnings if fit.use is None or fit.use.has_skill else fit.warnings[1:]  # that line stands first
+    warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
 
 

@@ -83,7 +83,7 @@ def test_the_model_is_that_of_a_small_boat_and_of_use(nominal: YawFit) -> None:
     linear = nominal.output_error["1"].estimates["k_r"]
     assert 10.0 < linear.value < 40.0 and linear.ci95[0] > 0
     assert nominal.output_error["3"].estimates["k_rr"].value > 0
-    assert nominal.use is not None and nominal.use.has_skill
+    assert nominal.use is not None and nominal.use.of_use
     judged = judged_of(nominal.use.worth["heading"])
     assert judged is not None and judged.horizon == 5.0
     assert np.degrees(judged.error) < 12.0 < np.degrees(judged.constant) < np.degrees(judged.constant_rate)

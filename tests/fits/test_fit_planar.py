@@ -353,10 +353,8 @@ def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch
 def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None:
     good, bad = use_of(heading=0.5, surge=0.5), use_of(heading=0.5, surge=1.1)
     assert bad.warnings(YAW) == (bad.sentence(YAW),) and good.warnings(YAW) == ()
-    assert good.has_skill and good.sentence(YAW).startswith("The model predicts the heading 5 s ahead to 28.6 deg")
-    assert not bad.has_skill and bad.sentence(YAW).startswith(
-        "This model is not usable: it predicts the surge speed 5 s"
-    )
+    assert good.of_use and good.sentence(YAW).startswith("The model predicts the heading 5 s ahead to 28.6 deg")
+    assert not bad.of_use and bad.sentence(YAW).startswith("This model is not usable: it predicts the surge speed 5 s")
 
 
 def test_intervals_rest_on_runs_and_a_bound_has_none() -> None:

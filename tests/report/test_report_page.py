@@ -256,7 +256,7 @@ def test_the_box_says_when_the_runs_were_where_their_clocks_know_it(tmp_path: Pa
 
 def test_what_must_not_be_used_stands_first(tmp_path: Path) -> None:
     says = "This model is not usable: it predicts less than nothing; `automarine diagnose` looks for what it lacks."
-    write_model(tmp_path, prediction={"has_skill": False, "says": says}, warnings=[says])
+    write_model(tmp_path, prediction={"of_use": False, "says": says}, warnings=[says])
     text = make_report(tmp_path).files
     assert text["report.md"].splitlines()[2].startswith("**This model is not usable: ")
     assert "`" not in Elements(text["report.html"]).text and "<code>automarine diagnose</code>" in text["report.html"]

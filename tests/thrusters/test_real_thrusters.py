@@ -64,7 +64,9 @@ def test_t200_against_command(tmp_path: Path) -> None:
     assert twelve.percent(twelve.law.rmse) == pytest.approx(4.3, abs=0.05)
     assert twelve.chosen.form.name == "dead-band-power"
     assert twelve.percent(twelve.chosen.rmse) == pytest.approx(0.4, abs=0.05)
-    assert all(exponent is not None and 1.1 < exponent.value < 1.4 for exponent in result.exponents.values())
+    for exponent in result.exponents.values():
+        assert exponent is not None and exponent.value == pytest.approx(1.08, abs=0.03)
+        assert exponent.ci95[0] < 1.3 < exponent.ci95[1]  # what neighbouring voltages say
 
 
 @pytest.mark.parametrize(
