@@ -1,5 +1,6 @@
 """`init`: a folder of logs is looked at and becomes a commented campaign file, with questions where it is not sure."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,8 +84,9 @@ def _ask(key: str, comment: str) -> str:
 
 
 def _then(result: "NewCampaign") -> str:
-    first = f"write the answers in {result.place}, then " if result.questions else ""
-    return f"{first}automarine run {result.place} -o results"
+    place = shlex.quote(str(result.place))
+    first = f"write the answers in {place}, then " if result.questions else ""
+    return f"{first}automarine run {place} -o results"
 
 
 init.then = _then

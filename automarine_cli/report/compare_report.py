@@ -11,8 +11,8 @@ from automarine_cli.report.sections import Content, Sections, document, numbers,
 from automarine_cli.report.tables import Table, escape, number
 
 NOTE = (
-    "Each result minus the first. “differs”: significant after Holm's correction for the number of comparisons. "
-    "“may differ”: the 95 % interval excludes zero, as one in twenty does by chance."
+    "Each result minus the first. “Differs” is significant after Holm's correction for the number of comparisons. "
+    "“May differ” is an interval of 95 % without zero, as one in twenty is by chance."
 )
 
 

@@ -74,7 +74,7 @@ def test_noisy_runs_score_their_noise(stored: StoredModels, noise_deg: float) ->
 def test_the_best_is_named_with_a_reason(stored: StoredModels) -> None:
     result = compare(stored, noisy(5))
     assert result.best == "3"
-    assert "deg below model 2 (95 % interval " in result.because and "chance" not in result.because
+    assert "deg below model 2. The lead's 95 % interval " in result.because and "chance" not in result.because
     for name in SCORES.keys() - {"fit_percent"}:
         three, two, one = (result.models[n].overall[name].value for n in "321")
         assert three <= 1.02 * two and two < one  # type: ignore[operator]
