@@ -6,7 +6,7 @@ from functools import partial
 
 from automarine_cli.comparison.side_by_side import DIFFERS, MAY_DIFFER, Difference, Side
 from automarine_cli.pipeline.records import Shown
-from automarine_cli.report.figures.compare import compare_figure
+from automarine_cli.report.figures.parameters import compare_figure
 from automarine_cli.report.sections import Content, Sections, document, numbers, sections
 from automarine_cli.report.tables import Table, escape, number
 

@@ -21,9 +21,9 @@ from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.init import init
 from automarine_cli.commands.validate import validate
 from automarine_cli.models.store import StoredModels
+from automarine_cli.report.figures.parameters import thruster_figure
 from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
 from automarine_cli.report.figures.style import house_style
-from automarine_cli.report.figures.thrusters import thruster_figure
 
 HIDDEN = SAMPLE_RUNS / "hidden_one"
 VALIDATED = "there_and_back.csv"
