@@ -105,8 +105,7 @@ def _check_known(text: str) -> None:
 
 known_parameters = option(
     "--known", multiple=True, type=Checked(_check_known), metavar="NAME=VALUE[±STDERR]", seldom=True,
-    help="A parameter that is known beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "
-    "with commas, or repeated.",
+    help="Known parameter, in the unit of the fit: I_r=915 (exactly) or I_r=915±50. Several with commas, or repeated.",
 )  # fmt: skip
 inputs = option(
     "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="DIR", group=INPUT,

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @option(
     "--supply", type=(options.Finite(min=0, max=1, min_open=True), options.Finite(min=1, max=3, max_open=True)),
     default=(0.88, 1.08), show_default=True, metavar="LOW HIGH",
-    help="Lowest supply voltage (above 0, to 1) and highest (from 1, below 3), as shares of that of the logs.",
+    help="Lowest and highest supply voltage, as shares of that of the logs. LOW: above 0, to 1. HIGH: 1 to below 3.",
 )  # fmt: skip
 @option(
     "--present", type=options.FILE, metavar="FILE", reads="file",
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
     help="Time between two loops (pid).",
 )  # fmt: skip
-@option("--beyond-range", is_flag=True, help="Allow gains beyond the ranges that the firmware documents.")
+@option("--beyond-range", is_flag=True, help="Allow gains beyond the firmware's documented ranges.")
 @option(
     "--check", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role="log",
     help="A log flown with the gains: MODEL.json is then the tuning.json. May be repeated.",
