@@ -1,5 +1,6 @@
-"""The pages of the campaign file and of the limits file are made of what reads these files, so that they cannot differ;
-run as a program, this writes them anew: `PYTHONPATH=.:tests/helpers python tests/guide/test_made_pages.py`."""
+"""The pages of the campaign file and of the limits file, and the table of the page for Python, are made of the code, so
+that they cannot differ; run as a program, this writes them anew:
+`PYTHONPATH=.:tests/helpers python tests/guide/test_made_pages.py`."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -12,14 +13,15 @@ import pytest
 from click.testing import CliRunner
 from repository import SAMPLE_RUNS
 
+import automarine_cli as am
 from automarine_cli import guide
-from automarine_cli.commands import automarine, load
+from automarine_cli.commands import automarine, in_python, load, short_help
 from automarine_cli.commands.campaign import COMMANDS, EXPECTED, GIVEN, KEYS
 from automarine_cli.dofs import SURGE
 from automarine_cli.planning.candidates import example_limits
 from automarine_cli.report.campaign_file import SAY, SCHEMA
 
-CAMPAIGN, LIMITS = guide.FOLDER / "campaign-file.md", guide.FOLDER / "limits-file.md"
+CAMPAIGN, LIMITS, PYTHON = (guide.FOLDER / f"{name}.md" for name in ("campaign-file", "limits-file", "python"))
 KEY = re.compile(r"(?:# )?(\w+) = (.*?)(?: +# (.*))?$")
 OTHER_WORDS = {
     "schema": f'always "{SCHEMA}"',
@@ -55,6 +57,11 @@ LIMITS_HEAD = """# The limits file: what the next campaign may cost
 |section|key|default|meaning|
 |---|---|---|---|
 """
+PYTHON_TABLE = "|name|what it does|\n|---|---|\n"
+NO_FUNCTIONS = {
+    "__version__": "The version of automarine.",
+    "effects": 'The library of effects, such as `am.effects.get("dead-band").equation`.',
+}
 LONG, MOST_WORDS = 6, 350
 
 
@@ -143,14 +150,32 @@ def limits_page() -> str:
     return LIMITS_HEAD + "".join(row(section, f"`{key}`", value or "off", said) for section, key, value, said in keys)
 
 
-MADE = {CAMPAIGN: campaign_page, LIMITS: limits_page}
+def python_page() -> str:
+    """The page as it is, with the table of functions made anew."""
+    commands = [(name, command) for name, command in in_python().items() if name in {*am.__all__} - {*NO_FUNCTIONS}]
+    rows = [row(f"`{name}({', '.join(needed(command))})`", short_help(command)) for name, command in commands]
+    table = PYTHON_TABLE + "".join(row(f"`{name}`", said) for name, said in NO_FUNCTIONS.items()) + "".join(rows)
+    return re.sub(re.escape(PYTHON_TABLE) + r"(?:\|.*\n)*", lambda _: table, PYTHON.read_text(encoding="utf-8"))
+
+
+def needed(command: str) -> list[str]:
+    """What a function cannot do without."""
+    return [str(param.name) for param in load(command).own if param.required or param is load(command).own[0]]
+
+
+MADE = {CAMPAIGN: campaign_page, LIMITS: limits_page, PYTHON: python_page}
 
 
 @pytest.mark.parametrize("page", MADE, ids=lambda page: page.stem)
 def test_the_page_is_what_the_code_says(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert text == MADE[page]()
-    assert re.search(r"[^|]\|\|[^|]", text) is None and len(text.split()) <= MOST_WORDS
+    assert re.search(r"[^|]\|\|[^|]", text) is None and (page == PYTHON or len(text.split()) <= MOST_WORDS)
+
+
+def test_every_public_name_is_on_the_page() -> None:
+    listed = re.findall(r"^\|`(\w+)", PYTHON.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert sorted(listed) == sorted(am.__all__)
 
 
 def test_words_of_our_own_are_of_keys_that_there_are() -> None:
