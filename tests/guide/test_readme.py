@@ -14,6 +14,7 @@ from repository import ROOT
 
 from automarine_cli import __version__
 from automarine_cli.commands import CommandGroup, automarine
+from automarine_cli.guide import ON_PAGE_OF
 from automarine_cli.logs.columns import CANONICAL
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -128,11 +129,12 @@ def flags_of(command: click.Command) -> set[str]:
 
 @EVERY_PAGE
 def test_options_named_in_the_text_exist(page: str) -> None:
-    """On a command's own page, those of that command; elsewhere those of any command."""
+    """On a page of commands, those of these commands; elsewhere those of any command."""
     name = page.rpartition("/")[2].removesuffix(".md")
     known = commands()
-    its_own = [known[name]] if page.startswith("automarine_cli/guide/commands/") else known.values()
-    flags = {flag for command in its_own for flag in flags_of(command)} | {"--version"}
+    if page.startswith("automarine_cli/guide/commands/"):
+        known = {one: known[one] for one in known if ON_PAGE_OF.get(one, one) == name}
+    flags = {flag for command in known.values() for flag in flags_of(command)} | {"--version"}
     named = re.findall(r"(?<=`)--[a-z][a-z-]*", without_fences(page))
     assert [flag for flag in named if flag not in flags] == []
 
@@ -145,7 +147,8 @@ def commands() -> dict[str, click.Command]:
 
 def test_every_command_has_its_page() -> None:
     pages = {page.rpartition("/")[2].removesuffix(".md") for page in PAGES if "/commands/" in page}
-    assert pages == set(commands())
+    assert pages == {ON_PAGE_OF.get(name, name) for name in commands()}
+    assert ON_PAGE_OF.keys() <= set(commands()) - pages
 
 
 def test_make_targets_exist() -> None:

@@ -20,10 +20,12 @@ Each line is from the page of its command, where you find more. No message, but 
 def troubles() -> str:
     """The page as its sources have it: a section for each command, links as they are from one folder up."""
     parts = [HEAD]
-    for name in guide.commands():
+    for name in sorted(set(guide.commands()) - guide.ON_PAGE_OF.keys()):
+        names = (name, *(other for other, page in guide.ON_PAGE_OF.items() if page == name))
         lines = "".join(SECTION.findall(PAGES[f"automarine_cli/guide/commands/{name}.md"])).strip()
         linked = re.sub(r"\]\((?!\.\./|#|https?:)", "](commands/", lines).replace("](../", "](")
-        parts.append(f"## [{name}](commands/{name}.md)\n\n{linked.replace('](#', f'](commands/{name}.md#')}\n")
+        here = f"](commands/{name}.md"
+        parts.append(f"## [{', '.join(names)}{here})\n\n{linked.replace('](#', f'{here}#')}\n")
     return "\n".join(parts)
 
 
