@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from automarine_cli.report.figures.thrusters import thruster_figure
 from effect_families import families, picture_of
 from made_runs import INERTIA, K_RR
 from matplotlib.figure import Figure
@@ -33,7 +34,6 @@ from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
 from automarine_cli.report.figures.style import COLOURS as PALETTE
 from automarine_cli.report.figures.style import house_style, panels
-from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
@@ -278,9 +278,9 @@ FORECASTS: dict[tuple[str, str], dict[str, tuple[tuple[float, float, float], ...
 """What `make real` printed: root mean square errors 5 s ahead, each half of the runs predicted by a fit of the other;
 of this tool, of least squares and of a constant speed."""
 PREDICTORS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("this tool", {"marker": "o", "color": NAMED["blue"], "ms": 5}),
-    ("least squares for 5 s ahead", {"marker": "D", "color": NAMED["vermilion"], "mfc": "none", "ms": 8, "mew": 1.2}),
-    ("constant speed or turn rate", {"marker": "x", "color": NAMED["grey"], "ms": 6, "mew": 1.6}),
+    ("this tool", {"marker": "o", "color": PALETTE["blue"], "ms": 5}),
+    ("least squares for 5 s ahead", {"marker": "D", "color": PALETTE["vermilion"], "mfc": "none", "ms": 8, "mew": 1.2}),
+    ("constant speed or turn rate", {"marker": "x", "color": PALETTE["grey"], "ms": 6, "mew": 1.6}),
 )  # fmt: skip
 TICKS = (5, 10, 20, 50)
 
