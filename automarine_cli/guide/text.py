@@ -125,4 +125,4 @@ def _followed(match: re.Match[str]) -> str:
     bare = words.strip("`").removeprefix("automarine ")
     if topic in ("", bare):
         return words
-    return f"{words} (README)" if topic == "README" else f"{words} (guide {topic})"
+    return f"{words} (guide {topic})" if topic.islower() else f"{words} ({topic})"

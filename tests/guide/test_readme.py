@@ -71,7 +71,7 @@ def pictures_of(page: str) -> list[tuple[str, str]]:
 
 def floor_plan() -> set[str]:
     """Paths of the files and folders named in the floor plan, folders with a slash at their end."""
-    (plan,) = (text for text in fences("automarine_cli/guide/developers.md") if text.startswith("automarine_cli/\n"))
+    (plan,) = (text for text in fences(".github/ARCHITECTURE.md") if text.startswith("automarine_cli/\n"))
     found, above = set(), [""]
     for line in plan.splitlines():
         depth = (len(line) - len(line.lstrip())) // 2
