@@ -302,9 +302,8 @@ class Plan(Shown):
 
     @property
     def fit_command(self) -> str:
-        return FIT_COMMANDS[self.fitting.fit if self.model else "half-turns"].format(
-            model=shlex.quote(self.model or "")
-        )
+        fit = self.fitting.fit if self.model else "half-turns"
+        return FIT_COMMANDS[fit].format(model=shlex.quote(self.model or ""))
 
     def to_json(self) -> dict[str, Any]:
         fitting, limits, supply, last = self.fitting, self.limits, self.supply, self.slots[-1]

@@ -340,9 +340,9 @@ def _result_box(steps: Steps, ran: RunFile) -> str:
             after = "`automarine diagnose` says what the model lacks."
         if isinstance(file, DiagnosisFile):
             text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
-            names = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
-            advice = [telling_runs(name, result.dof) for name in names]
-            after = " ".join(advice) or (USE if file.verdict == "nothing-missing" else PLAN)
+            known = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
+            advice = " ".join(telling_runs(name, result.dof) for name in known)
+            after = advice or (USE if file.verdict == "nothing-missing" else PLAN)
             if file.verdict == "named":
                 after = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after}"
         lines[label] = "; ".join(filter(None, [lines.get(label), text]))
