@@ -73,11 +73,11 @@ class Groups(list):
 
     def write_dl(self, options):
         for flags, text in options:
-            said, _, limits = (
-                re.sub(r"(?<![\w-])--?[a-z-]+", r"`\g<0>`", part) for part in escaped(text).partition(r"  \[")
-            )
+            said, _, limits = escaped(text.replace("]  [", "; ")).partition(r"  \[")
+            limits = limits.removesuffix(r"\]").removeprefix("default: ")
             code = ", ".join(f"`{flag}`".replace("|", r"\|") for flag in flags.split(", "))
-            self.append(f"| {code} | {said} | {limits.removesuffix(chr(92) + ']').removeprefix('default: ')} |")
+            words = re.sub(r"(?<![\w-])--?[a-z-]+", r"`\g<0>`", f"{said} | {limits}")
+            self.append(f"| {code} | {words} |")
 
 
 def options(name: str) -> str:
@@ -87,7 +87,7 @@ def options(name: str) -> str:
         command, rows = automarine.get_command(group, called), Groups()
         context = click.Context(command, parent=group, info_name=called)
         command.format_options(context, rows)
-        made += f"```text\n{command.get_usage(context).removeprefix('Usage: ')}\n```\n\n{{.options}}\n"
+        made += f"```text\n{command.get_usage(context).removeprefix('Usage: ')}\n```\n\n{{.options .stacked}}\n"
         made += "\n".join(["| option | meaning | default, limits |", "|---|---|---|", *rows, "\n"])
     return made
 
@@ -103,7 +103,8 @@ def functions() -> str:
 def complete(app, name, source):
     """What a page has only here: the menu, the functions, and options in place of the line that points to them."""
     added = {"index": menus, "python-reference": functions}.get(name, str)()
-    source[0] = POINTER.sub(lambda pointer: options(name), source[0]) + added
+    text = re.sub(r"^\|message\|", r"{.stacked}\n\g<0>", source[0], flags=re.MULTILINE)
+    source[0] = POINTER.sub(lambda pointer: options(name), text) + added
 
 
 def signature(app, kind, name, thing, *rest):
@@ -126,10 +127,16 @@ def docstring(app, kind, name, thing, settings, lines):
 
 def as_mathml(visitor, node):
     from docutils import nodes
+    from docutils.utils.math import MathError
     from docutils.utils.math.latex2mathml import tex2mathml
+    from sphinx.util.logging import getLogger
 
-    block = isinstance(node, nodes.math_block)
-    made = re.sub(r"<mo([^>]*)>([|/])<", r'<mo\1 lspace="0" rspace="0">\2<', tex2mathml(node.astext(), as_block=block))
+    block, made = isinstance(node, nodes.math_block), ""
+    try:
+        made = tex2mathml(node.astext(), as_block=block)
+    except MathError as problem:
+        getLogger(__name__).warning("%s in %s", problem, node.astext(), location=node)
+    made = re.sub(r"<mo([^>]*)>([|/])<", r'<mo\1 lspace="0" rspace="0">\2<', made)
     made = re.sub(r"<mo>&ApplyFunction;</mo>(?!\s*(<mrow>\s*)?<mo[^>]*>\()", '<mspace width="0.17em"/>', made)
     visitor.body.append(f'<div class="math">{made}</div>' if block else made)
     raise nodes.SkipNode
