@@ -17,6 +17,7 @@ PAGES = {
     **{path.stem.lower(): path for path in sorted((ROOT / ".github").glob("*.md"))},
 }  # by their places in the site
 POINTER = re.compile(r"^`automarine [a-z-]+ --help`.* lists? all options\.$", flags=re.MULTILINE)
+READS = {"logs": "Logs, as places or as tables.", "file": "A file, or its result.", "folders": "Folders of results."}
 
 project, release, root_doc = "automarine", automarine_cli.__version__, "index"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
@@ -120,7 +121,7 @@ def docstring(app, kind, name, thing, settings, lines):
     """What a command is for and what its settings mean, as its help says it."""
     if isinstance(thing, Command):
         flags = {flag: str(param.name) for param in thing.params for flag in param.opts}
-        said = [f"- **{param.name}**: {getattr(param, 'help', '') or param.metavar}" for param in thing.own]
+        said = [f"- **{param.name}**: {getattr(param, 'help', '') or READS[param.reads]}" for param in thing.own]
         text = escaped("\n".join([str(thing.help).partition("\b")[0], *said])).replace(r"\*\*", "**")
         lines[:] = re.sub(r"--[a-z][a-z-]*", lambda flag: flags.get(flag[0], flag[0]), text).splitlines()
 
