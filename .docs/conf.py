@@ -37,8 +37,8 @@ def navigation() -> dict[str, dict[str, str]]:
         heading, _, body = section.partition("\n")
         menu[heading] = {}
         for words, link in re.findall(r"\[([^]]+)\]\(([^)#]+\.md)", body):
-            name = names[(guide.FOLDER / link).resolve()]
-            if not any(name in pages for pages in menu.values()):
+            name = names.get((guide.FOLDER / link).resolve())  # none of a broken link, which has its own warning
+            if name and not any(name in pages for pages in menu.values()):
                 menu[heading][name] = short_title(name, words)
     menu.setdefault("Reference", {})["python-reference"] = "Python reference"
     return menu
