@@ -23,6 +23,7 @@ project, release, root_doc = "automarine", automarine_cli.__version__, "index"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 myst_enable_extensions = ["attrs_block", "dollarmath", "html_image"]
 myst_fence_as_directive, myst_heading_anchors = ["math"], 4
+myst_disable_syntax = ["myst_line_comment", "myst_block_break", "myst_target"]  # a line may begin with "% of"
 html_theme, html_title = "furo", f"automarine {release}"
 html_static_path = html_css_files = ["site.css"]
 html_math_renderer, autodoc_typehints, add_module_names = "mathml", "none", False
@@ -134,7 +135,7 @@ def as_mathml(visitor, node):
 
     block, made = isinstance(node, nodes.math_block), ""
     try:
-        made = tex2mathml(node.astext(), as_block=block)
+        made = tex2mathml(node.astext(), as_block=block).replace('<mover accent="true">', "<mover>")
     except MathError as problem:
         getLogger(__name__).warning("%s in %s", problem, node.astext(), location=node)
     made = re.sub(r"<mo([^>]*)>([|/])<", r'<mo\1 lspace="0" rspace="0">\2<', made)

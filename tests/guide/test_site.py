@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from repository import ROOT
-from test_readme import PAGES
+from test_readme import PAGES, without_fences
 
 from automarine_cli.commands import names
 
@@ -19,6 +19,9 @@ SITE = runpy.run_path(str(ROOT / ".docs" / "conf.py"))
 MENU = SITE["navigation"]()
 LONGEST = 40  # letters of an entry of the menu, which is narrow
 WIDTHS = (400, 800, 1280, 1366)  # of phones, tablets and laptops [pixels]
+NOT_WORDS = re.compile(
+    rf"!\[[^]]*\]\([^)]*\)|\]\([^)]*\)|<img[^>]*>|\$[^$`]+\$|{SITE['POINTER'].pattern}", flags=re.MULTILINE
+)
 LOOK = """<body>{frames}<script>addEventListener("load", () => {{
   const seen = [...document.querySelectorAll("iframe")].map(frame => {{
     const page = frame.contentDocument, content = page.querySelector(".content");
@@ -53,15 +56,34 @@ def test_every_command_has_its_options_on_one_page() -> None:
     assert [name for name, text in pages.items() if len(SITE["POINTER"].findall(text)) != 1] == []
 
 
-@pytest.mark.slow
-def test_no_page_of_the_site_is_wider_than_its_window_or_asks_a_network(tmp_path: Path) -> None:
+def words(text: str) -> set[str]:
+    return set(re.findall(r"[A-Za-z]{3,}", text))
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("sphinx", reason="make docs installs what builds the site")
+    folder = tmp_path_factory.mktemp("docs")
+    build = ["-m", "sphinx", "-q", "-n", "-W", "-c", ".docs", "-d", str(folder / "read"), ".", str(folder / "site")]
+    subprocess.run([sys.executable, *build], cwd=ROOT, check=True)
+    return folder / "site"
+
+
+@pytest.mark.slow
+def test_no_word_of_a_page_is_lost(built: Path) -> None:
+    for name, path in SITE["PAGES"].items():
+        if (page := path.relative_to(ROOT).as_posix()) in PAGES:
+            shown = (built / f"{name}.html").read_text(encoding="utf-8")
+            said = NOT_WORDS.sub(" ", without_fences(page))
+            assert words(said) - words(unescape(re.sub("<[^>]*>", " ", shown))) == set(), name
+
+
+@pytest.mark.slow
+def test_no_page_is_wider_than_its_window_or_asks_a_network(built: Path, tmp_path: Path) -> None:
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if browser is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    build = ["-m", "sphinx", "-q", "-n", "-W", "-c", ".docs", "-d", str(tmp_path / "read"), ".", str(tmp_path / "site")]
-    subprocess.run([sys.executable, *build], cwd=ROOT, check=True)
-    pages = list((tmp_path / "site").rglob("*.html"))
+    pages = list(built.rglob("*.html"))
     frames = "".join(
         f'<iframe src="{page.as_uri()}" width="{wide}" frameborder="0"></iframe>' for page in pages for wide in WIDTHS
     )
