@@ -208,10 +208,6 @@ class Dof:
     def step_key(self) -> str:
         return self.words.step.replace("-", "_")
 
-    @property
-    def steps_key(self) -> str:
-        return f"{self.step_key}s"
-
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:
         """Every word and symbol by name, for templates such as "-{quadratic} |{v}| {v}": the fields of `Words`, the

@@ -168,6 +168,10 @@ class Card:
     parameters: tuple[Parameter, ...]
     laws: tuple[str, ...]
 
+    @property
+    def better(self) -> str:
+        return f"To see {self.name} better: {self.reveals}."
+
 
 class Effect:
     def __init_subclass__(cls) -> None:

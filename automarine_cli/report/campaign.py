@@ -31,7 +31,6 @@ from automarine_cli.models.store import (
 )
 from automarine_cli.pipeline.records import ResultKind, Shown, to_mapping
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
-from automarine_cli.report.effect_cards import telling_runs
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
@@ -343,7 +342,7 @@ def _result_box(steps: Steps, ran: RunFile) -> str:
         if isinstance(file, DiagnosisFile):
             text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
             known = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
-            advice = " ".join(telling_runs(name, result.dof) for name in known)
+            advice = " ".join(effects.get(name).card(result.dof).better for name in known)
             after = advice or (USE if file.verdict == "nothing-missing" else PLAN)
             if file.verdict == "named":
                 after = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after}"
@@ -364,10 +363,9 @@ def _refusal(file: Any) -> str:
     """Why a model must not be used; empty where it may, and for results of other kinds."""
     if isinstance(file, ValidationFile):
         return file.use.refusal
-    if isinstance(file, ModelFile) and (inertia := file.chosen.inertia) is not None and inertia.estimate is not None:
-        low, high = inertia.estimate.ci95
-        if high - low > 2.0 * abs(inertia.estimate.value):
-            return f"These runs do not determine {file.dof.symbols.inertia}; add runs from rest at larger commands."
+    inertia = isinstance(file, ModelFile) and file.chosen.inertia and file.chosen.inertia.estimate
+    if inertia and inertia.ci95[1] - inertia.ci95[0] > 2.0 * abs(inertia.value):
+        return f"These runs do not determine {file.dof.symbols.inertia}; add runs from rest at larger commands."
     return file.prediction.refusal if isinstance(file, ModelFile | PlanarFile) else ""
 
 

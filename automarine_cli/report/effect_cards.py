@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 
-from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects import Effect
 from automarine_cli.report.sections import Sections, sections
@@ -20,11 +19,6 @@ FITTED_AGAINST = {
     "clock": "the logs' first instant",
     "voltage": "the logs' mean voltage",
 }
-
-
-def telling_runs(effect: str, dof: Dof) -> str:
-    """Say which runs would show an effect better."""
-    return f"To see {effect} better: {library.get(effect).card(dof).reveals}."
 
 
 @dataclass(frozen=True)

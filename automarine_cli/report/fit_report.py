@@ -196,7 +196,7 @@ def _drawings(fit: YawFit) -> dict[str, Draw]:
             return {"whole_runs": partial(figures.driven_runs_figure, fit.runs, use, fit.preferred.noise or 0.0)}
         return {"whole_runs": partial(figures.whole_runs_figure, fit)}
     return {
-        fit.dof.steps_key: partial(figures.half_turns_figure, fit),
+        f"{fit.dof.step_key}s": partial(figures.half_turns_figure, fit),
         "drag": partial(figures.drag_figure, fit, seed),
         "inertia": partial(figures.inertia_figure, fit, seed),
         "collapse": partial(figures.collapse_figure, fit, data),

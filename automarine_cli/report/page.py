@@ -72,7 +72,7 @@ def _symbols(text: str) -> str:
 
 
 def _table(block: Sequence[str]) -> str:
-    head, sides, *rows = (_cells(line) for line in block)
+    head, sides, *rows = ([cell.strip() for cell in re.split(r"(?<!\\)\|", line)][1:-1] for line in block)
     right = [side.endswith(":") for side in sides] + [False] * len(head)
 
     def row(cells: Sequence[str], head: bool) -> str:
@@ -88,10 +88,6 @@ def _table(block: Sequence[str]) -> str:
         '<div class="table"><div class="scroll" tabindex="0" role="region" aria-label="Table">'
         f"<table><thead>{row(head, True)}</thead><tbody>{body}</tbody></table></div></div>"
     )
-
-
-def _cells(line: str) -> list[str]:
-    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)][1:-1]  # at bars without a backslash
 
 
 SAFE_PLACE = re.compile(r"[^/\\]+/[^/\\]+")

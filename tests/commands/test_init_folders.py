@@ -86,7 +86,7 @@ def test_a_line_of_units_below_the_names_is_pointed_to(tmp_path: Path, run: Call
     (tmp_path / "a.csv").write_text("t;psi;pwm\ns;deg;us\n0,0;1,2;1500\n0,1;1,2;1500\n0,2;1,3;1600\n")
     result = run("init", tmp_path)
     assert (result.exit_code, result.stderr) == (0, "")
-    assert "No column was recognised. If a line of units stands below the names, delete it." in result.stdout
+    assert "No column is recognised; delete a line of units below the names." in result.stdout
 
 
 def test_nothing_is_replaced_unless_wanted(tmp_path: Path, run: Callable[..., Result]) -> None:

@@ -34,7 +34,7 @@ def rows(name: str, section: str) -> list[tuple[str, str, str]]:
         if line and not (match := ITEM.fullmatch(line)):
             raise ValueError(f"{name}.md: write `- *message or symptom*: cause. Remedy.`, not `- {line}`")
         if line:
-            found.append((match["message"], match["cause"], match["remedy"]))
+            found.append((match["message"], match["cause"][0].upper() + match["cause"][1:], match["remedy"]))
     return found
 
 
@@ -70,8 +70,8 @@ def test_items_are_message_cause_and_remedy() -> None:
     section = '- *"no mode"*, *"no arm"*, in heave: a\n  cause (3.5 %). Name `it`: see [Logs](../logs.md).\n'
     section += "- *Slow*: x. `y` helps.\n"
     assert rows("slice", section) == [
-        ('*"no mode"*, *"no arm"*, in heave', "a cause (3.5 %).", "Name `it`: see [Logs](../logs.md)."),
-        ("*Slow*", "x.", "`y` helps."),
+        ('*"no mode"*, *"no arm"*, in heave', "A cause (3.5 %).", "Name `it`: see [Logs](../logs.md)."),
+        ("*Slow*", "X.", "`y` helps."),
     ]
     for wrong in ("- No italics: a cause. A remedy.", "- *No remedy*: a cause.", "- *No cause* Do it. Now.", "Words."):
         with pytest.raises(ValueError, match=r"slice\.md: write `- \*message or symptom\*: cause\. Remedy\.`, not"):
