@@ -13,9 +13,9 @@ from automarine_cli.runs.run import Run
 
 TITLE, PACKAGE = "mujoco.sysid", "mujoco"
 GIVEN = (
-    "A hinge with polynomial joint damping (drag exactly quadratic), Runge-Kutta steps of 0.05 s. Whole runs "
-    "with the rest before. Free: inertia, drag, a delay of the sensor, and each start heading (the mean error of a run is "
-    "subtracted); start values 2, 2, 0; optimizer `mujoco`. Intervals by `calculate_intervals`."
+    "A hinge with polynomial joint damping (drag exactly quadratic), Runge-Kutta steps of 0.05 s. Whole runs. "
+    "Free: inertia, drag, a delay of the sensor, each start heading; start values 2, 2, 0. Optimizer `mujoco`, "
+    "intervals by `calculate_intervals`. Predictions: rollouts of 5 s."
 )
 VEHICLE = """
 <mujoco>
@@ -72,11 +72,11 @@ def fit(folder: Path) -> dict[str, list[float]]:
 
 
 def motion(runs: Sequence[Run]) -> Plain:
-    """Inertia and drag of driven logs, by rollouts of five seconds, each from the state that the second before shows."""
+    """Inertia and drag of driven logs, by rollouts of five seconds from states that the second before shows."""
     anchors, spec = anchors_of(runs), mujoco.MjSpec.from_string(PUSHED)
     model = spec.compile()
-    whole = np.flatnonzero(np.isfinite(anchors.reached[:, 1]))[::5]
-    grid, force, pace = STEP * np.arange(51), np.nanmax(np.abs(anchors.force)), np.std(anchors.rate)
+    whole = np.flatnonzero(np.isfinite(anchors.reached[:, 1]))[::3]
+    grid, force, pace = STEP * np.arange(51), np.nanmax(np.abs(anchors.force)), float(np.std(anchors.rate))
     states, controls, shown = [], [], []
     for a in whole:
         run, first = runs[anchors.run[a]], anchors.sample[a]
@@ -88,20 +88,22 @@ def motion(runs: Sequence[Run]) -> Plain:
     drives = sysid.ModelSequences("vehicle", spec, [f"{a}" for a in whole], states, controls, shown)
     params = sysid.ParameterDict()
     typical = 1.0 / max(pace, 1e-6)
+    heavy, drags = np.log(3 * typical), np.log([typical / 2, typical / 2 / pace])
     # in units of the largest force; logarithms, since sizes are unknown
-    params.add(sysid.Parameter("inertia", np.log(3 * typical), np.log(3 * typical) - 7, np.log(3 * typical) + 7,
+    params.add(sysid.Parameter("inertia", heavy, heavy - 7, heavy + 7,
         modifier=lambda s, p: setattr(s.body("hull"), "inertia", np.full(3, np.exp(p.value[0])))))  # fmt: skip
     params.add(sysid.Parameter(
-        "damping", [np.log(typical / 2), np.log(typical / 2 / pace)], [np.log(typical / 2) - 7, np.log(typical / 2 / pace) - 7],
-        [np.log(typical / 2) + 7, np.log(typical / 2 / pace) + 7],
+        "damping", drags, drags - 7, drags + 7,
         modifier=lambda s, p: setattr(s.joint("yaw"), "damping", [*np.exp(p.value), 0]),
     ))  # fmt: skip
     if runs[0].dof.has_constant:
         params.add(sysid.Parameter("push", 0.0, -1.0, 1.0,
             modifier=lambda s, p: setattr(s.actuator("push"), "gear", [p.value[0], 0, 0, 0, 0, 0])))  # fmt: skip
     found, _ = sysid.optimize(
-        params, sysid.build_residual_fn(models_sequences=[drives], modify_residual=sysid.SignalTransform(False).apply),
-        optimizer="mujoco", verbose=False, max_iters=20,
+        params, sysid.build_residual_fn(
+            models_sequences=[drives], modify_residual=sysid.SignalTransform(False).apply, n_threads=1
+        ),
+        optimizer="mujoco", verbose=False, max_iters=8,
     )  # fmt: skip
     inertia, linear, quadratic = force * np.exp(found.as_vector()[:3])
     push = force * found.as_vector()[3] if runs[0].dof.has_constant else 0.0

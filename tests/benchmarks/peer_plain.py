@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from real_baseline import HORIZONS, Plain, anchors_of, fit_plain
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
-from real_baseline import HORIZONS, Plain, anchors_of, fit_plain
 
 from automarine_cli.runs.run import Run
 
 TITLE, PACKAGE = "plain script", "scipy"
 GIVEN = (
-    "Whole runs with the rest before. Free: `I_r`, `k_rr`, one delay, and each start heading (the mean error of a run is "
-    "subtracted); start values 2, 2, 0; relative tolerance 1e-6. Intervals from the Jacobian."
+    "Whole runs. Free: `I_r`, `k_rr`, one delay, each start heading; start values 2, 2, 0; tolerance 1e-6. Intervals "
+    "from the Jacobian. Predictions: least squares for each horizon separately."
 )
 
 

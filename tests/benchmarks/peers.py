@@ -66,7 +66,7 @@ def peer_of(title: str) -> ModuleType:
 def measured(item: tuple[str, tuple[Any, ...], Path]) -> Row:
     """One cell of a part, or why it has no result; the tool's own printing is dropped."""
     part, cell, out = item
-    np.random.seed(zlib.crc32(repr(cell).encode()))  # noqa: NPY002: what PySINDy draws from
+    np.random.seed(zlib.crc32(repr(cell).encode()))  # noqa: NPY002  # PySINDy draws from it
     warnings.simplefilter("ignore")
     begun = time.perf_counter()
     try:
@@ -152,7 +152,10 @@ def summary(out: Path) -> Row:
         result["fit"] = {"rows": peers_fit.summary(done, titles), "seconds": taken}
     if done := parts.get("names"):
         key = peers_names.write(out / "blind")
-        said = {title: {k.split(SEPARATED)[1]: v for k, v in done.items() if k.startswith(title + SEPARATED)} for title in titles}
+        said: dict[str, dict[str, Row]] = {title: {} for title in titles}
+        for each, row in done.items():
+            title, campaign = each.split(SEPARATED)
+            said[title][campaign] = row
         result["names"] = {title: peers_names.summary(some, key) for title, some in said.items() if some}
     if done := parts.get("predict"):
         result["predict"] = peers_predict.summary(done, list(installed()))

@@ -28,11 +28,14 @@ KINDS = ("clean", "scatter", "between", "delay")
 SIZES = (12, 24, 72)
 SCATTER, DELAY = 0.03, 0.25  # of the thrust from run to run; s
 TIMED = 3
+DEAREST = (peer_automarine.WHOLE, "delay", 72)
+"""A minute and more each: left out."""
 
 
 def moments_of(runs: int) -> list[float]:
     """Commands from 0.1 to 1.2 to both sides."""
-    return [side * size for size in np.tile(np.linspace(0.1, 1.2, min(runs // 2, 12)), -(-runs // 24)) for side in (-1, 1)]
+    sizes = np.tile(np.linspace(0.1, 1.2, min(runs // 2, 12)), -(-runs // 24))
+    return [side * size for size in sizes for side in (-1, 1)]
 
 
 def write(folder: Path, kind: str, runs: int, seed: int) -> Floats:
@@ -81,7 +84,8 @@ def bound_of(courses: Sequence[tuple[Floats, float]], kind: str) -> Floats:
 
 def cells(titles: Sequence[str], campaigns: int) -> list[tuple[str, str, int, int]]:
     """All that is to be fitted: tool, kind, runs, seed; every tool in turn, so that what there is can be compared."""
-    return [(t, kind, runs, s) for s in range(campaigns) for runs in SIZES for kind in KINDS for t in titles]
+    every = [(t, kind, runs, s) for s in range(campaigns) for runs in SIZES for kind in KINDS for t in titles]
+    return [cell for cell in every if cell[:3] != DEAREST]
 
 
 def fitted(cell: tuple[str, str, int, int], peer: ModuleType) -> Row:
@@ -109,8 +113,10 @@ def timed(title: str, peer: ModuleType, runs: int) -> list[float]:
         logs, out = Path(place, "logs"), Path(place, "out")
         logs.mkdir()
         write(logs, "clean", runs, 0)
-        script = f"import sys; from pathlib import Path; sys.path.insert(0, {str(here)!r}); import {peer.__name__} as p; "
-        line = [sys.executable, "-c", script + f"print(p.fit(Path({str(logs)!r})))"]
+        script = (
+            f"import sys; sys.path.insert(0, {str(here)!r}); import {peer.__name__} as p; p.fit(p.Path({str(logs)!r}))"
+        )
+        line = [sys.executable, "-c", script]
         if peer is peer_automarine:
             line = [sys.executable, "-m", "automarine_cli", "fit-yaw", str(logs), "-o", str(out), "-q", "--overwrite"]
             line += options("clean") if title == peer_automarine.WHOLE else ()
@@ -140,7 +146,8 @@ def summary(done: dict[str, Row], titles: Sequence[str]) -> list[Row]:
                 good = [row for row in some if "failed" not in row]
                 if not good:
                     continue
-                row: Row = {"tool": title, "kind": kind, "runs": runs, "campaigns": len(some), "failed": len(some) - len(good)}
+                row: Row = {"tool": title, "kind": kind, "runs": runs, "campaigns": len(some)}
+                row["failed"] = len(some) - len(good)
                 for name in TRUTH:
                     errors = np.array([each[name]["error"] for each in good])
                     holds = [each[name]["holds"] for each in good]

@@ -102,7 +102,5 @@ def summary(said: Mapping[str, Row], key: Mapping[str, Row]) -> Row:
         mark = blind_frozen.judge(truth["hidden"], answer["verdict"], named)
         marks["refused" if answer["verdict"] == "refused" else "wrong" if mark in ("false", "learned") else mark] += 1
         if answer["verdict"] == "named":
-            false += sum(
-                not ({name, *rivals} & set(truth["effects"])) for name, rivals in named.items()
-            )
+            false += sum(not ({name, *rivals} & set(truth["effects"])) for name, rivals in named.items())
     return {**{mark: marks[mark] for mark in MARKS}, "false claims": false, "campaigns": sum(marks.values())}

@@ -77,12 +77,12 @@ def plain_of(weights: Mapping[str, float]) -> plain.Plain:
     per_force = weights["force"]
     if per_force <= 0:
         raise ValueError("the inertia is not positive")
-    drag = [weights[name] / per_force for name in ("linear", "quadratic")]
-    return plain.Plain("2", 1 / per_force, *drag, weights.get("constant", 0.0) / per_force)
+    linear, quadratic, push = (weights.get(name, 0.0) / per_force for name in ("linear", "quadratic", "constant"))
+    return plain.Plain("2", 1 / per_force, linear, quadratic, push)
 
 
 def summary(done: Mapping[str, Row], titles: Sequence[str]) -> list[Row]:
-    """Per tool and horizon: the median over all halves of its error over the plain script's, and how often it is least."""
+    """Per tool and horizon: its error over the best tool's, the median of all halves, and how often it is the best."""
     halves = dict.fromkeys(key.split(" | ", 1)[1] for key in done)
     whole = [h for h in halves if all(f"{title} | {h}" in done for title in titles)]
     errors = np.array([

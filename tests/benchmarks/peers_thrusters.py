@@ -99,5 +99,6 @@ def summary(done: Mapping[str, Row]) -> list[Row]:
     rows: dict[str, Row] = {}
     for key, row in done.items():
         tool, table, how = key.split(" | ")
-        rows.setdefault(f"{table} | {how}", {"table": table, "left out": how, "levels": row["levels"]})[tool] = row["rms"]
+        row_of = rows.setdefault(f"{table} | {how}", {"table": table, "left out": how, "levels": row["levels"]})
+        row_of[tool] = row["rms"]
     return list(rows.values())
