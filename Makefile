@@ -6,7 +6,8 @@ JOBS ?= 1
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-PEERS := $(VENV)/.peers
+DOCS_READY := $(VENV)/.docs-ready
+PEERS_READY := $(VENV)/.peers-ready
 AUTOMARINE := $(BIN)/automarine
 BENCHMARK := PYTHONPATH=tests/helpers $(BIN)/python tests/benchmarks
 SHARED := -n auto --dist loadfile --no-loadscope-reorder
@@ -15,7 +16,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning circle real peers clean
+.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning circle real peers docs clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -30,6 +31,10 @@ $(READY): pyproject.toml
 	  { rm -rf $(VENV); echo "$(PYTHON) cannot make virtual environments; on Debian and Ubuntu install python3-venv." >&2; exit 1; }
 	$(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check --upgrade "pip>=25.1"
 	$(BIN)/python -m pip install --quiet --quiet --editable . --group dev
+	touch $@
+
+$(DOCS_READY): $(READY)
+	$(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check --editable . --group docs
 	touch $@
 
 demo: $(READY) ## Thrusters, yaw model, validation, a diagnosis of sample_runs and a controller, into OUT/demo
@@ -74,6 +79,11 @@ reproduce: $(READY) ## The demo twice, under two locales; fails unless every byt
 	$(AUTOMARINE) verify $(OUT)/reproduce/first -q
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
 	  echo "Reproduced: $$count files, every byte equal."
+
+docs: $(DOCS_READY) ## The guide as a site with a search, into OUT/docs; fails at a broken link
+	rm -rf $(OUT)/docs
+	$(BIN)/sphinx-build -q -n -W --keep-going -c .docs -d $(OUT)/docs.doctrees -E . $(OUT)/docs
+	echo "Site: $(OUT)/docs/index.html"
 
 wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty environment and use it there
 	.ci/wheel $(OUT)/wheel $(BIN)/python
@@ -129,11 +139,11 @@ circle: $(READY) ## Plan, drive, collect over a link that is cut, analyse, tune,
 real: $(READY) ## Real logs, halves exchanged: predictions against least squares and constants, what is named; AUTOMARINE_DATA
 	$(BENCHMARK)/real.py --jobs 2 --out $(OUT)
 
-$(PEERS): $(READY)
+$(PEERS_READY): $(READY)
 	$(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check --group peers
 	touch $@
 
-peers: $(PEERS) ## Side by side with a plain script, mujoco.sysid, PySINDy and regression; 40 minutes, goes on
+peers: $(PEERS_READY) ## Side by side with a plain script, mujoco.sysid, PySINDy and regression; 40 minutes, goes on
 	$(BENCHMARK)/peers.py --jobs 2 --out $(OUT)/peers
 
 clean: ## Remove results, caches and the virtual environment

@@ -9,7 +9,7 @@ from typing import Any
 __version__ = "0.1.0"
 __all__ = [
     "__version__", "check", "compare", "diagnose", "effects", "export", "fit_heave", "fit_planar", "fit_surge",
-    "fit_sway", "fit_thrusters", "fit_yaw", "plan", "simulate", "slice_log", "validate",
+    "fit_sway", "fit_thrusters", "fit_yaw", "plan", "simulate", "slice_log", "tune", "validate",
 ]  # fmt: skip
 
 

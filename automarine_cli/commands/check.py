@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: "Progress") -> "Check":
     """Inspect logs and list their problems.
 
-    For each run: sampling, gaps, what cleaning dropped, heading noise, moments, turns, which half-turn a fit
-    would keep and what cut it, or why there is none. Yaw logs and thruster tests may be mixed.
+    For each run: sampling, gaps, removed samples, heading noise, moments, turns, and the half-turn that a fit would
+    use, or why there is none. Yaw logs and bollard tests may be mixed.
 
     \b
     Example:

@@ -31,21 +31,21 @@ ANALYSIS = "analysis"
     "--token", default="", envvar="AUTOMARINE_TOKEN", show_envvar=True, metavar="TOKEN",
     help="The token that serve printed.",
 )  # fmt: skip
-@option("--token-file", type=options.FILE, metavar="FILE", help="Read it from a file: a command line is seen by all.")
+@option("--token-file", type=options.FILE, metavar="FILE", help="Read it from a file: all can see a command line.")
 @option(
     "--campaign", type=click.Path(exists=True, path_type=Path), metavar="PLAN",
-    help="Hand over the folder of a plan, or its plan.json, and stay until it was played.",
+    help="Send the folder of a plan, or its plan.json, and wait until it is over.",
 )  # fmt: skip
-@option("--stop", is_flag=True, help="On contact, first stop what the vehicle plays, for good.")
+@option("--stop", is_flag=True, help="On contact, first stop the vehicle's campaigns for good.")
 @option(
     "--wait", type=click.FloatRange(min=0), metavar="SECONDS",
-    help="Give up after so long without contact.  [default: never]",
+    help="Give up after this time without contact.  [default: never]",
 )  # fmt: skip
 @option(
     "--then", type=click.Choice(("run",)),
     help="When the campaigns are over, run the campaign.toml in DIR (made as by init) into DIR/analysis.",
 )  # fmt: skip
-@option("--overwrite", is_flag=True, group=OUTPUT, help="Fetch again what was changed in DIR since it was fetched.")
+@option("--overwrite", is_flag=True, group=OUTPUT, help="Fetch again the logs that were changed in DIR.")
 @options.jobs
 @options.as_json
 @options.verbosity
@@ -55,9 +55,9 @@ def collect(
 ) -> "Collected":  # fmt: skip
     """Wait for contact with a vehicle that runs `automarine serve` at URL, and fetch its logs into DIR.
 
-    On contact come first the vehicle's state and --stop, then the campaign, then the logs; after a cut it goes on
-    where it was. Logs have the same names and the same bytes as on the vehicle; ledger.json holds their SHA-256.
-    The exit status is 1 where the campaign ended before its last run.
+    On contact, --stop comes first, then the campaign, then the logs. After a break it continues where it was. Logs
+    have the same names and bytes as on the vehicle, and ledger.json has their SHA-256. The exit status is 1 if the
+    campaign ended before its last run.
 
     \b
     Example:

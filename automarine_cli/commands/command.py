@@ -5,6 +5,7 @@ records them. A result is shown and saved by its sections, in the module of `rep
 """
 
 import inspect
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from importlib import import_module
@@ -258,7 +259,7 @@ class Command(click.Command):
         then, out = self.then(result), getattr(result, "out", None) or ctx.params.get("out")
         then = "" if out is None and "{out}" in then else then
         for name, value in {**ctx.params, "out": out}.items():
-            then = then.replace(f"{{{name}}}", printable(str(value)))
+            then = then.replace(f"{{{name}}}", shlex.quote(printable(str(value))))
         answer, tables, files = "", list[Any](), list[str]()
         if self.report:
             from automarine_cli.report.sections import figure_file, sections

@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @options.ending()
 def compare(results: tuple[Path, ...]) -> "ResultComparison":
-    """Put results of fit-thrusters, fit-yaw, validate or diagnose side by side, each against the first: another
-    vehicle, another day, another battery, another model of the same runs. Each difference has a confidence interval,
-    and a word on its significance.
+    """Compare results of fit-thrusters, fit-yaw, validate or diagnose, each with the first.
+
+    They may be of another vehicle, day or battery, or of another model of the same runs. Each difference has a
+    confidence interval, and a word on its significance.
 
     \b
     Example:

@@ -28,13 +28,13 @@ def diagnose(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], columns: Any, thrusters: Any, arm: float | None,
     channels: str, strict: bool, seed: int, jobs: int, map_fn: Any, progress: Any,
 ) -> "Diagnosis | PlanarDiagnosis | ThrusterDiagnosis":  # fmt: skip
-    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
+    """Find where simulation and measurement disagree, and name the effect that the model lacks.
 
-    Every effect of the library is tried on whole runs with everything refitted; an effect counts if it gains more
-    than chance would on the same runs. The verdict is a name (with the rivals that the runs cannot exclude), a
-    suspicion that the held-out runs do not confirm, nothing missing, or unexplained. What no effect explains is
-    learned as a curve over one variable or logged column. With a thrusters.json as the model, bollard tests are
-    diagnosed in the same way.
+    Each effect of the library is added to the model in turn, and everything is fitted again to whole runs. The
+    verdict is one of four: named (with the rivals that the runs cannot exclude), suspected, nothing missing, or
+    unexplained. A named effect gains more than chance would, and held-out runs confirm it. Where no effect explains
+    the error, a curve over one variable or logged column is learned. With a thrusters.json as the model, bollard
+    tests are diagnosed in the same way.
 
     \b
     Example:

@@ -19,11 +19,10 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @options.together(options.as_json, options.verbosity)
 def effects(name: str | None, motion: str | None) -> "EffectCards":
-    """The effects that a model of a motion may have, and that diagnose can name.
+    """List the effects that a model may have and that diagnose can name.
 
-    Without NAME: name, place, equation and parameters of each. With NAME the whole card: what the parameters
-    mean, what the verdict says, which run reveals the effect, what it is mistaken for and the run that tells
-    the two apart, and the source.
+    Without NAME: name, place, equation and parameters of each. With NAME the whole card: what the effect and its
+    parameters mean, which runs reveal it, its look-alikes, the run that separates them, and the source.
 
     \b
     Example:

@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 @option("--frame", metavar="NAME", help="ENU or NED.  [default: the target's own]")
 @option(
     "--rigid-inertia", type=options.POSITIVE, metavar="VALUE",
-    help="The vehicle's own part of I_r; the rest is written as added inertia.",
+    help="The vehicle's own part of I_r, or its mass; the rest becomes added inertia.",
 )  # fmt: skip
-@option("--rigid-mass", type=options.POSITIVE, metavar="KG", help="gz-sim, of a planar model: the vehicle's own mass.")
+@option("--rigid-mass", type=options.POSITIVE, metavar="KG", help="The vehicle's own mass (gz-sim, planar model).")
 @option(
     "--newton-metres-per-nu", type=options.POSITIVE, metavar="VALUE",
     help="The moment in N m that one normalised unit stands for.",
 )  # fmt: skip
 @option(
     "--mesh-torque", type=options.POSITIVE, nargs=2, metavar="QUADRATIC VISCOUS",
-    help="stonefish: yaw drag [N m] of your mesh at 1 rad/s with a coefficient of 1.",
+    help="stonefish: yaw drag [N m] of your mesh at 1 rad/s with coefficients of 1.",
 )  # fmt: skip
-@option("--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, error and all.")
+@option("--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, with its error.")
 @option("--n-max", type=options.POSITIVE, metavar="VALUE", help="thrusters: the largest control signal.")
 @option("--lag", type=options.POSITIVE, metavar="SECONDS", help="thrusters: time constant of the propeller's speed.")
 @option("--allow-partial", is_flag=True, help="Leave out what the target cannot represent, and say so.")
@@ -45,10 +45,10 @@ if TYPE_CHECKING:
 @options.as_json
 @options.verbosity
 def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: Any) -> "Exported | Targets":
-    """Write a yaw model or a thruster map for the program that is to use it.
+    """Write a model or a thruster map for another program.
 
-    Signs, units and frame become the target's own and are stated in the file. Effects that the target cannot
-    represent are listed, and refused without --allow-partial.
+    Signs, units and frame become those of the target and are stated in the file. The command stops if the target
+    cannot represent an effect; --allow-partial leaves it out.
 
     \b
     Example:

@@ -22,9 +22,9 @@ WHOLE_RUNS = "whole-runs"
 HELP = {
     "yaw": """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
 
-    Logs hold heading_deg and tau (or n_port and n_stbd with --thrusters and --arm). Each run is trimmed to its
-    first half-turn and fitted twice: by the paper's steady rates and velocity errors, and by maximum likelihood
-    on the headings. Logs without steps are fitted as whole runs.
+    Logs need heading_deg and tau (or n_port and n_stbd with --thrusters and --arm). Each run is trimmed to its
+    first half-turn and fitted twice: by the paper's method, and by maximum likelihood. Logs without steps are
+    fitted as whole runs.
 
     \b
     Example:
@@ -33,9 +33,9 @@ HELP = {
     """,
     "surge": """Identify the surge model from step runs: distance against force, drag (Table 1) and mass (Table 2).
 
-    Logs hold distance_m and force_X_N (or X, normalised; or n_port and n_stbd with --thrusters). Each step is
-    fitted twice, as by fit-yaw; where drag ahead and astern differ, each has its own. Logs without steps are
-    fitted as whole runs.
+    Logs need distance_m and force_X_N (or X, normalised; or n_port and n_stbd with --thrusters). Each step is
+    fitted twice, as by fit-yaw. If drag ahead and astern differ, both are given. Logs without steps are fitted
+    as whole runs.
 
     \b
     Example:
@@ -44,8 +44,8 @@ HELP = {
     """,
     "sway": """Identify the sway model from step runs: distance against force, drag (Table 1) and mass (Table 2).
 
-    Logs hold distance_m and force_Y_N (or Y, normalised), positive to starboard. Each step is fitted twice, as by
-    fit-yaw; a hull drags alike to both sides. Logs without steps are fitted as whole runs.
+    Logs need distance_m and force_Y_N (or Y, normalised), positive to starboard. Each step is fitted twice, as by
+    fit-yaw. Drag is the same to both sides. Logs without steps are fitted as whole runs.
 
     \b
     Example:
@@ -54,9 +54,9 @@ HELP = {
     """,
     "heave": """Identify the heave model from step runs: depth against force, drag, mass, and the vehicle's buoyancy.
 
-    Logs hold depth_m and force_Z_N (or Z, normalised; or n_vert with --thrusters), all positive down. Each step
-    is fitted twice, as by fit-yaw; a constant force is fitted with it, and where drag down and up differ, each has
-    its own. Logs without steps are fitted as whole runs.
+    Logs need depth_m and force_Z_N (or Z, normalised; or n_vert with --thrusters), all positive down. Each step
+    is fitted twice, as by fit-yaw, together with a constant force. If drag down and up differ, both are given.
+    Logs without steps are fitted as whole runs.
 
     \b
     Example:
@@ -66,11 +66,11 @@ HELP = {
 }
 within = option(
     "--within", type=options.POSITIVE, metavar="METRES",
-    help="Follow each step for so many metres, before the wall is felt.  [default: to its end]",
+    help="Use this many metres of each step, to end before the wall is felt.  [default: to its end]",
 )  # fmt: skip
 depths = option(
     "--depths", nargs=2, type=float, metavar="FROM TO",
-    help="Follow each step while the depth is between so many metres, clear of surface and bottom.",
+    help="Use each step between these depths in metres, clear of surface and bottom.",
 )  # fmt: skip
 
 
@@ -146,10 +146,9 @@ def _checked(place: str, dof: Dof, type: click.ParamType = click.STRING) -> opti
 
 def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     steps, unit, limits = ("half-turns", "DEGREES", "15 to 165") if dof is YAW else ("steps", "METRES", "above 0")
-    where = " enough runs have them" if dof is YAW else " there are enough"
     fit_to = option(
         "--fit-to", type=click.Choice(("auto", steps, WHOLE_RUNS)), default="auto", show_default=True,
-        help=f"Part of the runs to fit; auto takes {steps} where{where}.",
+        help=f"Part of the runs to fit. auto takes {steps} if enough runs have them.",
     )  # fmt: skip
 
     tail = option(
@@ -166,7 +165,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     with_effects = option(
         "--with", "with_effects", default="", type=_checked("fits.driven.parse_effects", dof, options.Names()),
         metavar="EFFECTS", seldom=True,
-        help="Effects to fit with the drag, such as dead-band,input-delay. Takes whole runs, as of driven logs.",
+        help="Effects to fit together with the drag, such as dead-band,input-delay; fits whole runs.",
     )  # fmt: skip
 
     def fit(jobs: int, progress: "Progress", **settings: Any) -> "YawFit":

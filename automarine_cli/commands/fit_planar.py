@@ -21,8 +21,9 @@ def fit_planar(
 ) -> "PlanarFit":
     """Identify surge, sway and yaw together, and what couples them.
 
-    The logs hold the heading and the speed ahead or the position on the water. Drags, couplings and a current
-    are chosen by evidence; what the logs cannot determine is set by stated assumptions.
+    The logs need the heading, and the surge speed, the sway speed or the position on the water. The evidence
+    decides which drags, couplings and current the model has. What the logs do not show is assumed, and the
+    result says so.
 
     \b
     Example:

@@ -36,22 +36,21 @@ class _Form(options.OneOf):
 @options.columns
 @option(
     "--thrusters-per-test", type=click.IntRange(min=1), metavar="N",
-    help="Equal thrusters that pulled together.  [default: the --columns file's, else 1]",
+    help="Number of equal thrusters that pulled together.  [default: the --columns file's, else 1]",
 )  # fmt: skip
 @option(
     "--form", type=_Form(_forms), default=AUTO, show_default=True, metavar="FORM",
-    help="Thrust curve of the map, such as square or dead-band-power-saturation; or auto, which chooses by "
-    "cross-validation.",
+    help="Thrust curve of the map, such as square or dead-band-power-saturation. auto chooses by cross-validation.",
 )  # fmt: skip
 @options.ending(options.strict, options.jobs)
 def fit_thrusters(
     logs: Sequence[Any], columns: Any, thrusters_per_test: int | None, form: str | None, strict: bool, jobs: int,
     progress: "Progress",
 ) -> "ThrusterFit":  # fmt: skip
-    """Bollard tests (columns n, force_N) into the map of one thruster, forward and backward apart.
+    """Make the map of one thruster, forward and backward, from bollard tests (columns n and force_N).
 
-    The square law F = a |n| n is fitted always; seven other curves stand beside it, and cross-validation
-    chooses. Raw load-cell series are reduced to plateaus, a voltage column gives a map for each voltage.
+    The square law F = a |n| n and seven other curves are fitted, and cross-validation chooses one. Raw load-cell
+    series are reduced to plateaus. A voltage column gives one map per voltage.
 
     \b
     Example:

@@ -27,10 +27,10 @@ def topics(ctx: click.Context, param: click.Parameter, begun: str) -> list[Compl
 @argument("topic", required=False, metavar="[TOPIC]", shell_complete=topics)
 @options.together(options.as_json, options.verbosity)
 def guide(topic: str | None) -> "Contents | Page":
-    """The guide: a page for each command, and pages about logs, results, the method and how well it works.
+    """Show the guide: a page for each command, and pages about logs, results, the method and how well it works.
 
-    Without TOPIC the pages are listed, each with what it is about. A terminal shows a page in its pager (the variable
-    PAGER names another one); in a pipe it is plain text.
+    Without TOPIC it lists the pages. A terminal shows a page in its pager, which the variable PAGER selects. In a
+    pipe a page is plain text.
 
     \b
     Example:

@@ -1,5 +1,6 @@
 """`init`: a folder of logs is looked at and becomes a commented campaign file, with questions where it is not sure."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,10 +36,9 @@ def init(
 ) -> "NewCampaign":
     """Look at the logs in DIR (by default here) and write a commented campaign.toml for `automarine run`.
 
-    It says which logs are thruster tests, step runs, manoeuvres and validation runs, and which column holds what,
-    in which unit, with the range that was seen. Where name and range do not settle it, it asks: on a terminal at
-    once; in a pipe, or where you only press Enter, the value in the file is "?", and `automarine run` takes the file
-    when you have written the answer in its place. What --columns says is not asked.
+    It lists bollard tests, step runs, manoeuvres and validation runs, and what it reads each column as, with unit
+    and range. If name and range leave a question, it asks on a terminal. In a pipe, or if you only press Enter, the
+    value in the file is "?". Replace it by the answer before `automarine run`. What --columns says is not asked.
 
     \b
     Example:
@@ -83,8 +83,9 @@ def _ask(key: str, comment: str) -> str:
 
 
 def _then(result: "NewCampaign") -> str:
-    first = f"write the answers in {result.place}, then " if result.questions else ""
-    return f"{first}automarine run {result.place} -o results"
+    place = shlex.quote(str(result.place))
+    first = f"write the answers in {place}, then " if result.questions else ""
+    return f"{first}automarine run {place} -o results"
 
 
 init.then = _then

@@ -75,7 +75,7 @@ logs = argument(
 )
 hold_out = option(
     "--hold-out", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role=HOLD_OUT,
-    help="A log kept out of the fit, to test the model on; may be repeated. By default a quarter of the runs.",
+    help="A log to hold out from the fit, to test the model on; may be repeated.  [default: a quarter of the runs]",
 )  # fmt: skip
 columns = option(
     "--columns", type=FILE, metavar="FILE.toml", reads="file", help="Map the logs' column names, units and signs."
@@ -105,16 +105,13 @@ def _check_known(text: str) -> None:
 
 known_parameters = option(
     "--known", multiple=True, type=Checked(_check_known), metavar="NAME=VALUE[±STDERR]", seldom=True,
-    help="A parameter that is known beforehand, in the unit of the fit: I_r=915 (exactly) or I_r=915±50; several "
-    "with commas, or repeated.",
+    help="Known parameter, in the unit of the fit: I_r=915 (exactly) or I_r=915±50. Several with commas, or repeated.",
 )  # fmt: skip
 inputs = option(
     "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="DIR", group=INPUT,
     help="Look for the recorded inputs in this folder and below; may be repeated.",
 )  # fmt: skip
-strict = option(
-    "--strict", is_flag=True, group=INPUT, help="Stop at the first unusable run, instead of setting it aside."
-)
+strict = option("--strict", is_flag=True, group=INPUT, help="Stop at the first unusable run, instead of skipping it.")
 seed = option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", group=GENERAL, help="Random seed."
 )
@@ -122,10 +119,10 @@ out = option(
     "-o", "--out", type=click.Path(path_type=Path), metavar="DIR", group=OUTPUT,
     help="Write the results into this folder.",
 )  # fmt: skip
-overwrite = option("--overwrite", is_flag=True, group=OUTPUT, help="Replace results that are there already.")
+overwrite = option("--overwrite", is_flag=True, group=OUTPUT, help="Replace existing results.")
 figures = option(
     "--figures", "figure_formats", type=Figures(), default="png", show_default=True, metavar="KINDS", group=OUTPUT,
-    help="Kinds of figures, with commas: png, svg, pdf, slides (16:9, letters of 18 points); or none.",
+    help="Kinds of figures, with commas: png, svg, pdf, slides (16:9, 18-point text); or none.",
 )  # fmt: skip
 jobs = option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", group=GENERAL,
@@ -133,7 +130,7 @@ jobs = option(
 )  # fmt: skip
 cluster = option(
     "--cluster", metavar="ADDRESS", group=GENERAL,
-    help="A Dask scheduler, such as tcp://host:8786, whose workers do the work (results do not change).",
+    help="A Dask scheduler, such as tcp://host:8786, that distributes the work (results do not change).",
 )  # fmt: skip
 as_json = option("--json", "as_json", is_flag=True, group=OUTPUT, help="Print the result as JSON and nothing else.")
 

@@ -47,11 +47,11 @@ def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> N
 @options.columns
 @options.ending(options.seed, options.jobs)
 def plan(progress: Progress, **settings: Any) -> "Plan":
-    """The next pool campaign for a yaw model: which runs, in which order, and what intervals to expect of them.
+    """Plan the next pool campaign for a yaw model: which runs, in which order, and what intervals to expect.
 
-    Runs are chosen by Fisher information (with all that differs from run to run), within the time, the battery and
-    the moments that the limits allow. With a diagnosis, runs that separate its rivals come first. Without a model it
-    is the first campaign: the paper's steps, to both sides, as many as the limits allow.
+    Runs are chosen by Fisher information within the limits of time, battery and moments. The choice allows for what
+    differs from run to run. With a diagnosis, runs that separate its rivals come first. Without a model the plan is a
+    first campaign: the paper's steps, to both sides, as many as the limits allow.
 
     \b
     Example:

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 @options.as_json
 @options.verbosity
 def report(folder: Path, title: str | None, overwrite: bool) -> "Report":
-    """Write report.html and report.md into DIR from the results in its folders check, thrusters, yaw, validation
-    and diagnosis; what is not there is left out. The page is one file that needs no network.
+    """Write report.html and report.md into DIR from the results of a campaign.
+
+    Results are read from the folders check, thrusters, yaw, validation and diagnosis in DIR; a missing one is left
+    out. The page is one file that needs no network.
 
     \b
     Example:

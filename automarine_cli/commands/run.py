@@ -43,27 +43,26 @@ def _steps() -> tuple[str, ...]:
     "--until", type=options.OneOf(_steps), metavar="STEP",
     help="Stop after this step, by its name in the table of results, such as fit-yaw.",
 )  # fmt: skip
-@option("--force", is_flag=True, help="Run every step again, also where nothing has changed.")
+@option("--force", is_flag=True, help="Run every step again, even if nothing has changed.")
 @options.out
 @option(
     "--overwrite", is_flag=True, group=OUTPUT,
-    help="Take DIR although it holds results of another command or campaign, and replace them.",
+    help="Use DIR although it contains results of another command or campaign, and replace them.",
 )  # fmt: skip
 @options.together(options.jobs, options.cluster, options.as_json, options.verbosity)
 def run_campaign(
     campaigns: Sequence[Path], until: str | None, force: bool, out: Path | None, overwrite: bool,
     figure_formats: Sequence[str], jobs: int, cluster: str | None, progress: Progress,
 ) -> "CampaignRun | Campaigns":  # fmt: skip
-    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with a section
-    [surge], [sway] or [heave] its fit, validation and diagnosis too.
+    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report.
 
-    Each step has a folder of its own in DIR, by default "results" next to the campaign file. A step is kept if its
-    result is there and its inputs, settings and versions have not changed; for every other the reason is printed.
-    `automarine init` writes a campaign file.
+    Sections [surge], [sway], [heave] and [planar] add a fit, a validation and a diagnosis, [tune] a controller.
+    Each step has a folder in DIR, by default "results" next to the campaign file. A step is kept if its inputs,
+    settings and versions have not changed; otherwise the reason is printed. `automarine init` writes a campaign file.
 
-    Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N does so many at
-    a time, --cluster ADDRESS hands them to a Dask scheduler, whose workers need the same disk under the same paths.
-    One that fails does not stop the others.
+    Several campaigns have a folder each in DIR and an overview of all. One that fails does not stop the others.
+    --jobs N runs N at a time. --cluster ADDRESS sends them to a Dask scheduler, whose workers need the same disk under
+    the same paths.
 
     \b
     Example:

@@ -25,18 +25,18 @@ VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", 
 @argument("folder", metavar="DIR", type=click.Path(file_okay=False, path_type=Path))
 @option(
     "--vehicle", "kind", type=click.Choice(tuple(VEHICLES)), required=True,
-    help="What drives: a simulated vehicle, logs that are played once more, ArduSub over MAVLink, or a CAN bus.",
+    help="What to drive: a simulated vehicle, earlier logs played again, ArduSub over MAVLink, or a CAN bus.",
 )  # fmt: skip
 @option(
     "--model", type=options.FILE, metavar="FILE", help="The yaw_model.json of the simulated vehicle, or of a --dry-run."
 )
 @option(
     "--recordings", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="DIR",
-    help="The logs that are replayed, NAME.csv for each run of the campaign.",
+    help="The logs to play again: NAME.csv for each run of the campaign.",
 )  # fmt: skip
 @option(
     "--mavlink", metavar="ADDRESS",
-    help="Of ArduSub: udpin:0.0.0.0:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD.",
+    help="Address of ArduSub: udpin:0.0.0.0:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD.",
 )  # fmt: skip
 @option("--bus", metavar="INTERFACE:CHANNEL", help="The CAN bus, as python-can names it: socketcan:can0.")
 @options.columns
@@ -49,17 +49,17 @@ VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", 
 @option("--depth-limit", type=POSITIVE, default=math.inf, metavar="METRES", help="Stop ArduSub below this depth.")
 @option(
     "--heading-limit", type=POSITIVE, default=1080.0, show_default=True, metavar="DEGREES",
-    help="Stop ArduSub where a run turns it further to one side.",
+    help="Stop ArduSub if a run turns it further to one side.",
 )  # fmt: skip
 @option(
     "--address", default="127.0.0.1:8722", show_default=True, metavar="HOST:PORT",
-    help="Where to listen; 0.0.0.0:8722 for every network, [::1]:8722 in IPv6.",
+    help="Where to listen: 0.0.0.0:8722 for every network, [::]:8722 for IPv6 too.",
 )  # fmt: skip
 @option(
     "--speed", type=click.FloatRange(min=0, min_open=True, max=1000), default=1.0, show_default=True, metavar="N",
-    help="Play so many times as fast as the clock.",
+    help="Play N times as fast as the clock (simulated and replay only).",
 )  # fmt: skip
-@option("--dry-run", is_flag=True, help="Look at a campaign, simulate it, and play nothing.")
+@option("--dry-run", is_flag=True, help="Check a campaign and the vehicle, and move nothing.")
 @option(
     "--campaign", type=click.Path(exists=True, path_type=Path), metavar="PLAN",
     help="With --dry-run: the folder of a plan, or its plan.json.",
@@ -69,10 +69,10 @@ VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", 
 def serve(
     *, folder: Path, campaign: Path | None, dry_run: bool, address: str, progress: Progress, **settings: Any
 ) -> "Rehearsal":
-    """Play campaigns on a vehicle, keep their logs in DIR, and hand them out over HTTP, until Ctrl-C.
+    """Drive campaigns on a vehicle, keep their logs in DIR, and serve them over HTTP, until Ctrl-C.
 
-    It prints its address and a token, which `automarine collect` needs. A process of its own drives: after a power
-    cut it goes on with the next run, and it stops when the server is gone.
+    It prints its address and a token, which `automarine collect` needs. A separate process drives. It stops the
+    vehicle when the server is gone. After a power cut, a new start continues with the next run.
 
     \b
     Example:

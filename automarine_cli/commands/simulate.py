@@ -21,14 +21,13 @@ if TYPE_CHECKING:
     help="Write the logs and the truth into this folder.",
 )  # fmt: skip
 @options.overwrite
-@option("--seed", type=click.IntRange(min=0), metavar="N", group=GENERAL, help="Instead of the specification's.")
+@option("--seed", type=click.IntRange(min=0), metavar="N", group=GENERAL, help="Another seed than the specification's.")
 @options.together(options.jobs, options.as_json, options.verbosity)
 def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> "Simulation":
-    """A pool campaign with known truth, made from a specification.
+    """Make the logs of a pool campaign with known truth from a specification.
 
-    The specification says what vehicle is tested, what acts on it that a model may not know of, what the logger
-    loses, and which runs are made: steps, coast-downs, reversals, sequences, ramps, rests, bollard tests. The
-    same specification and seed give identical files. truth.json, beside the logs, holds the true values.
+    The specification names the vehicle, the effects that a model may not know of, the faults of the logger, and the
+    runs. The same specification and seed give identical files. truth.json contains the true values.
 
     \b
     Example:

@@ -43,12 +43,12 @@ def slice_log(
     logs: Sequence[Any], by: "By", columns: Any, keep: tuple[str, ...], lead: float, shortest: float, form: str,
     strict: bool, jobs: int, progress: "Progress",
 ) -> "Slices":  # fmt: skip
-    """Cut one long log into runs: a log of each, which names the file and the interval that it comes from.
+    """Cut one long log into runs, each a log that names its source and interval.
 
-    A vehicle logs a whole day in one file. Cut it by the flight mode, by arming, or where a constant command begins
-    and ends; then check, fit and validate with DIR/runs. Commands that follow another without a rest between are in
-    DIR/moving, for validate, diagnose and fit-yaw --fit-to whole-runs. Mode and arming are known in ArduPilot and
-    PX4 logs, else from the columns mode and armed.
+    Cut a log of a whole day by the flight mode, by arming, or where a constant command begins and ends. Then check,
+    fit and validate with DIR/runs. Commands that follow another without a rest are in DIR/moving, for validate,
+    diagnose and fit-yaw --fit-to whole-runs. Most logs of vehicles contain mode and arming; tables need columns mode
+    and armed.
 
     \b
     Example:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @option("--step", type=options.POSITIVE, metavar="SIZE", help="Step to design for.  [default: 90 degrees, or 1 m]")
 @option(
     "--load", type=options.Finite(min=0, max=100, min_open=True, max_open=True), default=10.0, show_default=True,
-    metavar="PERCENT", help="Load to hold against, of the whole output.",
+    metavar="PERCENT", help="Load to hold against, in percent of the whole output.",
 )  # fmt: skip
 @option(
     "--margin", type=options.Finite(min=0, max=2, min_open=True, max_open=True), default=0.75, show_default=True,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @option(
     "--supply", type=(options.Finite(min=0, max=1, min_open=True), options.Finite(min=1, max=3, max_open=True)),
     default=(0.88, 1.08), show_default=True, metavar="LOW HIGH",
-    help="Lowest supply voltage (above 0, to 1) and highest (from 1, below 3), as shares of that of the logs.",
+    help="Lowest and highest supply voltage, as shares of that of the logs. LOW: above 0, to 1. HIGH: 1 to below 3.",
 )  # fmt: skip
 @option(
     "--present", type=options.FILE, metavar="FILE", reads="file",
@@ -43,25 +43,25 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @option(
     "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
-    help="Time between two loops (pid).",
+    help="Time between two loops of a pid.",
 )  # fmt: skip
-@option("--beyond-range", is_flag=True, help="Allow gains beyond the ranges that the firmware documents.")
+@option("--beyond-range", is_flag=True, help="Allow gains beyond the firmware's documented ranges.")
 @option(
     "--check", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role="log",
-    help="A log flown with the gains: MODEL.json is then the tuning.json. May be repeated.",
+    help="Check a log flown with the gains of MODEL.json, a tuning.json; may be repeated.",
 )  # fmt: skip
-@option("--reference", metavar="COLUMN", group=INPUT, help="Column of such a log with the requested heading.")
+@option("--reference", metavar="COLUMN", group=INPUT, help="Column of the --check log with the requested heading.")
 @options.thrusters
 @options.arm
 @options.columns
 @options.ending(options.seed)
 def tune(*, check: Any, reference: str | None, progress: Progress, **settings: Any) -> "Tuning | TuningCheck":
-    """Gains of a controller from a model or a diagnosis, as fast as its uncertainty allows.
+    """Design the gains of a controller from a model or a diagnosis, as fast as its uncertainty allows.
 
-    What is uncertain is flown: the model's parameters, thrust that differs from run to run, the supply, delays that
-    the logs cannot show, and every explanation that a diagnosis left open. MODEL.json is a model of a fit, or a
-    diagnosis.json with its extended_model.json beside it. The verdict is new gains, the present ones kept, or that
-    none can be promised, with the run that would settle it.
+    Gains are tested on simulated vehicles, which differ in all that is uncertain: parameters, thrust, supply, delays,
+    and every explanation that a diagnosis left open. MODEL.json is the model of a fit, or a diagnosis.json with its
+    extended_model.json in the same folder. The verdict is: new gains, keep the present ones, or no promise, with the
+    run that would settle it.
 
     \b
     Example:

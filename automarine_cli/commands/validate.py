@@ -25,11 +25,11 @@ def validate(
     logs: Any, model: Any, columns: Any, thrusters: Any, arm: float | None, channels: str, strict: bool, seed: int,
     jobs: int, progress: Any,
 ) -> "Validation":  # fmt: skip
-    """Simulate each log with each model of a fit, and compare what was measured.
+    """Simulate each log with each model of a fit, and compare that with what was measured.
 
-    The models see the commands only. Scores, for each run and over all: error of the free run, of a run restarted
-    at each change of command, error of the speed, fit percent, and the noise level. With -o there is a figure of
-    each run: motion, errors, command.
+    The models get the commands only. Use logs that were not fitted. The scores are: error of the free run, error
+    of a run restarted at each change of command, error of the speed, fit percent, and the noise level. With -o
+    you get one figure per run.
 
     \b
     Example:

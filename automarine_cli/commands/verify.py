@@ -26,11 +26,11 @@ NOT_RESULTS = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file managers le
 )  # fmt: skip
 @options.together(options.inputs, options.as_json, options.verbosity)
 def verify(folders: Sequence[Path], inputs: Sequence[Path]) -> "Verification":
-    """Recompute the hashes that each manifest.json in DIR recorded, and say what changed.
+    """Compare the files in DIR and their inputs with the hashes in each manifest.json, and list what changed.
 
-    It names results that changed, are missing or were added, and inputs that changed since they were read.
-    Inputs are looked for by name in the folders given with --inputs, where all of them must be; without --inputs
-    here and beside DIR, and those not found are only counted. Exit status 0 if nothing changed, else 1.
+    The list names results that changed, are missing or were added, and inputs that changed. Without --inputs, inputs
+    are searched for by name here and next to DIR; a missing one is not an error. With --inputs all of them must be in
+    these folders. The exit status is 0 if nothing changed, otherwise 1.
 
     \b
     Example:

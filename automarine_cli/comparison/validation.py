@@ -381,10 +381,10 @@ def _because(
     says = f"Model {best} has the smallest free-run {dof.position} error over all runs"
     for number in ranked[1:2]:
         gap = lead(models[best].errors, models[number].errors, drawn)
-        says += f": {_digits(gap.value)} {dof.units.shown} below model {number}"
+        says += f", {_digits(gap.value)} {dof.units.shown} below model {number}"
         if gap.ci95 is not None:
-            sure = "" if gap.ci95[0] > 0 else ", which may be chance"
-            says += f" (95 % interval {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])} over runs{sure})"
+            sure = "" if gap.ci95[0] > 0 else ": it may be chance"
+            says += f". The lead's 95 % interval over runs is {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])}{sure}"
     return best, f"{says}."
 
 

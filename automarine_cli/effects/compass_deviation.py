@@ -17,7 +17,7 @@ class CompassDeviation(Effect):
     )
     equation = "psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi"
     says = "The compass deviates with the heading, the same in both directions and at all moments."
-    reveals = "whole turns, several start headings, a gyro beside the compass"
+    reveals = "whole turns, several start headings, a gyro next to the compass"
     mistaken_for = ("heading-moment", "thrust-asymmetry")
     separated_by = "start headings a quarter turn apart, at a small and a large moment"
     source = "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment"

@@ -23,7 +23,7 @@ class HistoryForce(Effect):
     )
     equation = "-h ({v} - past), T past' = {v} - past"
     says = "A {force} opposes every change of the {speed} and fades only with time: the water remembers."
-    reveals = "starts, reversals and coast-downs beside steady runs, and square waves of several periods"
+    reveals = "starts, reversals and coast-downs together with steady runs, and square waves of several periods"
     mistaken_for = ("water-swirl", "linear-drag", "tether-spring")
     separated_by = "square waves of several periods: it resists fast changes, and no steady {move}"
     source = (

@@ -13,7 +13,7 @@ class SensorLag(Effect):
     parameters = (Parameter("T_s", "time constant of the {position} sensor", "s", 0.0, 3.0, 0.1),)
     equation = "T_s {x}_m' = {x} - {x}_m"
     says = "The {position} is read with a lag."
-    reveals = "reversals, and {moving} the vehicle by hand beside a second sensor"
+    reveals = "reversals, and {moving} the vehicle by hand next to a second sensor"
     mistaken_for = ("input-delay", "thruster-lag")
     separated_by = "{moving} the vehicle by hand, or a second {position} sensor"
     source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology"

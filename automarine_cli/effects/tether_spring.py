@@ -14,7 +14,7 @@ class TetherSpring(Effect):
         Parameter("kappa_3", "part that grows with the cube", "{force}/{x}^3", 0.0, inf, 0.001, laws=(2,)),
     )
     equation = "-kappa ({x} - {x}_start)"
-    says = "The tether pulls back like a {spring}, the more the vehicle has {moved}."
+    says = "The tether pulls back like a {spring} as the vehicle {moves} away."
     reveals = "{moves} of {whole_way}, and {back_again}"
     mistaken_for = ("water-swirl", "linear-drag")
     separated_by = "a long {move} and back again: a spring helps the way back, swirl resists it"

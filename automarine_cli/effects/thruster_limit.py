@@ -22,7 +22,7 @@ class ThrusterLimit(SingleThrusterEffect):
     )
     equation = "{f}_delivered = sum over thrusters of sgn({f}_i) min(|{f}_i|, limit)"
     says = "Each thruster gives no more than a largest share of the {force}, whatever is commanded."
-    reveals = "the highest commands of one thruster beside small ones of the other"
+    reveals = "the highest commands of one thruster with small ones of the other"
     mistaken_for = ("saturation", "cubic-drag", "thruster-imbalance")
     separated_by = "a run with each thruster alone, forward and backward"
     source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"

@@ -15,7 +15,7 @@ class Wall(Effect):
         Parameter("q_f", "share of the thrust lost, sine part", "1", -0.9, 0.9, 0.0, laws=(1,)),
     )
     equation = "-(p cos 2 psi + q sin 2 psi) |{v}| {v}"
-    says = "Drag or thrust differs with the heading, twice in a turn, as beside a wall."
+    says = "Drag or thrust differs with the heading, twice in a turn, as near a wall."
     reveals = "whole turns, several start headings, the same run at another place of the pool"
     mistaken_for = ("heading-moment", "compass-deviation")
     separated_by = "the same run in the middle of the pool and at its wall"

@@ -1,4 +1,4 @@
-"""What a target of an export is; `automarine guide developers` says how to add one.
+"""What a target of an export is.
 
 Ours: I_r r' = tau - k_r r - k_rr |r| r with both coefficients positive, I_r the sum of rigid and added inertia.
 """

@@ -152,14 +152,14 @@ class ForecastScore:
     def of_use(self) -> bool:
         return self.error < min(self.constant_rate, self.constant)
 
-    def beside(self, dof: Dof, rate: str = "", place: str = "", unit: str = "") -> str:
-        """How far ahead, to what, and by how much the constants miss: the end of a sentence. Of positions of a motion,
+    def sentence(self, begin: str, on: str, dof: Dof, rate: str = "", place: str = "", unit: str = "") -> str:
+        """Say how far ahead it predicts, `on` which runs, and by how much the constants miss. Of positions of a motion,
         or of what has this `unit` and is called so."""
         sizes = (self.error, self.constant_rate, self.constant)
         error, moving, standing = (f"{x if unit else dof.shown(x):.3g}" for x in sizes)
         return (
-            f"{self.horizon:g} s ahead to {error} {unit or dof.units.shown} where a constant {rate or dof.words.speed} "
-            f"misses by {moving} and a constant {place or dof.words.position} by {standing}"
+            f"{begin} {self.horizon:g} s ahead to {error} {unit or dof.units.shown}{on}. A constant "
+            f"{rate or dof.words.speed} misses by {moving}, a constant {place or dof.words.position} by {standing}."
         )
 
     def to_json(self, dof: Dof) -> dict[str, object]:
@@ -455,19 +455,19 @@ class Judgement:
         alone = self.runs == 1
         on = on or ("the run that was fitted: others may be predicted worse" if alone else "held out")
         if self.of_use:
-            return f"{model or 'The model'} predicts {self._beside(first, judged, dof)} ({on})."
-        worse = "; and ".join(self._beside(name, score, dof) for name, score in self.beaten.items())
+            return self._forecast(f"{model or 'The model'} predicts", f" ({on})", first, judged, dof)
+        worse = " ".join(self._forecast("It predicts", "", name, score, dof) for name, score in self.beaten.items())
         return (
-            f"{model or 'This model'} is not usable: it predicts {worse} ({on}). Do not simulate or control with it; "
+            f"{model or 'This model'} is not usable ({on}). {worse} Do not simulate or control with it; "
             "`automarine diagnose` looks for what it lacks."
         )
 
-    def _beside(self, name: str, score: ForecastScore, dof: Dof) -> str:
+    def _forecast(self, begin: str, on: str, name: str, score: ForecastScore, dof: Dof) -> str:
         if len(self.worth) == 1:
-            return score.beside(dof)
+            return score.sentence(begin, on, dof)
         words = {dof.position: (name,), PLACE: (name, "rate", name, "m")}
         quantity, *rivals = words.get(name, (f"{name} speed", "acceleration", "speed", "m/s"))
-        return f"the {quantity} {score.beside(dof, *rivals)}"
+        return score.sentence(f"{begin} the {quantity}", on, dof, *rivals)
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
         sentences = (*([] if self.of_use else [self.sentence(dof)]), *filter(None, [self.large]))

@@ -213,9 +213,9 @@ def fit_warnings(
         )
     if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
         sentences.append(
-            f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained, "
-            f"which scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves: an effect is missing, "
-            "perhaps a delay; look for it with `automarine diagnose`."
+            f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained; "
+            f"they scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves. An effect is missing, perhaps "
+            "a delay: `automarine diagnose` looks for it."
         )
     turn = fit.inertial_turn_angle or (fits["3"].inertial_turn_angle if "3" in fits else None)
     low, high = dof.limits.plausible
@@ -226,10 +226,10 @@ def fit_warnings(
             "lag."
         )
     if not fit.mixed.driven and fit.mixed.names.index(SWITCH) in fit.mixed.at_bound:
-        acts = ("before", "check the clocks of {position} and command")
+        acts = ("before", "Check the clocks of {position} and command")
         if fit.mixed.of_chance[SWITCH] > 0:
-            acts = ("after", "a delay or a lag of the thrusters, which inflates the {inertia}")
-        says = "The {{force}} seems to act half a sample interval or more {} the log shows it: {}."
+            acts = ("after", "A delay or a lag of the thrusters does this, and inflates the {inertia}")
+        says = "The {{force}} seems to act half a sample interval or more {} the log shows it. {}."
         sentences.append(dof.fill(says.format(*acts)))
     return sentences
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from automarine_cli.errors import SettingError
 
 FOLDER = Path(__file__).parent
-OPTIONS = "`automarine {command} --help` lists all options."
-"""The line of a command's page that gives way to the list itself where the page is shown."""
+OPTIONS = "`automarine {command} --help` lists all options."  # gives way to the list itself where a page is shown
+ON_PAGE_OF = {"fit-sway": "fit-surge", "fit-heave": "fit-surge"}  # commands without a page of their own
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Page:
 
 
 def commands() -> tuple[str, ...]:
-    return tuple(sorted(path.stem for path in FOLDER.glob("commands/*.md")))
+    return tuple(sorted((*ON_PAGE_OF, *(path.stem for path in FOLDER.glob("commands/*.md")))))
 
 
 def pages() -> tuple[str, ...]:
@@ -45,9 +45,9 @@ def title(topic: str) -> str:
 
 
 def page(topic: str) -> Page:
-    """The page of that name, as on disk; raises SettingError with the nearest names where there is none."""
+    """The page on a topic, as on disk; raises SettingError with the nearest names where there is none."""
     for file in (*FOLDER.glob("commands/*.md"), *FOLDER.glob("*.md")):
-        if file.stem == topic:
+        if file.stem == ON_PAGE_OF.get(topic, topic):
             return Page(topic, file.read_text(encoding="utf-8"))
     query = topic.lower().replace("_", "-").removesuffix(".md")
     similar = difflib.get_close_matches(query, (*commands(), *pages()), n=3, cutoff=0.5)
@@ -57,5 +57,5 @@ def page(topic: str) -> Page:
 
 def with_options(command: Page, listed: str) -> Page:
     """A command's page with the list of its options in place of the pointer to its --help."""
-    pointer = OPTIONS.format(command=command.topic)
+    pointer = OPTIONS.format(command=ON_PAGE_OF.get(command.topic, command.topic))
     return Page(command.topic, command.markdown.replace(pointer, f"```text\n{listed.rstrip()}\n```"))

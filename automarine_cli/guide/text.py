@@ -15,11 +15,8 @@ ITEM = re.compile(r"(- |\d+\. )")
 EMPHASIS = re.compile(r"\*\*|(?<![\w*])\*(?=\S)([^*]+)(?<=\S)\*(?![\w*])")
 FORMULA = re.compile(r"(?<![\\`$\w])\$([^$`]+)\$(?!\w)")
 LETTERS = {
-    "tau": "τ", "psi": "ψ", "varepsilon": "ε", "delta": "δ", "Phi": "Φ", "pi": "π", "sigma": "σ", "infty": "∞",
-    "le": "≤", "ge": "≥", "to": "→", "sum": "Σ", "cdot": "·", "times": "×", "approx": "≈", "pm": "±", "mp": "∓",
-    "circ": "°", "vert": "|", "chi": "χ", "omega": "ω", "Delta": "Δ", "theta": "θ", "beta": "β", "alpha": "α",
-    "lambda": "λ", "int": "∫", "neq": "≠", "sim": "~", "quad": " ", "qquad": " ", "phi": "φ", "rho": "ρ", "mu": "µ",
-    "gamma": "γ",
+    "tau": "τ", "psi": "ψ", "varepsilon": "ε", "delta": "δ", "Phi": "Φ", "pi": "π", "infty": "∞", "le": "≤", "to": "→",
+    "sum": "Σ", "mp": "∓", "vert": "|", "qquad": " ",
 }  # fmt: skip
 ESCAPED = re.compile(r"\\([][|*_])")
 
@@ -90,10 +87,10 @@ def _table(block: Sequence[str], width: int) -> list[str]:
 
 def formula(tex: str) -> str:
     """A formula in letters that a terminal has: k_r|r| ṙ², √(x), (a)/(b)."""
-    text = re.sub(r"\\(?:left|right|mathrm|text)(?![a-z])|\\[,!]", "", tex).replace(r"\quad", "  ")
+    text = re.sub(r"\\(?:left|right|mathrm|text)(?![a-z])|\\[,!]", "", tex)
     for name, letter in LETTERS.items():
         text = re.sub(rf"\\{name}(?![a-z])", letter, text)
-    text = re.sub(r"\\(ln|cosh|sinh|tanh|exp|max|min|log|arctan|sin|cos)(?![a-z])", r"\1 ", text)
+    text = re.sub(r"\\(ln|cosh|max|min)(?![a-z])", r"\1 ", text)
     text = re.sub(r"\\dot\s*\{?(\w)\}?", "\\1\N{COMBINING DOT ABOVE}", text)
     text = re.sub(r"([_^])\{(\w|-\w)\}", r"\1\2", re.sub(r"_\{([^{}]*)\}", r"_\1", text))
     before = ""
@@ -128,4 +125,4 @@ def _followed(match: re.Match[str]) -> str:
     bare = words.strip("`").removeprefix("automarine ")
     if topic in ("", bare):
         return words
-    return f"{words} (README)" if topic == "README" else f"{words} (guide {topic})"
+    return f"{words} (guide {topic})" if topic.islower() else f"{words} ({topic})"

@@ -6,6 +6,7 @@ explanations a diagnosis left open, then what narrows the intervals most; then e
 """
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -301,7 +302,8 @@ class Plan(Shown):
 
     @property
     def fit_command(self) -> str:
-        return FIT_COMMANDS[self.fitting.fit if self.model else "half-turns"].format(model=self.model)
+        fit = self.fitting.fit if self.model else "half-turns"
+        return FIT_COMMANDS[fit].format(model=shlex.quote(self.model or ""))
 
     def to_json(self) -> dict[str, Any]:
         fitting, limits, supply, last = self.fitting, self.limits, self.supply, self.slots[-1]

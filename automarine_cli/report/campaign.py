@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from automarine_cli import effects
 from automarine_cli.comparison.validation import VALIDATION, ValidationFile
 from automarine_cli.control.tuning import TUNING
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -29,6 +30,7 @@ from automarine_cli.models.store import (
 )
 from automarine_cli.pipeline.records import ResultKind, Shown, to_mapping
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
+from automarine_cli.report.effect_cards import telling_runs
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
@@ -338,8 +340,9 @@ def _result_box(steps: Steps, ran: RunFile) -> str:
             after = "`automarine diagnose` says what the model lacks."
         if isinstance(file, DiagnosisFile):
             text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
-            advice = re.findall(r"^- (To see .*)$", result.markdown(), flags=re.MULTILINE)
-            after = " ".join(advice) or (USE if file.verdict == "nothing-missing" else PLAN)
+            known = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
+            advice = " ".join(telling_runs(name, result.dof) for name in known)
+            after = advice or (USE if file.verdict == "nothing-missing" else PLAN)
             if file.verdict == "named":
                 after = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after}"
         lines[label] = "; ".join(filter(None, [lines.get(label), text]))
@@ -455,7 +458,7 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
     inside = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
     text = inside.sub(lambda match: result.picture(match[2], match[1]), text)
     stems = sorted({path.stem for kind in ("png", "svg") for path in result.folder.glob(f"*.{kind}")})
-    apart = [stem for stem in stems if f"/{stem}." not in text]
+    apart = [stem for stem in stems if f"/{stem}." not in text and not stem.endswith(".slide")]
     pictures = [result.picture(stem, stem.replace("_", " ").capitalize()) for stem in apart[:MAX_FIGURES]]
     if (more := len(apart) - MAX_FIGURES) > 0:
         pictures.append(f"The figures of {more} more runs are in the folder {result.step.folder}.")

@@ -140,7 +140,7 @@ def new_campaign(look: Survey, files: Sequence[LogFile], place: Path, ask: Ask |
     lines += [
         "",
         "# [tune]  # gains of a heading controller at the end: take the # of these lines away",
-        '# target = "ardusub"  # or ardurover, pid, python',
+        '# target = "ardusub"  # or ardurover, pid',
         "# full = 1.0  # moment of the whole output, in the unit of the logs; or fly the thruster map:",
         "# thrusters = true",
     ]

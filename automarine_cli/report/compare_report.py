@@ -6,13 +6,13 @@ from functools import partial
 
 from automarine_cli.comparison.side_by_side import DIFFERS, MAY_DIFFER, Difference, Side
 from automarine_cli.pipeline.records import Shown
-from automarine_cli.report.figures.compare import compare_figure
+from automarine_cli.report.figures.parameters import compare_figure
 from automarine_cli.report.sections import Content, Sections, document, numbers, sections
 from automarine_cli.report.tables import Table, escape, number
 
 NOTE = (
-    "Each result minus the first. “differs”: significant after Holm's correction for the number of comparisons. "
-    "“may differ”: the 95 % interval excludes zero, as one in twenty does by chance."
+    "Each result minus the first. “Differs” is significant after Holm's correction for the number of comparisons. "
+    "“May differ” is an interval of 95 % without zero, as one in twenty is by chance."
 )
 
 

@@ -20,6 +20,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN
+from automarine_cli.report.effect_cards import telling_runs
 from automarine_cli.report.figures import diagnosis as figures
 from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.sections import Sections, bullets, document, sections
@@ -241,8 +242,7 @@ def _(diagnosis: Diagnosis) -> Sections:
         f"and {after:.1f} % after."
     )
     chance = f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns."
-    reveals = {effect.name: library.get(effect.name).card(dof).reveals for effect in diagnosis.effects}
-    better = bullets(f"To see {name} better: {runs}." for name, runs in reveals.items())
+    better = bullets(telling_runs(effect.name, dof) for effect in diagnosis.effects)
     appendix: list[Table | str] = ["## What to run next", better] if better else []
     if diagnosis.verdict != diagnose.NAMED:
         appendix += ["## What these runs would have shown", detectable_table(diagnosis)]

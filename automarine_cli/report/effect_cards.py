@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects import Effect
 from automarine_cli.report.sections import Sections, sections
@@ -19,6 +20,11 @@ FITTED_AGAINST = {
     "clock": "the logs' first instant",
     "voltage": "the logs' mean voltage",
 }
+
+
+def telling_runs(effect: str, dof: Dof) -> str:
+    """Say which runs would show an effect better."""
+    return f"To see {effect} better: {library.get(effect).card(dof).reveals}."
 
 
 @dataclass(frozen=True)
@@ -77,8 +83,8 @@ def _card(effect: Effect, dof: Dof, every: bool) -> Sections:
         }
         for p, shape in zip(card.parameters, effect.shapes)
     ]  # fmt: skip
-    note = f"Starts are for a largest {dof.words.force} of one. A parameter with a reference is taken from the logs, "
-    note += "not fitted; one with choices is 0 for the first and so on, and a diagnosis tries each."
+    note = f"Starts are for a largest {dof.words.force} of one. A reference is taken from the logs, not "
+    note += "fitted. Of choices, numbered from 0, a diagnosis tries each."
     return Sections([sentences, Table.of("Parameters", rows, [note])], answer=f"{effect.name}: {card.says}")
 
 

@@ -50,9 +50,9 @@ def _totals(plan: Plan) -> str:
     kinds = Counter(run.kind for run in plan.candidates)
     counts = ", ".join(plural(count, kind) for kind, count in kinds.items())
     return (
-        f"{kinds.total()} runs ({counts}): {plan.minutes[-1]:.1f} of "
-        f"{limits.pool.minutes:g} minutes in the pool, {plan.motion:.0f} s of motion, "
-        f"{100.0 * plan.slots[-1].left / limits.battery.charge_Ah:.0f} % of the battery left."
+        f"{kinds.total()} runs ({counts}): {plan.minutes[-1]:.1f} of {limits.pool.minutes:g} minutes in the pool. They "
+        f"move for {plan.motion:.0f} s and leave {100.0 * plan.slots[-1].left / limits.battery.charge_Ah:.0f} % of the "
+        "battery."
     )
 
 

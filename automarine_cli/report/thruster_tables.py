@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.estimate import Estimate, Given
-from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.report.figures.parameters import thruster_figure
 from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.thrusters.fit import Analysis, FormScore

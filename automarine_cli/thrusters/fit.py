@@ -9,6 +9,7 @@ from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import usual_neutral
+from automarine_cli.text import plural
 from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
 from automarine_cli.thrusters.map import FORMS, SIDES, SQUARE, Curve, Form, ThrusterMap, fit_direction, thrust_both_ways
 
@@ -262,11 +263,10 @@ def behind_of(loss: Floats, other: Floats) -> tuple[float, float]:
 
 def _sentence(chosen: FormScore, best: FormScore, full_scale: float) -> str:
     form, (error, least) = chosen.form, (100.0 * (x.cv_rmse or 0.0) / full_scale for x in (chosen, best))
-    per_direction = f"{form.parameters} parameter{'s' if form.parameters > 1 else ''} a direction"
+    parameters = f"{plural(form.parameters, 'parameter')} per direction"
     return (
-        f"The {form.name} form ({per_direction}, cross-validated error {error:.3g} % of full scale) is chosen: it is "
-        f"the simplest within one standard error of the best ({best.form.name}, {best.form.parameters} parameters, "
-        f"{least:.3g} %)."
+        f"The {form.name} form is chosen: {parameters}, cross-validated error {error:.3g} % of full scale. It is the "
+        f"simplest within one standard error of the best, {best.form.name} ({best.form.parameters}, {least:.3g} %)."
     )
 
 

@@ -17,8 +17,8 @@ from automarine_cli.runs.run import Run
 TITLE, PACKAGE = "PySINDy", "pysindy"
 GIVEN = (
     "Rate by a Savitzky-Golay filter (0.5 s), then the weak form over windows of 4 s, which its documentation advises "
-    "for noise, with `STLSQ`; no intervals. Names: terms filtered as for the regression, `SSR` to at most nine; then the "
-    "sparsest model within 3 % of the best on held-out runs."
+    "for noise, with `STLSQ`; no intervals. Names: terms filtered as for the regression, `SSR` to at most nine; then "
+    "the sparsest model within 3 % of the best on held-out runs."
 )
 
 

@@ -214,7 +214,7 @@ def written(page: str, readme: str, found: Row) -> tuple[str, str]:
     """Both pages with the numbers of the results."""
     for heading, block in blocks(found).items():
         page = put(page, heading, block) if block else page
-    return page, put(readme, "Why not MATLAB, a script, PySINDy?", readme_lines(found).rstrip())
+    return page, put(readme, "Why not MATLAB, a script or PySINDy?", readme_lines(found).rstrip())
 
 
 def write() -> None:

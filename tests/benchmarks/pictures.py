@@ -5,10 +5,16 @@ Usage: python tests/benchmarks/pictures.py [FOLDER]
 
 import io
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import numpy as np
+from automarine_cli.report.figures.thrusters import thruster_figure
+from effect_families import families, picture_of
+from made_runs import INERTIA, K_RR
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from PIL import Image
@@ -20,10 +26,18 @@ from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.init import init
 from automarine_cli.commands.validate import validate
+from automarine_cli.dofs import SURGE, YAW, Dof
+from automarine_cli.effects import Effect
 from automarine_cli.models.store import StoredModels
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
-from automarine_cli.report.figures.style import house_style
-from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.report.figures.style import COLOURS as PALETTE
+from automarine_cli.report.figures.style import house_style, panels
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import simulate
+from automarine_cli.thrusters.map import parts_of
 
 HIDDEN = SAMPLE_RUNS / "hidden_one"
 VALIDATED = "there_and_back.csv"
@@ -33,6 +47,8 @@ DPI, COLOURS = 120, 128
 def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
     """Each figure with its name; what is fitted on the way goes into `folder`."""
     yield "signs", signs_figure()
+    for family, members in families().items():
+        yield picture_of(family), gallery_figure(members)
     yield "thrusters", thruster_figure(fit_thrusters([SAMPLE_RUNS / "thrusters"], thrusters_per_test=2))
 
     # the campaign in which nothing is hidden: drag, inertia, one validation run
@@ -94,6 +110,139 @@ def signs_figure() -> Figure:
     return figure
 
 
+Plan = Sequence[tuple[float, float]]
+RATE, HEADING, LOGGED_RATE = "rate [°/s]", "heading [°]", "heading rate [°/s]"
+STAIRS: Plan = ((0.3, 6.0), (0.6, 6.0), (0.9, 6.0), (1.2, 6.0))
+BOTH_WAYS: Plan = ((0.6, 8.0), (-0.6, 10.0))
+COAST: Plan = ((0.8, 5.0), (0.0, 12.0))
+SQUARE: Plan = ((0.6, 2.0), (-0.6, 2.0)) * 3
+REST: Plan = ((0.0, 30.0),)
+RAMP: Plan = tuple((round(level, 3), 0.5) for level in np.linspace(0.2, -0.2, 61))
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A run that reveals an effect, and the effect's values: the plan is (moment, seconds), that of the port thruster
+    where there is one of `starboard`. Drawn is what is `shown` of it, `since` one time `until` another [s]. `signals`
+    are logged columns over time; `start` [s] is the campaign's clock; `base` is the number of the paper's model."""
+
+    run: str
+    plan: Plan
+    values: tuple[float, ...]
+    shown: str = RATE
+    since: float = 0.0
+    until: float | None = None
+    starboard: Plan | None = None
+    signals: Mapping[str, Callable[[Floats], Floats]] = field(default_factory=dict)
+    start: float = 0.0
+    dof: Dof = YAW
+    base: str = "3"
+
+
+GALLERY = {
+    "backlash": Panel("up, half down, off", ((0.3, 7.0), (0.6, 7.0), (0.3, 7.0), (0.0, 9.0)), (0.08,)),
+    "battery-sag": Panel("a step, an hour later", ((0.6, 10.0),), (0.3, 0.05, 1.2, 0.0), start=3600.0),
+    "dead-band": Panel("slow ramp through zero", RAMP, (0.06,)),
+    "input-delay": Panel("start of a step", ((0.6, 2.0),), (0.3,), since=0.5, until=2.5),
+    "saturation": Panel("rising steps", STAIRS, (0.7,)),
+    "thrust-asymmetry": Panel("same moment both ways", BOTH_WAYS, (0.15,)),
+    "thrust-exponent": Panel("rising steps", STAIRS, (1.5, 1.2)),
+    "thruster-lag": Panel("square wave", SQUARE, (0.5,), until=9.0),
+    "voltage-exponent": Panel(
+        "step, 13 V falls to 10 V",
+        ((0.6, 30.0),),
+        (1.2, 13.0),
+        signals={"voltage": lambda time: 13.0 - 3.0 * np.clip((time - 5.0) / 20.0, 0.0, 1.0)},
+    ),
+    "thruster-dead-band": Panel(
+        "port steady, starboard small",
+        ((0.4, 24.0),),
+        (0.06,),
+        starboard=((0.0, 8.0), (0.05, 4.0), (-0.05, 4.0), (0.05, 4.0), (-0.05, 4.0)),
+    ),
+    "thruster-imbalance": Panel(
+        "port alone, then starboard alone",
+        ((0.4, 8.0), (0.0, 8.0)),
+        (0.2, 0.2, 0.0),
+        starboard=((0.0, 8.0), (0.4, 8.0)),
+    ),
+    "thruster-limit": Panel(
+        "port rises, starboard small", ((0.2, 6.0), (0.5, 6.0), (0.8, 6.0)), (0.4,), starboard=((0.1, 18.0),)
+    ),
+    "coulomb-drag": Panel("coast-down", COAST, (0.06,)),
+    "cubic-drag": Panel("rising steps", STAIRS, (0.5,)),
+    "drag-asymmetry": Panel("same moment both ways", BOTH_WAYS, (0.3,)),
+    "linear-drag": Panel("coast-down", COAST, (0.3,)),
+    "linear-drag-asymmetry": Panel(
+        "surge: same force both ways", ((10.0, 15.0), (-10.0, 20.0)), (4.0,), shown="speed [m/s]", dof=SURGE, base="2"
+    ),
+    "quadratic-drag": Panel("rising steps", STAIRS, (0.6,), base="1"),
+    "bias-moment": Panel("rest record", REST, (0.02,)),
+    "cross-coupling": Panel(
+        "step, way on after 8 s",
+        ((0.4, 20.0),),
+        (0.4,),
+        signals={"surge": lambda time: np.clip((time - 8.0) / 3.0, 0.0, 1.0)},
+    ),
+    "heading-moment": Panel("turns at a small moment", ((0.15, 60.0),), (0.05, 0.0)),
+    "history-force": Panel("square wave", SQUARE, (0.8, 2.0)),
+    "periodic-disturbance": Panel("rest record", REST, (0.06, 0.0, 3.0)),
+    "tether-spring": Panel("long turn, then release", ((0.3, 25.0), (0.0, 25.0)), (0.02,)),
+    "thrust-loss": Panel("reversal at speed", ((1.0, 5.0), (-1.0, 7.0)), (0.3,)),
+    "wall": Panel("turns at a small moment", ((0.3, 40.0),), (0.5, 0.0)),
+    "water-swirl": Panel("long turn, then reversal", ((0.6, 20.0), (-0.6, 12.0), (0.0, 12.0)), (0.3, 10.0)),
+    "compass-deviation": Panel("turns at a small moment", ((0.3, 40.0),), (0.12, 0.0, 0.0, 0.0), shown=LOGGED_RATE),
+    "current-deviation": Panel("short pulse", ((0.6, 1.0), (0.0, 2.0)), (0.15, 0.0, 1.2), shown=HEADING, until=3.0),
+    "gyro-drift": Panel("rest record", REST, (0.003,), shown=HEADING),
+    "sensor-lag": Panel("square wave", SQUARE, (0.4,), shown=HEADING, until=9.0),
+}
+REST_BEFORE, EVERY = 1.0, 0.05  # s
+
+
+@house_style
+def gallery_figure(members: Sequence[Effect]) -> Figure:
+    """Draw what each effect does to a run that reveals it: in grey without the effect, in blue with it."""
+    figure, axes = panels(len(members), 2 if len(members) == 4 else 3, 1.75, 0.1)
+    for ax, effect in zip(axes.flat, members):
+        panel = GALLERY[effect.name]
+        time, without = gallery_run(effect, panel, acts=False)
+        seen = (time >= panel.since) & (time <= (panel.until or time[-1]))
+        ax.plot(time[seen], without[seen], color=PALETTE["grey"], lw=2.4)
+        ax.plot(time[seen], gallery_run(effect, panel, acts=True)[1][seen], color=PALETTE["blue"], lw=1.4)
+        ax.set_title(f"{effect.name}\n{panel.run}", fontsize=9.5)
+        ax.set(xlabel="time [s]", ylabel=panel.shown)
+        ax.locator_params(nbins=5)
+    return figure
+
+
+def gallery_run(effect: Effect, panel: Panel, acts: bool) -> tuple[Floats, Floats]:
+    """Time [s] of a panel's run, and what is shown of it, of the paper's vehicle with or without the effect."""
+    time = np.arange(0.0, REST_BEFORE + sum(seconds for _, seconds in panel.plan), EVERY)
+    port, starboard = (held(time, plan) for plan in (panel.plan, panel.starboard or ()))
+    extras = {name: column(time) for name, column in panel.signals.items()}
+    if panel.starboard is not None:
+        extras |= parts_of([port, starboard], panel.dof)
+    clock = panel.start + time
+    run = Run("run", "run.csv", clock, np.zeros_like(time), port + starboard, "nu", extras, dof=panel.dof)
+    surge = panel.dof is SURGE
+    values = {"1": (0.6,), "2": (10.0, 20.0), "3": (K_RR,)}[panel.base]
+    model = YawModel.base(panel.base, 20.0 if surge else INERTIA, values, "nu", panel.dof)
+    model = model.with_effect(effect.name, panel.values) if acts else model
+    found = simulate(model, make_batch([run], EVERY, effect.needs))
+    if panel.shown == HEADING:
+        return time, np.rad2deg(found.position[0, 0])
+    if panel.shown == LOGGED_RATE:
+        return time, np.rad2deg(np.gradient(found.position[0, 0], EVERY))
+    return time, found.velocity[0, 0] if surge else np.rad2deg(found.velocity[0, 0])
+
+
+def held(time: Floats, plan: Plan) -> Floats:
+    """The command at each time: nothing in the rest before the plan."""
+    ends = REST_BEFORE + np.cumsum([0.0, *(seconds for _, seconds in plan)])
+    levels = np.array([0.0, *(level for level, _ in plan), 0.0])
+    return np.asarray(levels[np.searchsorted(ends, time, side="right")])
+
+
 def of_run(log: Path, model: Path) -> Figure:
     """A log and what the models of a file make of its commands."""
     result = validate([log], model=model)
@@ -109,6 +258,53 @@ def small_png(figure: Figure) -> bytes:
     figure.savefig(drawn, format="png", dpi=DPI, metadata={"Software": None})
     Image.open(drawn).convert("RGB").quantize(COLOURS).save(small, format="png", optimize=True)
     return small.getvalue()
+
+
+FORECASTS: dict[tuple[str, str], dict[str, tuple[tuple[float, float, float], ...]]] = {
+    ("heading", "deg"): {
+        "lake boat": ((9.1, 9, 29), (9.4, 9, 26)),
+        "work ROV at sea": ((6.2, 6.3, 9.8), (4.7, 4.8, 6.8)),
+        "model ship": ((19, 20, 40), (20, 20, 44)),
+        "ROV, simulated": ((9.7, 9.4, 41), (7, 9, 48)),
+    },
+    ("position", "cm"): {
+        "work ROV, surge": ((34, 32, 34), (20, 18, 22)),
+        "work ROV, sway": ((16, 15, 21), (11, 12, 15)),
+        "work ROV, heave": ((7.2, 20, 36), (9.9, 18, 28)),
+        "model ship, surge": ((12, 13, 30), (15, 14, 38)),
+        "model ship, sway": ((7.6, 7.7, 16), (7.6, 7.4, 14)),
+    },
+}
+"""What `make real` printed: root mean square errors 5 s ahead, each half of the runs predicted by a fit of the other;
+of this tool, of least squares and of a constant speed."""
+PREDICTORS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("this tool", {"marker": "o", "color": PALETTE["blue"], "ms": 5}),
+    ("least squares for 5 s ahead", {"marker": "D", "color": PALETTE["vermilion"], "mfc": "none", "ms": 8, "mew": 1.2}),
+    ("constant speed or turn rate", {"marker": "x", "color": PALETTE["grey"], "ms": 6, "mew": 1.6}),
+)  # fmt: skip
+TICKS = (5, 10, 20, 50)
+
+
+@house_style
+def forecasts_figure() -> Figure:
+    """Draw errors 5 s ahead as dots, a row for each vehicle and motion, in it the two halves one above the other."""
+    figure = Figure((5.3, 4.4), layout="constrained")
+    heights = [len(rows) for rows in FORECASTS.values()]
+    for ax, ((quantity, unit), rows) in zip(figure.subplots(2, 1, height_ratios=heights), FORECASTS.items()):
+        for k, (label, look) in enumerate(PREDICTORS):
+            errors = [half[k] for halves in rows.values() for half in halves]
+            places = [row + lifted for row in range(len(rows)) for lifted in (-0.18, 0.18)]
+            ax.plot(errors, places, linestyle="none", label=label, **look)
+        ax.set(xscale="log", xlim=(4, 60), ylim=(len(rows) - 0.5, -0.5))
+        ax.set_xlabel(f"rms error of the {quantity} 5 s ahead [{unit}]")
+        ax.set_xticks(TICKS, map(str, TICKS))
+        ax.set_xticks([], minor=True)
+        ax.set_yticks(range(len(rows)), rows)
+        ax.grid(axis="y", visible=False)
+        for row in range(1, len(rows)):
+            ax.axhline(row - 0.5, color="0.88", linewidth=0.6)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
 
 
 def main() -> None:

@@ -177,7 +177,7 @@ def test_commands_that_move_nothing_give_no_model() -> None:
 def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[..., Result], tmp_path: Path) -> None:
     for i, one in enumerate(steered(3, 30, length=30.0)):
         written(one, tmp_path / "logs" / f"{i}.csv")
-    for inertia, says in ((1.0, "predicts 5 s ahead to "), (60.0, "is not usable: it predicts 5 s")):
+    for inertia, says in ((1.0, "predicts 5 s ahead to "), (60.0, "is not usable (on these runs). It predicts 5 s")):
         models = {number: {"I_r": quantity(inertia, "nu s²"), **drag} for number, drag in DRAGS.items()}
         model, out = model_file(tmp_path / f"{inertia:g}.json", models=models), tmp_path / f"out_{inertia:g}"
         result = run("validate", tmp_path / "logs", "--model", model, "-o", out, "--figures", "none")

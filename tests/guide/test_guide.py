@@ -23,7 +23,7 @@ TOPICS = (*guide.commands(), *guide.pages())
 def test_the_list_has_every_page_and_each_says_what_it_is_about(run: Run) -> None:
     found = run("guide")
     on_disk = {path.stem for path in guide.FOLDER.rglob("*.md")}
-    assert set(TOPICS) == on_disk and len(TOPICS) == len(on_disk)
+    assert set(TOPICS) == on_disk | guide.ON_PAGE_OF.keys() and len(TOPICS) == len(set(TOPICS))
     for topic in TOPICS:
         (about,) = re.findall(rf"^{topic}  +(.+)$", found.stdout, flags=re.MULTILINE)
         assert len(about) >= 20
@@ -35,7 +35,7 @@ def test_every_page_is_plain_text_in_a_pipe(topic: str, run: Run) -> None:
     found = run("guide", topic)
     assert (found.exit_code, found.stderr) == (0, "")
     assert not re.search(r"\x1b|\*\*|\]\(|<img|^```", found.stdout, flags=re.MULTILINE)
-    assert not re.search(r"\\(?:frac|psi|tau|le|dot|varepsilon|infty|sqrt)\b", found.stdout)
+    assert not re.search(r"(?<![\w.])\\[a-z]{2,}", found.stdout)  # no command of TeX is left
     prose = [line for line in found.stdout.splitlines() if not line.startswith("  ")]
     assert max(map(len, prose)) <= 100
 
@@ -50,7 +50,8 @@ def test_options_on_a_command_s_page_are_those_of_the_command(name: str, run: Ru
             continue
         shown = [flag for flag in (*param.opts, *param.secondary_opts) if flag.startswith("--")]
         assert all(flag in listed for flag in shown)
-    assert guide.page(name).markdown.count(guide.OPTIONS.format(command=name)) == 1
+    pointer = guide.OPTIONS.format(command=guide.ON_PAGE_OF.get(name, name))
+    assert guide.page(name).markdown.count(pointer) == 1
 
 
 def test_a_wrong_topic_is_answered_with_near_ones(run: Run) -> None:

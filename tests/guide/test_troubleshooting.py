@@ -1,36 +1,81 @@
-"""The page of troubles holds what can go wrong with each command, word for word; run as a program, this writes it anew:
-`PYTHONPATH=tests/helpers python tests/guide/test_troubleshooting.py`."""
+"""The page of troubles is made of what can go wrong with each command; run as a program, this writes it anew:
+`PYTHONPATH=.:tests/helpers python tests/guide/test_troubleshooting.py`."""
 
 import re
 
+import pytest
 from test_readme import PAGES
 
 from automarine_cli import guide
 
 PAGE = guide.FOLDER / "troubleshooting.md"
 SECTION = re.compile(r"^## What can go wrong\n\n(.*?)(?=^## |\Z)", flags=re.MULTILINE | re.DOTALL)
-HEAD = """# Troubleshooting: messages, what they mean, and what to do
+ITEM = re.compile(
+    r"(?P<message>(?:\*[^*]+\*,? ?)+[^:*]*): "  # *"one"*, *"another"*, in heave:
+    r"(?P<cause>.+?[.!?]\)?) "
+    r"(?P<remedy>[A-Z`\[(].*[.!?]\)?)"
+)
+HEAD = """# Troubleshooting: messages, causes and remedies
 
-Look for a word of the message on this page: `automarine guide troubleshooting`, then `/`. Messages are in italics.
-Each line is from the page of its command, where you find more. No message, but a doubtful result? See
-[Is my model good enough?](good-enough.md).
+Look for a word of the message: `automarine guide troubleshooting`, then `/`. Messages have quotation marks, other
+symptoms have none. Each table is from the page of its command, where you find more. If a result is doubtful, but there
+is no message, see [Is my model good enough?](good-enough.md).
 """
 
 
+PAGES_OF_COMMANDS = sorted(path.stem for path in guide.FOLDER.glob("commands/*.md"))
+
+
+def rows(name: str, section: str) -> list[tuple[str, str, str]]:
+    """Message, cause and remedy of each item of a section; raises ValueError for one that is written otherwise."""
+    found = []
+    for item in re.split(r"^- ", section, flags=re.MULTILINE):
+        line = " ".join(item.split())
+        if line and not (match := ITEM.fullmatch(line)):
+            raise ValueError(f"{name}.md: write `- *message or symptom*: cause. Remedy.`, not `- {line}`")
+        if line:
+            found.append((match["message"], match["cause"], match["remedy"]))
+    return found
+
+
 def troubles() -> str:
-    """The page as its sources have it: a section for each command, links as they are from one folder up."""
+    """The page as its sources have it: a table for each page of commands, links as they are from one folder up."""
     parts = [HEAD]
-    for name in guide.commands():
-        lines = "".join(SECTION.findall(PAGES[f"automarine_cli/guide/commands/{name}.md"])).strip()
-        linked = re.sub(r"\]\((?!\.\./|#|https?:)", "](commands/", lines).replace("](../", "](")
-        parts.append(f"## [{name}](commands/{name}.md)\n\n{linked.replace('](#', f'](commands/{name}.md#')}\n")
+    for name in PAGES_OF_COMMANDS:
+        text, here = PAGES[f"automarine_cli/guide/commands/{name}.md"], f"](commands/{name}.md"
+        title = text.partition("\n")[0].removeprefix("# ").partition(":")[0].removeprefix("automarine ")
+        table = ["|message|cause|remedy|", "|---|---|---|"]
+        for row in rows(name, "".join(SECTION.findall(text))):
+            cells = (re.sub(r"(?<!\\)\|", r"\\|", cell) for cell in row)
+            linked = re.sub(r"\]\((?!\.\./|#|https?:)", "](commands/", f"|{'|'.join(cells)}|")
+            table.append(linked.replace("](../", "](").replace("](#", f"{here}#"))
+        parts.append(f"## [{title.replace('`', '')}{here})\n\n" + "\n".join(table) + "\n")
     return "\n".join(parts)
 
 
 def test_every_trouble_of_a_command_is_on_the_page() -> None:
     assert PAGE.read_text(encoding="utf-8") == troubles()
     sections = [section for page in PAGES.values() for section in SECTION.findall(page)]
-    assert len(sections) > 20 and troubles().count("\n- ") == sum(f"\n{each}".count("\n- ") for each in sections)
+    items = sum(f"\n{each}".count("\n- ") for each in sections)
+    assert len(sections) > 20 and troubles().count("\n|") - 2 * len(sections) == items
+
+
+@pytest.mark.parametrize("name", PAGES_OF_COMMANDS)
+def test_what_can_go_wrong_has_message_cause_and_remedy(name: str) -> None:
+    (section,) = SECTION.findall(PAGES[f"automarine_cli/guide/commands/{name}.md"])
+    assert rows(name, section)
+
+
+def test_items_are_message_cause_and_remedy() -> None:
+    section = '- *"no mode"*, *"no arm"*, in heave: a\n  cause (3.5 %). Name `it`: see [Logs](../logs.md).\n'
+    section += "- *Slow*: x. `y` helps.\n"
+    assert rows("slice", section) == [
+        ('*"no mode"*, *"no arm"*, in heave', "a cause (3.5 %).", "Name `it`: see [Logs](../logs.md)."),
+        ("*Slow*", "x.", "`y` helps."),
+    ]
+    for wrong in ("- No italics: a cause. A remedy.", "- *No remedy*: a cause.", "- *No cause* Do it. Now.", "Words."):
+        with pytest.raises(ValueError, match=r"slice\.md: write `- \*message or symptom\*: cause\. Remedy\.`, not"):
+            rows("slice", wrong)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """A figure that cannot be drawn costs no result: a warning in the manifest and on standard error, all else as ever."""
 
 import json
+import re
+import shlex
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -94,10 +96,13 @@ def test_a_format_that_there_is_not_is_refused_before_any_work(
 
 
 def test_kinds_of_figures_are_named_on_the_command_line(tmp_path: Path, run: Run) -> None:
-    fit = ("fit-thrusters", SAMPLE_RUNS / "thrusters", "--overwrite", "-o", tmp_path / "out", "--figures")
+    out = tmp_path / "my day"
+    fit = ("fit-thrusters", SAMPLE_RUNS / "thrusters", "--overwrite", "-o", out, "--figures")
     for kinds, suffixes in (("svg,slides", {".svg", ".png"}), ("none", set())):
         result = run(*fit, kinds)
         assert result.exit_code == 0, result.stderr
-        assert {path.suffix for path in (tmp_path / "out").iterdir()} - {".json", ".csv", ".md"} == suffixes
+        (line,) = re.findall(r"^Next: (.*)$", result.stdout, flags=re.MULTILINE)
+        assert shlex.split(line)[4] == f"{out}/thrusters.json"
+        assert {path.suffix for path in out.iterdir()} - {".json", ".csv", ".md"} == suffixes
         assert ("thrusters.svg" in result.stdout) == bool(suffixes) and "thrusters.png" not in result.stdout
     assert "figure format 'gif' is not known; known are png, svg, pdf" in run(*fit, "gif").stderr

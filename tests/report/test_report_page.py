@@ -21,7 +21,9 @@ from made_sequences import model_file
 from small_campaign import make_small_campaign
 
 import automarine_cli as am
+from automarine_cli import effects
 from automarine_cli.commands.report import report
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import OutputError
 from automarine_cli.report.campaign import headlines, make_report, read_steps
 from automarine_cli.report.page import figure
@@ -187,6 +189,7 @@ def test_command_writes_beside_the_steps_with_png_where_no_svg_is(
 ) -> None:
     shutil.copytree(folder / "thrusters", tmp_path / "thrusters")
     (tmp_path / "thrusters" / "thrusters.svg").unlink()
+    shutil.copy(tmp_path / "thrusters" / "thrusters.png", tmp_path / "thrusters" / "thrusters.slide.png")
     result = run("report", tmp_path, "--json")
     assert json.loads(result.stdout)["steps"] == ["thrusters"]
     assert {path.name for path in tmp_path.iterdir()} == {"thrusters", "report.html", "report.md"}
@@ -243,7 +246,13 @@ def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
         "(without: 1.165, 1.059)"
     )
     assert lines["validate"].startswith("without water-swirl, model 3 (quadratic drag): 42.0 deg free run")
-    assert "k_rr 1.247 " in text.partition("## ")[0]
+    box = text.partition("## ")[0]
+    assert "k_rr 1.247 " in box
+    reveals = effects.get("water-swirl").card(YAW).reveals
+    assert (
+        f"- **Next:** Use `diagnosis/extended_model.json`, the model with it. To see water-swirl better: {reveals}."
+        in box
+    )
     assert "This is the model without water-swirl" in text.partition("## Yaw model")[2]
 
 

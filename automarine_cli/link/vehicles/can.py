@@ -125,8 +125,9 @@ class CanBus:
                             yield f"{begins + pace.passed:.3f},{heard},{','.join(now.readings)}\n"
                     ear.refuse_silence(SILENT_S / self.speed)
             finally:
-                for _ in range(NEUTRALS):
-                    _send(bus, steps[0])
+                for left in reversed(range(NEUTRALS)):  # one that fails keeps no other from being sent
+                    with contextlib.suppress(*[_library().CanError] * bool(left)):
+                        _send(bus, steps[0])
             if halted() and ear.last:
                 yield f"{begins + pace.passed:.3f},{ear.last},{','.join(steps[0].readings)}\n"
 
@@ -147,6 +148,8 @@ class CanBus:
             raise SettingError(f"the bus {self.place} cannot be opened ({why}") from None
         try:
             yield bus
+        except _library().CanError as problem:
+            raise SettingError(f"the bus {self.place} failed ({problem}); look at its cable and adapter") from None
         finally:
             bus.shutdown()
 

@@ -1,0 +1,171 @@
+"""The site of the guide that `make docs` builds: pages as they are on disk, README as the front page, no network."""
+
+import re
+from contextlib import contextmanager
+from pathlib import Path
+
+import automarine_cli
+from automarine_cli import guide
+from automarine_cli.commands import automarine, click
+from automarine_cli.commands.command import Command, _default
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = {
+    "index": ROOT / "README.md",
+    **{path.relative_to(guide.FOLDER).with_suffix("").as_posix(): path for path in sorted(guide.FOLDER.rglob("*.md"))},
+    "python-reference": ROOT / ".docs" / "python-reference.md",
+    **{path.stem.lower(): path for path in sorted((ROOT / ".github").glob("*.md"))},
+}  # by their places in the site
+POINTER = re.compile(r"^`automarine [a-z-]+ --help`.* lists? all options\.$", flags=re.MULTILINE)
+READS = {"logs": "Logs, as places or as tables.", "file": "A file, or its result.", "folders": "Folders of results."}
+
+project, release, root_doc = "automarine", automarine_cli.__version__, "index"
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+myst_enable_extensions = ["attrs_block", "dollarmath", "html_image"]
+myst_fence_as_directive, myst_heading_anchors = ["math"], 4
+myst_disable_syntax = ["myst_line_comment", "myst_block_break", "myst_target"]  # a line may begin with "% of"
+html_theme, html_title = "furo", f"automarine {release}"
+html_static_path = html_css_files = ["site.css"]
+html_math_renderer, autodoc_typehints, add_module_names = "mathml", "none", False
+html_use_index = html_domain_indices = html_copy_source = html_show_copyright = smartquotes = False
+nitpick_ignore_regex = [("py:.*", ".*")]  # types that have no page here
+
+
+def navigation() -> dict[str, dict[str, str]]:
+    """Pages by the headings of contents.md under which they are linked first, with what the menu calls them."""
+    menu, names = dict[str, dict[str, str]](), {path: name for name, path in PAGES.items()}
+    for section in re.split(r"^## ", PAGES["contents"].read_text("utf-8"), flags=re.MULTILINE)[1:]:
+        heading, _, body = section.partition("\n")
+        menu[heading] = {}
+        for words, link in re.findall(r"\[([^]]+)\]\(([^)#]+\.md)", body):
+            name = names.get((guide.FOLDER / link).resolve())  # none of a broken link, which has its own warning
+            if name and not any(name in pages for pages in menu.values()):
+                menu[heading][name] = short_title(name, words)
+    menu.setdefault("Reference", {})["python-reference"] = "Python reference"
+    return menu
+
+
+def short_title(name: str, words: str = "") -> str:
+    """The page's title up to the colon, or what contents.md calls it where that is shorter."""
+    title = PAGES[name].read_text("utf-8").partition("\n")[0].removeprefix("# ").replace("`", "").partition(":")[0]
+    if name.startswith("commands/"):
+        return title.removeprefix("automarine ")
+    return min(title, (words[:1].upper() + words[1:]).replace("`", "") or title, key=len)
+
+
+def menus() -> str:
+    made = "\n```{toctree}\n:hidden:\n\nAll pages <contents>\n```\n"
+    for heading, pages in navigation().items():
+        entries = "\n".join(f"{title} <{name}>" for name, title in pages.items())
+        made += f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n{entries}\n```\n"
+    return made
+
+
+def escaped(text: str) -> str:
+    return re.sub(r"([\\`*_{}<>|$\[\]])", r"\\\1", text)
+
+
+class Groups(list):
+    """The rows of a table of options: what a command writes into its help."""
+
+    @contextmanager
+    def section(self, name):
+        self.append(f"| **{name}** | | |")
+        yield
+
+    def write_dl(self, options):
+        for flags, text in options:
+            said, _, limits = escaped(text.replace("]  [", "; ")).partition(r"  \[")
+            limits = limits.removesuffix(r"\]").removeprefix("default: ")
+            code = ", ".join(f"`{flag}`".replace("|", r"\|") for flag in flags.split(", "))
+            words = re.sub(r"(?<![\w-])--?[a-z-]+", r"`\g<0>`", f"{said} | {limits}")
+            self.append(f"| {code} | {words} |")
+
+
+def options(name: str) -> str:
+    """A table of options for each command that a page is about."""
+    group, made = click.Context(automarine, info_name="automarine", **automarine.context_settings), ""
+    for called in re.findall(r"[a-z-]+", short_title(name)):
+        command, rows = automarine.get_command(group, called), Groups()
+        context = click.Context(command, parent=group, info_name=called)
+        command.format_options(context, rows)
+        made += f"```text\n{command.get_usage(context).removeprefix('Usage: ')}\n```\n\n{{.options .stacked}}\n"
+        made += "\n".join(["| option | meaning | default, limits |", "|---|---|---|", *rows, "\n"])
+    return made
+
+
+def functions() -> str:
+    offered = [name for name in automarine_cli.__all__ if name not in ("__version__", "effects")]
+    listed = "\n".join(f".. autofunction:: automarine_cli.{name}" for name in offered)
+    effects = ".. automodule:: automarine_cli.effects\n   :members: get, names, register"
+    sections = (("Commands", listed), ("The library of effects", effects))
+    return "".join(f"\n## {title}\n\n```{{eval-rst}}\n{body}\n```\n" for title, body in sections)
+
+
+def complete(app, name, source):
+    """What a page has only here: the menu, the functions, and options in place of the line that points to them."""
+    added = {"index": menus, "python-reference": functions}.get(name, str)()
+    text = re.sub(r"^\|message\|", r"{.stacked}\n\g<0>", source[0], flags=re.MULTILINE)
+    source[0] = POINTER.sub(lambda pointer: options(name), text) + added
+
+
+def signature(app, kind, name, thing, *rest):
+    """The settings of a command, and what they are where they are not given."""
+    if not isinstance(thing, Command):
+        return None
+    context, (first, *others) = click.Context(thing), thing.own
+    named = [str(one.name) + ("" if one.required else f"={_default(context, one)!r}") for one in others]
+    return f"({', '.join([str(first.name), *(['*'] if named else []), *named])})", ""
+
+
+def docstring(app, kind, name, thing, settings, lines):
+    """What a command is for and what its settings mean, as its help says it."""
+    if isinstance(thing, Command):
+        flags = {flag: str(param.name) for param in thing.params for flag in param.opts}
+        said = [f"- **{param.name}**: {getattr(param, 'help', '') or READS[param.reads]}" for param in thing.own]
+        text = escaped("\n".join([str(thing.help).partition("\b")[0], *said])).replace(r"\*\*", "**")
+        lines[:] = re.sub(r"--[a-z][a-z-]*", lambda flag: flags.get(flag[0], flag[0]), text).splitlines()
+
+
+def as_mathml(visitor, node):
+    from docutils import nodes
+    from docutils.utils.math import MathError
+    from docutils.utils.math.latex2mathml import tex2mathml
+    from sphinx.util.logging import getLogger
+
+    block, made = isinstance(node, nodes.math_block), ""
+    try:
+        made = tex2mathml(node.astext(), as_block=block).replace('<mover accent="true">', "<mover>")
+    except MathError as problem:
+        getLogger(__name__).warning("%s in %s", problem, node.astext(), location=node)
+    made = re.sub(r"<mo([^>]*)>([|/])<", r'<mo\1 lspace="0" rspace="0">\2<', made)
+    made = re.sub(r"<mo>&ApplyFunction;</mo>(?!\s*(<mrow>\s*)?<mo[^>]*>\()", '<mspace width="0.17em"/>', made)
+    visitor.body.append(f'<div class="math">{made}</div>' if block else made)
+    raise nodes.SkipNode
+
+
+def full_size(app, tree):
+    """Every picture leads to itself, for screens on which it is small."""
+    from docutils.nodes import image
+
+    for picture in tree.findall(image):
+        picture.setdefault("scale", 100)
+
+
+def discover(self, *patterns):
+    """Find the pages where they are on disk, so that links between them hold as they are written."""
+    self._docname_to_path = {name: path.relative_to(self.srcdir) for name, path in PAGES.items()}
+    self._path_to_docname = {path: name for name, path in PAGES.items()}
+    self.docnames = set(PAGES)
+    return self.docnames
+
+
+def setup(app):
+    from sphinx.project import Project
+
+    Project.discover = discover
+    app.add_html_math_renderer("mathml", inline_renderers=(as_mathml, None), block_renderers=(as_mathml, None))
+    app.connect("source-read", complete)
+    app.connect("doctree-read", full_size)
+    app.connect("autodoc-process-signature", signature)
+    app.connect("autodoc-process-docstring", docstring)

@@ -1,0 +1,96 @@
+"""The site that `make docs` builds: every page is in its menu, every command has its options, and it fits a phone."""
+
+import json
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import pytest
+from repository import ROOT
+from test_readme import PAGES, without_fences
+
+from automarine_cli.commands import names
+
+SITE = runpy.run_path(str(ROOT / ".docs" / "conf.py"))
+MENU = SITE["navigation"]()
+LONGEST = 40  # letters of an entry of the menu, which is narrow
+WIDTHS = (400, 800, 1280, 1366)  # of phones, tablets and laptops [pixels]
+NOT_WORDS = re.compile(
+    rf"!\[[^]]*\]\([^)]*\)|\]\([^)]*\)|<img[^>]*>|\$[^$`]+\$|{SITE['POINTER'].pattern}", flags=re.MULTILINE
+)
+LOOK = """<body>{frames}<script>addEventListener("load", () => {{
+  const seen = [...document.querySelectorAll("iframe")].map(frame => {{
+    const page = frame.contentDocument, content = page.querySelector(".content");
+    return {{
+      name: frame.src, wide: frame.clientWidth, width: Math.max(page.scrollingElement.scrollWidth, content.scrollWidth),
+      broken: [...page.images].filter(image => !image.naturalWidth).length,
+      asked: frame.contentWindow.performance.getEntriesByType("resource").map(each => each.name),
+    }};
+  }});
+  document.documentElement.textContent = JSON.stringify(seen);
+}})</script>"""
+BROWSER = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
+    "--allow-file-access-from-files", "--dump-dom",
+)  # fmt: skip
+
+
+def test_every_page_is_in_the_menu_once() -> None:
+    listed = [name for pages in MENU.values() for name in pages]
+    assert sorted([*listed, "index", "contents"]) == sorted(SITE["PAGES"])
+    on_disk = {path.relative_to(ROOT).as_posix() for path in SITE["PAGES"].values()}
+    assert on_disk == {*PAGES, ".docs/python-reference.md"}
+    assert list(MENU) == ["Start", "How-to", "Reference", "Explanation", "Project"]
+    titles = [title for pages in MENU.values() for title in pages.values()]
+    assert len(set(titles)) == len(titles) and [title for title in titles if len(title) > LONGEST] == []
+
+
+def test_every_command_has_its_options_on_one_page() -> None:
+    pages = {name: PAGES[path.relative_to(ROOT).as_posix()] for name, path in SITE["PAGES"].items() if "/" in name}
+    listed = [re.findall(r"^\{\.options .*\}$", SITE["options"](name), flags=re.MULTILINE) for name in pages]
+    assert sum(map(len, listed)) == len(names()) and all(listed)
+    assert [name for name, text in pages.items() if len(SITE["POINTER"].findall(text)) != 1] == []
+
+
+def words(text: str) -> set[str]:
+    return set(re.findall(r"[A-Za-z]{3,}", text))
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("sphinx", reason="make docs installs what builds the site")
+    folder = tmp_path_factory.mktemp("docs")
+    build = ["-m", "sphinx", "-q", "-n", "-W", "-c", ".docs", "-d", str(folder / "read"), ".", str(folder / "site")]
+    subprocess.run([sys.executable, *build], cwd=ROOT, check=True)
+    return folder / "site"
+
+
+@pytest.mark.slow
+def test_no_word_of_a_page_is_lost(built: Path) -> None:
+    for name, path in SITE["PAGES"].items():
+        if (page := path.relative_to(ROOT).as_posix()) in PAGES:
+            shown = (built / f"{name}.html").read_text(encoding="utf-8")
+            said = NOT_WORDS.sub(" ", without_fences(page))
+            assert words(said) - words(unescape(re.sub("<[^>]*>", " ", shown))) == set(), name
+
+
+@pytest.mark.slow
+def test_no_page_is_wider_than_its_window_or_asks_a_network(built: Path, tmp_path: Path) -> None:
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
+    pages = list(built.rglob("*.html"))
+    frames = "".join(
+        f'<iframe src="{page.as_uri()}" width="{wide}" frameborder="0"></iframe>' for page in pages for wide in WIDTHS
+    )
+    (tmp_path / "look.html").write_text(LOOK.format(frames=frames), encoding="utf-8")
+    command = [browser, *BROWSER, f"--user-data-dir={tmp_path / 'profile'}", str(tmp_path / "look.html")]
+    shown = subprocess.run(command, capture_output=True, encoding="utf-8", check=True, timeout=600).stdout
+    seen = json.loads(unescape(re.sub("<[^>]*>", "", shown)))
+    assert len(seen) == len(WIDTHS) * len(pages) > 200
+    assert [page for page in seen if page["width"] > page["wide"] or page["broken"]] == []
+    assert {place for page in seen for place in page["asked"] if not place.startswith("file:")} == set()
