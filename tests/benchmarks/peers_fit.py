@@ -1,6 +1,7 @@
 """Fits side by side: campaigns with a known truth as CSV files, the Cramer-Rao bound of each, time of the whole job."""
 
 import inspect
+import re
 import subprocess
 import sys
 import tempfile
@@ -108,15 +109,12 @@ def options(kind: str) -> tuple[str, ...]:
 
 def timed(title: str, peer: ModuleType, runs: int) -> list[float]:
     """Seconds of the whole job, as a process, from the files of a campaign to numbers."""
-    here, took = Path(__file__).parent, []
+    took = []
     with tempfile.TemporaryDirectory() as place:
         logs, out = Path(place, "logs"), Path(place, "out")
         logs.mkdir()
         write(logs, "clean", runs, 0)
-        script = (
-            f"import sys; sys.path.insert(0, {str(here)!r}); import {peer.__name__} as p; p.fit(p.Path({str(logs)!r}))"
-        )
-        line = [sys.executable, "-c", script]
+        line = [sys.executable, "-W", "ignore", "-c", f"{alone(peer)}\nfit(Path({str(logs)!r}))"]
         if peer is peer_automarine:
             line = [sys.executable, "-m", "automarine_cli", "fit-yaw", str(logs), "-o", str(out), "-q", "--overwrite"]
             line += options("clean") if title == peer_automarine.WHOLE else ()
@@ -125,6 +123,13 @@ def timed(title: str, peer: ModuleType, runs: int) -> list[float]:
             subprocess.run(line, check=True, capture_output=True)
             took.append(time.perf_counter() - begun)
     return took
+
+
+def alone(peer: ModuleType) -> str:
+    """A tool's script as a user has it: its libraries and its function from files to numbers, nothing of ours."""
+    head = inspect.getsource(peer).split("\n\n\ndef ")[0].splitlines()
+    kept = [line for line in head if not re.match(r"(from|import) (peers_|real_|automarine)", line)]
+    return "\n".join(kept) + "\n\n\n" + inspect.getsource(peer.fit)
 
 
 def lines_of(peer: ModuleType) -> int:

@@ -177,7 +177,7 @@ def readme_lines(found: Row) -> str:
     if "fit" in found:
         for kind in ("clean", "scatter"):
             rms = {t: of["I_r"]["rms"] for t in fit_tools(found) if (of := pooled(found, t, kind))}
-            rows.append([f"error of inertia in least possible errors, {KINDS[kind]}", *best_of(rms, "{}")])
+            rows.append([f"error of inertia over the least possible: {KINDS[kind]}", *best_of(rms, "{}")])
     if some := found.get("names"):
         right = {tool: -float(row["right"]) for tool, row in some.items()}
         best = min((tool for tool in right if tool != OURS), key=right.__getitem__, default=None)
@@ -239,7 +239,7 @@ def fit_figure(found: Row) -> Figure:
                 colour, marker = OKABE_ITO[tool]
                 ax.plot(list(some), list(some.values()), color=colour, marker=marker, markersize=5, lw=1.2, label=tool)
             ax.axhline(1.0, color="0.6", lw=1, ls="--")
-            ax.set(xscale="log", yscale="log", xticks=SIZES, xticklabels=SIZES)
+            ax.set(xscale="log", yscale="log", xticks=SIZES, xticklabels=SIZES, ylim=(0.2, None))
             ax.minorticks_off()
             if name == "I_r":
                 ax.set_title(shown.replace("switched ", "switched\n").replace("scatters ", "scatters\n"), fontsize=10)
@@ -259,12 +259,11 @@ def others_figure(found: Row) -> Figure:
     begin = np.zeros(len(some))
     for mark, colour in shades.items():
         wide = np.array([row[mark] for row in some.values()], dtype=float)
-        left.barh(list(some), wide, left=begin, color=colour, edgecolor="white", label=mark)
+        left.barh(list(some), wide, height=0.5, left=begin, color=colour, edgecolor="white", label=mark)
         begin += wide
     for i, row in enumerate(some.values()):
-        left.text(0.3, i + 0.47, f"false claims: {row['false claims']}", fontsize=9, va="bottom")
-    left.set(xlabel="campaigns", title="What is missing: named", ylim=(len(some) - 0.45, -0.75))
-    left.legend(loc="upper center", bbox_to_anchor=(0.45, -0.17), ncols=3, frameon=False, fontsize=9)
+        left.text(0.0, i - 0.27, f"false claims: {row['false claims']}", fontsize=9, va="bottom")
+    left.set(xlabel="campaigns", title="What is missing: named", ylim=(len(some) - 0.5, -0.6))
     rows = found.get("thrusters", [])
     names = [
         row["table"].replace(", ", " ").replace("propeller", "prop.") + (" *" if "kept" in row["left out"] else "")
@@ -274,12 +273,13 @@ def others_figure(found: Row) -> Figure:
         colour, marker = OKABE_ITO[tool]
         right.plot([row.get(tool, np.nan) for row in rows], range(len(rows)), marker, color=colour, label=tool)
     right.set(yticks=range(len(rows)), yticklabels=names, xscale="log", title="Thruster maps: levels left out",
-              xlabel="rms error [% of the largest force]; * 11 levels kept", ylim=(len(rows) - 0.5, -0.5))  # fmt: skip
+              xlabel="rms error [%]; * 11 levels kept", ylim=(len(rows) - 0.5, -0.5))  # fmt: skip
     right.set_xticks([0.3, 1, 3], ["0.3", "1", "3"])
     right.tick_params(axis="y", labelsize=9)
     right.minorticks_off()
     right.grid(axis="y", color="0.9")
-    right.legend(loc="lower left", frameon=True, fontsize=9)
+    for ax in (left, right):
+        ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.17), ncols=3, frameon=False, fontsize=9)
     return figure
 
 
