@@ -85,7 +85,7 @@ def bound_of(courses: Sequence[tuple[Floats, float]], kind: str) -> Floats:
 
 def cells(titles: Sequence[str], campaigns: int) -> list[tuple[str, str, int, int]]:
     """All that is to be fitted: tool, kind, runs, seed; every tool in turn, so that what there is can be compared."""
-    every = [(t, kind, runs, s) for s in range(campaigns) for runs in SIZES for kind in KINDS for t in titles]
+    every = [(t, kind, runs, s) for s in range(campaigns) for runs in SIZES[::-1] for kind in KINDS for t in titles]
     return [cell for cell in every if cell[:3] != DEAREST]
 
 

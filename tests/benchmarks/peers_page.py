@@ -26,6 +26,7 @@ NAMELESS = ("suspected", "unexplained", "refused")
 MARKS = ("right", "tie", "half", "wrong", "missed")
 AHEAD = 0.95
 """Another tool is ahead where its error is below this share of ours."""
+SHORT = {"one level in five left out": "1 in 5 left out", "11 levels kept": "11 kept"}
 HORIZONS = (2, 5, 15)  # s
 OKABE_ITO = {
     OURS: ("#000000", "o"), WHOLE: ("#555555", "s"), "plain script": ("#D55E00", "^"), "mujoco.sysid": ("#0072B2", "v"),
@@ -40,6 +41,7 @@ def blocks(found: Row) -> dict[str, str]:
     return {
         "Where another tool is ahead": "\n".join(ahead(found)),
         "Fit inertia and drag": fit_table(found),
+        "Coverage of intervals": fit_table(found, coverage=True),
         "Name what is missing": names_table(found),
         "Predict real logs": predict_table(found),
         "Map a thruster": thrusters_table(found),
@@ -55,7 +57,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     if not rows:
         return ""
     rule = ["---", *["---:" if re.search(r"\d", rows[0][i]) else "---" for i in range(1, len(head))]]
-    return "\n".join(f"| {' | '.join(line)} |" for line in (head, rule, *rows))
+    return "\n".join(f"|{'|'.join(line)}|" for line in (head, rule, *rows))
 
 
 def number(value: float | None) -> str:
@@ -87,21 +89,24 @@ def fit_tools(found: Row) -> list[str]:
     return list(dict.fromkeys(row["tool"] for row in found["fit"]["rows"]))
 
 
-def fit_table(found: Row) -> str:
-    """A row a kind of campaign and tool."""
+def fit_table(found: Row, coverage: bool = False) -> str:
+    """A row a tool: bias ± spread in bounds, or coverage in percent, of inertia and drag by kind of campaign."""
     if "fit" not in found:
         return ""
-    head = ["campaigns, tool", "I_r: bias", "spread", "k_rr: bias", "spread", "I_r covered %", "k_rr covered %"]
     rows = []
-    for kind, shown in KINDS.items():
-        for tool in fit_tools(found):
-            if not (of := pooled(found, tool, kind)):
-                continue
-            cells = [f"{of[name]['bias']:+.2f}" if what == "bias" else number(of[name][what])
-                     for name in of for what in ("bias", "sd")]  # fmt: skip
-            covered = ["-" if each["coverage"] is None else f"{each['coverage']:.0f}" for each in of.values()]
-            rows.append([f"{shown}: {tool}", *cells, *covered])
-    return table(head, rows)
+    for tool in fit_tools(found):
+        cells = []
+        for kind in KINDS:
+            of = pooled(found, tool, kind)
+            for name in ("I_r", "k_rr"):
+                each = of.get(name, {"coverage": None})
+                if coverage or not of:
+                    cells.append("-" if each["coverage"] is None else f"{each['coverage']:.0f}")
+                else:
+                    cells.append(f"{'-' if each['bias'] < 0 else '+'}{number(abs(each['bias']))}±{number(each['sd'])}")
+        if not coverage or set(cells) != {"-"}:
+            rows.append([tool, *cells])
+    return table(["tool", *(f"{kind}: {name}" for kind in KINDS for name in ("I_r", "k_rr"))], rows)
 
 
 def names_table(found: Row) -> str:
@@ -124,7 +129,7 @@ def predict_table(found: Row) -> str:
 def thrusters_table(found: Row) -> str:
     tools = list(found.get("given thrusters", {}))
     rows = [
-        [f"{row['table']}, {row['left out']}", *(number(row.get(tool)) for tool in tools)]
+        [f"{row['table']}, {SHORT[row['left out']]}", *(number(row.get(tool)) for tool in tools)]
         for row in found.get("thrusters", [])
     ]
     return table(["table", *(f"{tool} %" for tool in tools)], rows)

@@ -26,8 +26,8 @@ EVERY = 0.5  # s between rows of a regression
 
 
 def cells(titles: Sequence[str]) -> list[tuple[str, str, str, str]]:
-    """Tool, set, motion, which half is fitted."""
-    return [(t, each.name, motion, half) for each, motion in present() for half in "AB" for t in titles]
+    """Tool, set, motion, which half is fitted; the dearest first."""
+    return [(t, each.name, motion, half) for t in titles for each, motion in present() for half in "AB"]
 
 
 def predicted(cell: tuple[str, str, str, str], peer: ModuleType) -> Row:
