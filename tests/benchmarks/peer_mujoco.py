@@ -14,7 +14,7 @@ from automarine_cli.runs.run import Run
 TITLE, PACKAGE = "mujoco.sysid", "mujoco"
 GIVEN = (
     "A hinge with polynomial joint damping (drag exactly quadratic), Runge-Kutta steps of 0.05 s. Whole runs. "
-    "Free: inertia, drag, a delay of the sensor, each start heading; start values 2, 2, 0. Optimizer `mujoco`, "
+    "Free: inertia, drag, a delay of the sensor, each start heading. Start values 2, 2, 0. Optimizer `mujoco`, "
     "intervals by `calculate_intervals`. Predictions: rollouts of 5 s."
 )
 VEHICLE = """

@@ -13,7 +13,7 @@ from automarine_cli.runs.run import Run
 
 TITLE, PACKAGE = "plain script", "scipy"
 GIVEN = (
-    "Whole runs. Free: `I_r`, `k_rr`, one delay, each start heading; start values 2, 2, 0; tolerance 1e-6. Intervals "
+    "Whole runs. Free: `I_r`, `k_rr`, one delay, each start heading. Start values 2, 2, 0, tolerance 1e-6. Intervals "
     "from the Jacobian. Predictions: least squares for each horizon separately."
 )
 

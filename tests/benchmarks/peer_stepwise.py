@@ -24,7 +24,7 @@ GIVEN = (
 
 def fit(folder: Path) -> dict[str, list[float]]:
     """Inertia and drag, each with its 95 % interval."""
-    best = None
+    fits = []
     for lag in np.arange(-0.1, 0.51, 0.05):
         rows = []
         for path in sorted(folder.glob("*.csv")):
@@ -41,8 +41,8 @@ def fit(folder: Path) -> dict[str, list[float]]:
             })[round(3 * wide) : -round(3 * wide) : round(wide)])  # fmt: skip
         table = pd.concat(rows)
         found = sm.OLS(table["acceleration"], table[["tau", "drag"]]).fit()
-        best = found if best is None or found.ssr < best.ssr else best
-    found = best
+        fits.append(found)
+    found = min(fits, key=lambda each: each.ssr)
     a, b = found.params
     v = found.cov_params().to_numpy()
     half = 1.96 * np.sqrt([v[0, 0] / a**4, (v[1, 1] - 2 * b / a * v[0, 1] + (b / a) ** 2 * v[0, 0]) / a**2])

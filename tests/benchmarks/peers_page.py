@@ -244,7 +244,7 @@ def fit_figure(found: Row) -> Figure:
                 colour, marker = OKABE_ITO[tool]
                 ax.plot(list(some), list(some.values()), color=colour, marker=marker, markersize=5, lw=1.2, label=tool)
             ax.axhline(1.0, color="0.6", lw=1, ls="--")
-            ax.set(xscale="log", yscale="log", xticks=SIZES, xticklabels=SIZES, ylim=(0.2, None))
+            ax.set(xscale="log", yscale="log", xticks=SIZES, xticklabels=SIZES, ylim=(0.2, 300))
             ax.minorticks_off()
             if name == "I_r":
                 ax.set_title(shown.replace("switched ", "switched\n").replace("scatters ", "scatters\n"), fontsize=10)

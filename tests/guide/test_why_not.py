@@ -41,5 +41,5 @@ def test_a_number_that_was_not_measured_would_fail(shown: ModuleType, found: dic
 def test_what_is_missing_is_a_dash(shown: ModuleType, found: dict[str, Any]) -> None:
     for row in found["thrusters"]:
         row.pop("monotone spline", None)
-    assert all(line.endswith("| - |") for line in shown.thrusters_table(found).splitlines()[2:])
+    assert all(line.endswith("|-|") for line in shown.thrusters_table(found).splitlines()[2:])
     assert shown.number(None) == shown.number(float("inf")) == "-"
