@@ -275,7 +275,7 @@ def _finish(ctx: click.Context, result: "CampaignRun | Campaigns") -> None:
 run_campaign.finish = _finish
 run_campaign.then = lambda result: next(
     (f"open {{out}}/{page}" for page in ("report.html", "campaigns.csv") if (result.out / page).is_file()),
-    "automarine report {out}",
+    "" if result.refused else "automarine report {out}",
 )
 
 

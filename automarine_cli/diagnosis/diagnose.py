@@ -204,6 +204,7 @@ FLOOR_ERROR = 1.5
 root of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
 MAX_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
+STEADIER = 0.005  # share of thrust by which its scatter over runs has to fall where the held-out gap does not
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
@@ -355,6 +356,9 @@ def _borne_out(
         )
     if holdout and holdout.exceeds_noise and holdout.above(holdout.after) > MAX_LEFT * holdout.above(holdout.before):
         return f"Most of the gap of the held-out runs remains: it is {holdout.in_noises}."
+    steadier = result.base.fit.factor(GAIN) - result.final.fit.factor(GAIN)
+    if holdout and holdout.after >= holdout.before and steadier < STEADIER:
+        return "The gap of the held-out runs is no smaller with it, and the thrust of the runs is no steadier."
     return ""
 
 

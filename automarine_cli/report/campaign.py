@@ -14,6 +14,7 @@ from typing import Any
 from automarine_cli import effects
 from automarine_cli.comparison.validation import VALIDATION, ValidationFile
 from automarine_cli.control.tuning import TUNING
+from automarine_cli.diagnosis.diagnose import MIN_RUNS
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ExcludedRun, OutputError
@@ -50,6 +51,7 @@ MADE = (
 FIRST_DATE_S = 946_684_800.0  # 2000, in seconds since 1970: clocks that show less know no date
 LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: "Missing", TUNING.name: "Gains"}  # in the box at the top
 USE = "`automarine tune` and `automarine export` use the model."
+MORE = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
 PLAN = "`automarine plan` plans the runs that tell what is missing."
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
@@ -337,7 +339,7 @@ def _result_box(steps: Steps, ran: RunFile) -> str:
         text = f"{motion}: " * (label != title and motion in DOFS and motion != YAW.name)
         text += says[result.step.name].removeprefix("named: ")
         if isinstance(file, ModelFile | PlanarFile):
-            after = "`automarine diagnose` says what the model lacks."
+            after = "`automarine diagnose` says what the model lacks." if file.runs.used >= MIN_RUNS else MORE
         if isinstance(file, DiagnosisFile):
             text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
             known = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
@@ -362,6 +364,10 @@ def _refusal(file: Any) -> str:
     """Why a model must not be used; empty where it may, and for results of other kinds."""
     if isinstance(file, ValidationFile):
         return file.use.refusal
+    if isinstance(file, ModelFile) and (inertia := file.chosen.inertia) is not None and inertia.estimate is not None:
+        low, high = inertia.estimate.ci95
+        if high - low > 2.0 * abs(inertia.estimate.value):
+            return f"These runs do not determine {file.dof.symbols.inertia}; add runs from rest at larger commands."
     return file.prediction.refusal if isinstance(file, ModelFile | PlanarFile) else ""
 
 

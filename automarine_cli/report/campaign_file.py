@@ -85,12 +85,13 @@ def _(result: NewCampaign) -> Sections:
     to_answer = f"{plural(len(questions), 'question')} to answer: {', '.join(questions)}."
     return Sections([
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
-        Table.of("Columns", columns),
+        Table.of("Columns", columns) if columns else NO_COLUMNS,
         to_answer if questions else "No open questions; check the file before running it.",
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
     ])  # fmt: skip
 
 
+NO_COLUMNS = "No column was recognised. If a line of units stands below the names, delete it."
 Ask = Callable[[str, str], str]
 """The answer to a question, by its key and its comment; an empty one leaves the question open."""
 

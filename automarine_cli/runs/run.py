@@ -217,7 +217,7 @@ class Run:
         """Commanded moment or force of any degree of freedom, (N,). Raises RunError where the log has none."""
         command = self.moment if dof is self.dof else self.extras.get(dof.command)
         if command is None:
-            arm = " and --arm METRES" * dof.levered
+            arm = " and --arm METRES" * dof.levered + f' (in a campaign {dof.command} = "thrusters")'
             thrusters = f"give --thrusters MAP.json{arm} for {' and '.join(dof.thrusters)}, or " * bool(dof.thrusters)
             raise RunError(
                 f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in "

@@ -82,6 +82,13 @@ def test_results_are_no_logs_and_what_cannot_be_read_is_named(tmp_path: Path) ->
         init(pool / "out")
 
 
+def test_a_line_of_units_below_the_names_is_pointed_to(tmp_path: Path, run: Callable[..., Result]) -> None:
+    (tmp_path / "a.csv").write_text("t;psi;pwm\ns;deg;us\n0,0;1,2;1500\n0,1;1,2;1500\n0,2;1,3;1600\n")
+    result = run("init", tmp_path)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "No column was recognised. If a line of units stands below the names, delete it." in result.stdout
+
+
 def test_nothing_is_replaced_unless_wanted(tmp_path: Path, run: Callable[..., Result]) -> None:
     write_logs(tmp_path / "logs", CANONICAL)
     first = init(tmp_path)

@@ -263,6 +263,15 @@ def test_the_box_says_when_the_runs_were_where_their_clocks_know_it(tmp_path: Pa
     assert "- **Tested:** 2 logs, 9 runs, 2023-11-14 to 2023-11-16" in box
 
 
+def test_a_model_that_the_runs_do_not_determine_is_not_usable(tmp_path: Path) -> None:
+    inertia = {"value": 3915.0, "stderr": 1e5, "ci95": [0.0, 246323.0], "unit": "nu s²"}
+    models = {"3": {"k_rr": estimate(1.165, 0.02), "I_r": inertia}}
+    write_model(tmp_path, models=models, runs={"used": 2, "set_aside": []})
+    text = make_report(tmp_path).files["report.md"]
+    assert text.splitlines()[2] == "**These runs do not determine I_r; add runs from rest at larger commands.**"
+    assert "not usable: model 3" in text and "- **Next:** Drive more runs: a diagnosis needs 4 and more." in text
+
+
 def test_what_must_not_be_used_stands_first(tmp_path: Path) -> None:
     says = "This model is not usable: it predicts less than nothing; `automarine diagnose` looks for what it lacks."
     write_model(tmp_path, prediction={"of_use": False, "says": says}, warnings=[says])
