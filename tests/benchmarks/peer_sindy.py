@@ -16,9 +16,9 @@ from automarine_cli.runs.run import Run
 
 TITLE, PACKAGE = "PySINDy", "pysindy"
 GIVEN = (
-    "Rate by a Savitzky-Golay filter (0.5 s). Weak form over windows of 4 s, as documented for noise, with `STLSQ` and "
-    "the best lag of 0 to 3 samples. No intervals. Names: filtered terms, `SSR` to at most nine, then the sparsest model "
-    "within 3 % of the best on held-out runs."
+    "Rate by a Savitzky-Golay filter (0.5 s). Weak form over windows of 4 s, as documented for noise, with `STLSQ` "
+    "and the best lag of 0 to 3 samples. No intervals. Names: filtered terms, `SSR` to at most nine, then the sparsest "
+    "model within 3 % of the best on held-out runs."
 )
 
 

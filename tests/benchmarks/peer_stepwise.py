@@ -16,8 +16,8 @@ from automarine_cli.runs.run import Run
 
 TITLE, PACKAGE = "regression", "statsmodels"
 GIVEN = (
-    "Rate by a Gaussian filter of 0.15 s; acceleration, command and terms by the same one of 1.2 s. Of lags from -0.1 "
-    "to 0.5 s the one that fits best; `OLS` on one sample in 1.2 s. Names: filters of 0.1 and 0.5 s, terms added while "
+    "Rate by a Gaussian filter of 0.15 s; acceleration, command and terms by the same one of 1.2 s. Best lag of -0.1 "
+    "to 0.5 s. `OLS` on one sample in 1.2 s. Names: filters of 0.1 and 0.5 s, terms added while "
     "the BIC falls."
 )
 
