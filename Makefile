@@ -7,6 +7,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DOCS_READY := $(VENV)/.docs-ready
+PEERS_READY := $(VENV)/.peers-ready
 AUTOMARINE := $(BIN)/automarine
 BENCHMARK := PYTHONPATH=tests/helpers $(BIN)/python tests/benchmarks
 SHARED := -n auto --dist loadfile --no-loadscope-reorder
@@ -15,7 +16,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning circle real docs clean
+.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning circle real peers docs clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -137,6 +138,13 @@ circle: $(READY) ## Plan, drive, collect over a link that is cut, analyse, tune,
 
 real: $(READY) ## Real logs, halves exchanged: predictions against least squares and constants, what is named; AUTOMARINE_DATA
 	$(BENCHMARK)/real.py --jobs 2 --out $(OUT)
+
+$(PEERS_READY): $(READY)
+	$(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check --group peers
+	touch $@
+
+peers: $(PEERS_READY) ## Side by side with a plain script, mujoco.sysid, PySINDy and regression; 40 minutes, goes on
+	$(BENCHMARK)/peers.py --jobs 2 --out $(OUT)/peers
 
 clean: ## Remove results, caches and the virtual environment
 	rm -rf out $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -50,9 +50,9 @@ def bound(time: Floats, observed: NDArray[np.bool_], moment: Floats, exact: bool
     side = np.sign(moment)[:, None] * observed
     size = np.abs(moment)[:, None]
     x = np.sqrt(size * k) * np.maximum(time, 0.0) / inertia
-    log_cosh = x - np.log(2.0) + np.log1p(np.exp(-2.0 * x))
-    by_inertia = side * (log_cosh - x * np.tanh(x)) / k
-    by_drag = side * inertia / k**2 * (x * np.tanh(x) / 2.0 - log_cosh)
+    grown = log_cosh(x)
+    by_inertia = side * (grown - x * np.tanh(x)) / k
+    by_drag = side * inertia / k**2 * (x * np.tanh(x) / 2.0 - grown)
     columns = np.stack([by_inertia, by_drag], axis=2) / NOISE
     by_instant = -side * np.sqrt(size / k) * np.tanh(x) / NOISE
     total = np.zeros((2, 2))
@@ -66,6 +66,11 @@ def bound(time: Floats, observed: NDArray[np.bool_], moment: Floats, exact: bool
         rest = j - np.outer(v, slope)
         total += rest.T @ rest + location_information(1.0 / np.sqrt(v @ v), PERIOD) * np.outer(slope, slope)
     return np.asarray(np.diagonal(np.linalg.inv(total)) / np.square(TRUTH))
+
+
+def log_cosh(x: Floats) -> Floats:
+    """ln cosh x of x that is not negative."""
+    return np.asarray(x - np.log(2.0) + np.log1p(np.exp(-2.0 * x)))
 
 
 def location_information(sd: float, width: float) -> float:

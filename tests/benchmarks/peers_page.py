@@ -1,0 +1,296 @@
+"""What the page *Why not ...?* and the README show of tests/benchmarks/peers.json: tables, one list, two figures."""
+
+import io
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+from repository import ROOT
+
+Row = dict[str, Any]
+
+RESULTS = ROOT / "tests" / "benchmarks" / "peers.json"
+PAGE, README = ROOT / "automarine_cli" / "guide" / "why-not.md", ROOT / "README.md"
+PICTURES = ROOT / ".github" / "pictures"
+OURS, WHOLE = "automarine", "automarine, whole runs"
+KINDS = {
+    "clean": "clean", "scatter": "thrust scatters by 3 %", "between": "switched between samples",
+    "delay": "delay of 0.25 s",
+}  # fmt: skip
+SIZES = (12, 24, 72)
+NAMELESS = ("suspected", "unexplained", "refused")
+MARKS = ("right", "tie", "half", "wrong", "missed")
+AHEAD = 0.95
+"""Another tool is ahead where its error is below this share of ours."""
+SHORT = {"one level in five left out": "1 in 5 left out", "11 levels kept": "11 kept"}
+HORIZONS = (2, 5, 15)  # s
+OKABE_ITO = {
+    OURS: ("#000000", "o"), WHOLE: ("#555555", "s"), "plain script": ("#D55E00", "^"), "mujoco.sysid": ("#0072B2", "v"),
+    "PySINDy": ("#CC79A7", "D"), "regression": ("#009E73", "X"),
+    "polynomial": ("#E69F00", "^"), "monotone spline": ("#0072B2", "v"),
+}  # fmt: skip
+"""Colours that the colour-blind tell apart, and a marker each."""
+
+
+def blocks(found: Row) -> dict[str, str]:
+    """What stands under each heading of the page, first table or list."""
+    return {
+        "Where another tool is ahead": "\n".join(ahead(found)),
+        "Fit inertia and drag": fit_table(found),
+        "Coverage of intervals": fit_table(found, coverage=True),
+        "Name what is missing": names_table(found),
+        "Predict real logs": predict_table(found),
+        "Map a thruster": thrusters_table(found),
+        "What each tool was given": given_table(found),
+    }
+
+
+def tables_text(found: Row) -> str:
+    return "\n\n".join(f"{heading}\n{block}" for heading, block in blocks(found).items() if block)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    if not rows:
+        return ""
+    rule = ["---", *["---:" if re.search(r"\d", rows[0][i]) else "---" for i in range(1, len(head))]]
+    return "\n".join(f"|{'|'.join(line)}|" for line in (head, rule, *rows))
+
+
+def number(value: float | None) -> str:
+    if value is None or not np.isfinite(value):
+        return "-"
+    return f"{value:.2f}" if abs(value) < 9.995 else f"{value:.1f}" if abs(value) < 99.95 else f"{value:.0f}"
+
+
+def pooled(found: Row, tool: str, kind: str) -> dict[str, Row]:
+    """Of all numbers of runs together: bias, spread and rms in bounds, coverage in percent, of inertia and drag."""
+    rows = [row for row in found["fit"]["rows"] if (row["tool"], row["kind"]) == (tool, kind)]
+    out = {}
+    for name in ("I_r", "k_rr"):
+        every = [(row["campaigns"] - row["failed"], row[name]) for row in rows]
+        total = sum(count for count, _ in every)
+        if not total:
+            continue
+        square = sum(count * each["rms"] ** 2 for count, each in every) / total
+        bias = sum(count * each["bias"] for count, each in every) / total
+        covered = [None if each["coverage"] is None else count * each["coverage"] for count, each in every]
+        out[name] = {
+            "bias": bias, "sd": float(np.sqrt(max(square - bias**2, 0.0))), "rms": float(np.sqrt(square)),
+            "coverage": None if None in covered else sum(map(float, filter(None, covered))) / total,
+        }  # fmt: skip
+    return out
+
+
+def fit_tools(found: Row) -> list[str]:
+    return list(dict.fromkeys(row["tool"] for row in found["fit"]["rows"]))
+
+
+def fit_table(found: Row, coverage: bool = False) -> str:
+    """A row a tool: bias ± spread in bounds, or coverage in percent, of inertia and drag by kind of campaign."""
+    if "fit" not in found:
+        return ""
+    rows = []
+    for tool in fit_tools(found):
+        cells = []
+        for kind in KINDS:
+            of = pooled(found, tool, kind)
+            for name in ("I_r", "k_rr"):
+                each = of.get(name, {"coverage": None})
+                if coverage or not of:
+                    cells.append("-" if each["coverage"] is None else f"{each['coverage']:.0f}")
+                else:
+                    cells.append(f"{'-' if each['bias'] < 0 else '+'}{number(abs(each['bias']))}±{number(each['sd'])}")
+        if not coverage or set(cells) != {"-"}:
+            rows.append([tool, *cells])
+    return table(["tool", *(f"{kind}: {name}" for kind in KINDS for name in ("I_r", "k_rr"))], rows)
+
+
+def names_table(found: Row) -> str:
+    rows = [
+        [tool, *(str(row[mark]) for mark in MARKS), str(sum(row[mark] for mark in NAMELESS)), str(row["false claims"])]
+        for tool, row in found.get("names", {}).items()
+    ]  # fmt: skip
+    return table(["tool", *MARKS, "no name", "false claims"], rows)
+
+
+def predict_table(found: Row) -> str:
+    rows = [
+        [row["tool"], *map(number, row["ratio"]), *map(str, row["best"]), str(row["failed"])]
+        for row in found.get("predict", [])
+    ]
+    head = ["tool", *(f"{h} s: error over the best" for h in HORIZONS), *(f"best at {h} s" for h in HORIZONS), "failed"]
+    return table(head, rows)
+
+
+def thrusters_table(found: Row) -> str:
+    tools = list(found.get("given thrusters", {}))
+    rows = [
+        [f"{row['table']}, {SHORT[row['left out']]}", *(number(row.get(tool)) for tool in tools)]
+        for row in found.get("thrusters", [])
+    ]
+    return table(["table", *(f"{tool} %" for tool in tools)], rows)
+
+
+def given_table(found: Row) -> str:
+    seconds = found.get("fit", {}).get("seconds", {})
+    rows = [
+        [tool, found["versions"][tool], number(seconds.get(tool, {}).get("24")), str(found["lines"][tool]), given]
+        for tool, given in found["given"].items()
+    ]
+    rows += [[tool, "-", "-", "-", given] for tool, given in found["given thrusters"].items()]
+    return table(["tool", "version", "s for 24 runs", "lines", "settings"], rows)
+
+
+def ahead(found: Row) -> Iterator[str]:
+    """One item each where another tool does better than the tool by default."""
+    names = {"I_r": "inertia", "k_rr": "drag"}
+    for kind, shown in KINDS.items() if "fit" in found else ():
+        for name, said in names.items():
+            rms = {tool: of[name]["rms"] for tool in fit_tools(found) if (of := pooled(found, tool, kind))}
+            best = min((tool for tool in rms if tool not in (OURS, WHOLE)), key=rms.__getitem__, default=OURS)
+            if rms[best] < AHEAD * rms[OURS]:
+                whole = f", or {number(rms[WHOLE])} with whole runs" if WHOLE in rms else ""
+                both = f"{best} {number(rms[best])} bounds, automarine {number(rms[OURS])}{whole}"
+                yield f"- **Fit, {shown}, {said}:** {both}."
+    seconds = {tool: taken["24"] for tool, taken in found.get("fit", {}).get("seconds", {}).items() if "24" in taken}
+    if seconds and (faster := [t for t in seconds if seconds[t] < AHEAD * seconds[OURS]]):
+        said = ", ".join(f"{tool} {number(seconds[tool])} s" for tool in faster)
+        yield f"- **Time for 24 runs:** {said}, automarine {number(seconds[OURS])} s with its figures."
+    if some := found.get("names"):
+        for tool, row in some.items():
+            if row["right"] > some[OURS]["right"]:
+                yield f"- **Names:** {tool} has {row['right']} right, automarine {some[OURS]['right']}."
+    rows = {row["tool"]: row for row in found.get("predict", [])}
+    for i, horizon in enumerate(HORIZONS) if rows else ():
+        best = min(rows, key=lambda tool: rows[tool]["ratio"][i])
+        if rows[best]["ratio"][i] < rows[OURS]["ratio"][i]:
+            low, mine = (number(rows[tool]["ratio"][i]) for tool in (best, OURS))
+            yield f"- **Predict {horizon} s ahead:** {best} {low} times the least error, automarine {mine} (medians)."
+    tables = found.get("thrusters", [])
+    for tool in found.get("given thrusters", {}):
+        if tool != OURS and (won := [row for row in tables if row.get(tool, np.inf) < AHEAD * row[OURS]]):
+            yield f"- **Thruster maps:** the {tool} is ahead in {len(won)} of {len(tables)} comparisons."
+
+
+def readme_lines(found: Row) -> str:
+    """A table of one row a question: automarine, and the best of the others."""
+    rows = []
+    if "fit" in found:
+        for kind in ("clean", "scatter"):
+            rms = {t: of["I_r"]["rms"] for t in fit_tools(found) if (of := pooled(found, t, kind))}
+            rows.append([f"error of inertia over the least possible: {KINDS[kind]}", *best_of(rms, "{}")])
+    if some := found.get("names"):
+        right = {tool: -float(row["right"]) for tool, row in some.items()}
+        best = min((tool for tool in right if tool != OURS), key=right.__getitem__, default=None)
+        shown = {tool: f"{row['right']} right, {row['false claims']} false claims" for tool, row in some.items()}
+        total = some[OURS]["campaigns"]
+        rows.append([f"what is missing, of {total} campaigns", shown[OURS], f"{best}: {shown[best]}" if best else "-"])
+    if some := {row["tool"]: row["ratio"][HORIZONS.index(5)] for row in found.get("predict", [])}:
+        rows.append(["error 5 s ahead on real logs over the best tool's, median", *best_of(some, "{}")])
+    if tables := found.get("thrusters"):
+        means = {tool: float(np.mean([row[tool] for row in tables])) for tool in found["given thrusters"]}
+        rows.append(["error of a thruster map on levels left out, mean", *best_of(means, "{} %")])
+    return table(["question", OURS, "best other tool"], rows)
+
+
+def best_of(errors: Mapping[str, float], shown: str) -> list[str]:
+    best = min((tool for tool in errors if tool not in (OURS, WHOLE)), key=errors.__getitem__, default=None)
+    return [shown.format(number(errors[OURS])), f"{best}: {shown.format(number(errors[best]))}" if best else "-"]
+
+
+def put(text: str, heading: str, block: str) -> str:
+    """The page with its first table, or list, under a heading replaced."""
+    mark = "- " if block.startswith("- ") else "|"
+    lines = text.split("\n")
+    at = lines.index(f"## {heading}")
+    end = next((i for i in range(at + 1, len(lines)) if lines[i].startswith("## ")), len(lines))
+    first = next(i for i in range(at, end) if lines[i].startswith(mark))
+    last = first
+    while last < end and lines[last].startswith(mark):
+        last += 1
+    return "\n".join([*lines[:first], *block.split("\n"), *lines[last:]])
+
+
+def written(page: str, readme: str, found: Row) -> tuple[str, str]:
+    """Both pages with the numbers of the results."""
+    for heading, block in blocks(found).items():
+        page = put(page, heading, block) if block else page
+    return page, put(readme, "Why not MATLAB, a script or PySINDy?", readme_lines(found).rstrip())
+
+
+def write() -> None:
+    found = json.loads(RESULTS.read_text(encoding="utf-8"))
+    page, readme = written(PAGE.read_text(encoding="utf-8"), README.read_text(encoding="utf-8"), found)
+    PAGE.write_text(page, encoding="utf-8")
+    README.write_text(readme, encoding="utf-8")
+    for name, figure in (("peers_fit", fit_figure(found)), ("peers_others", others_figure(found))):
+        (PICTURES / f"{name}.png").write_bytes(small_png(figure))
+
+
+def fit_figure(found: Row) -> Figure:
+    """Errors of inertia and drag over the bound, against the number of runs."""
+    figure = Figure((8.0, 4.6), layout="constrained")
+    axes = figure.subplots(2, len(KINDS), sharex=True, sharey=True)
+    for row, (name, said) in zip(axes, {"I_r": "inertia", "k_rr": "drag"}.items()):
+        for ax, (kind, shown) in zip(row, KINDS.items()):
+            for tool in fit_tools(found):
+                some = {
+                    r["runs"]: r[name]["rms"] for r in found["fit"]["rows"] if (r["tool"], r["kind"]) == (tool, kind)
+                }
+                colour, marker = OKABE_ITO[tool]
+                ax.plot(list(some), list(some.values()), color=colour, marker=marker, markersize=5, lw=1.2, label=tool)
+            ax.axhline(1.0, color="0.6", lw=1, ls="--")
+            ax.set(xscale="log", yscale="log", xticks=SIZES, xticklabels=SIZES, ylim=(0.2, 300))
+            ax.minorticks_off()
+            if name == "I_r":
+                ax.set_title(shown.replace("switched ", "switched\n").replace("scatters ", "scatters\n"), fontsize=10)
+            else:
+                ax.set_xlabel("runs")
+        row[0].set_ylabel(f"rms error of {said}\n[least possible error]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def others_figure(found: Row) -> Figure:
+    """What was named, and errors of thruster maps."""
+    figure = Figure((8.0, 3.9), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
+    shades = {"right": "#0072B2", "tie": "#56B4E9", "half": "#F0E442", "wrong": "#D55E00", "missed": "#999999"}
+    some = found.get("names", {})
+    begin = np.zeros(len(some))
+    for mark, colour in shades.items():
+        wide = np.array([row[mark] for row in some.values()], dtype=float)
+        left.barh(list(some), wide, height=0.5, left=begin, color=colour, edgecolor="white", label=mark)
+        begin += wide
+    for i, row in enumerate(some.values()):
+        left.text(0.0, i - 0.27, f"false claims: {row['false claims']}", fontsize=9, va="bottom")
+    left.set(xlabel="campaigns", title="What is missing: named", ylim=(len(some) - 0.5, -0.6))
+    rows = found.get("thrusters", [])
+    names = [
+        row["table"].replace(", ", " ").replace("propeller", "prop.") + (" *" if "kept" in row["left out"] else "")
+        for row in rows
+    ]
+    for tool in found["given thrusters"]:
+        colour, marker = OKABE_ITO[tool]
+        right.plot([row.get(tool, np.nan) for row in rows], range(len(rows)), marker, color=colour, label=tool)
+    right.set(yticks=range(len(rows)), yticklabels=names, xscale="log", title="Thruster maps: levels left out",
+              xlabel="rms error [%]; * 11 levels kept", ylim=(len(rows) - 0.5, -0.5))  # fmt: skip
+    right.set_xticks([0.3, 1, 3], ["0.3", "1", "3"])
+    right.tick_params(axis="y", labelsize=9)
+    right.minorticks_off()
+    right.grid(axis="y", color="0.9")
+    for ax in (left, right):
+        ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.17), ncols=3, frameon=False, fontsize=9)
+    return figure
+
+
+def small_png(figure: Figure) -> bytes:
+    """The figure as PNG of few colours."""
+    drawn, small = io.BytesIO(), io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=120, metadata={"Software": None})
+    Image.open(drawn).convert("RGB").quantize(128).save(small, format="png", optimize=True)
+    return small.getvalue()
