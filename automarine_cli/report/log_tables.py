@@ -54,7 +54,7 @@ def _(result: Check) -> Sections:
     usable = [plural(len(result.tests), "thruster test")] * bool(result.tests)
     for dof, runs in reversed(by_dof.items()):
         step = f"{sum(not run.why for run in runs)} of {len(runs)} {dof.name} runs have a usable {dof.words.step}"
-        usable[:0] = [step] * bool(runs)
+        usable[:0] = [step + ", so a fit takes them whole" * all(run.why for run in runs)] * bool(runs)
     answer, notes = "; ".join(usable) + ".", [note for table in tables for note in table.notes]
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]

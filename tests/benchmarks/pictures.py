@@ -12,7 +12,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from automarine_cli.report.figures.thrusters import thruster_figure
 from effect_families import families, picture_of
 from made_runs import INERTIA, K_RR
 from matplotlib.figure import Figure
@@ -31,6 +30,7 @@ from automarine_cli.effects import Effect
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
+from automarine_cli.report.figures.parameters import thruster_figure
 from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
 from automarine_cli.report.figures.style import COLOURS as PALETTE
 from automarine_cli.report.figures.style import house_style, panels
