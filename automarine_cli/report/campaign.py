@@ -40,8 +40,7 @@ from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 FILES = ("report.html", "report.md")
 REPORT = "report"
-MAX_FIGURES = 12  # of a step that are in the page; all are in its folder
-MAX_NAMED = 12  # campaigns whose folders are named at the end
+MAX_FIGURES, MAX_NAMED = 12, 12  # figures of a step in the page, campaigns named at the end; all are in their folders
 SAME_VOLTAGE = 1.03  # voltages that differ by less are one, as in the thruster fit
 MADE = (
     "The `manifest.json` of each folder holds the command, every setting, the seed and the SHA-256 of every input; "

@@ -87,6 +87,7 @@ def _(result: NewCampaign) -> Sections:
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
         Table.of("Columns", columns) if columns else "No column is recognised; delete a line of units below the names.",
         to_answer if questions else "No open questions; check the file before running it.",
+        *(["Some logs are not used; the campaign file says which and why."] if "# Not used" in result.text else ()),
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
     ])  # fmt: skip
 

@@ -167,8 +167,8 @@ def ahead(found: Row) -> Iterator[str]:
     rows = {row["tool"]: row for row in found.get("predict", [])}
     for i, horizon in enumerate(HORIZONS) if rows else ():
         best = min(rows, key=lambda tool: rows[tool]["ratio"][i])
-        if rows[best]["ratio"][i] < rows[OURS]["ratio"][i]:
-            low, mine = (number(rows[tool]["ratio"][i]) for tool in (best, OURS))
+        low, mine = (number(rows[tool]["ratio"][i]) for tool in (best, OURS))
+        if low != mine:  # as they are shown
             yield f"- **Predict {horizon} s ahead:** {best} {low} times the least error, automarine {mine} (medians)."
     tables = found.get("thrusters", [])
     for tool in found.get("given thrusters", {}):

@@ -76,6 +76,7 @@ def test_results_are_no_logs_and_what_cannot_be_read_is_named(tmp_path: Path) ->
     assert data["logs"]["steps"] == ["steps"] and result.questions == ()
     assert "#   pool/broken.csv, run broken: row 2, column heading_deg: found 'x'" in result.text
     assert [file.path.name for file in result.survey.strangers] == ["weather.csv"]
+    assert "Some logs are not used; the campaign file says which and why." in repr(result)
     assert "no column looks like a heading, a moment or a command" in result.text
     assert any("engine" in aside.file for aside in result.survey.set_aside)  # it has no heading
     with pytest.raises(LogError, match="the only logs here are in folders of results"):
