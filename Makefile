@@ -80,9 +80,10 @@ reproduce: $(READY) ## The demo twice, under two locales; fails unless every byt
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
 	  echo "Reproduced: $$count files, every byte equal."
 
-docs: $(DOCS_READY) ## The guide as a site with a search, into OUT/docs; fails at a broken link
+docs: $(DOCS_READY) ## The guide as a site with a search, into OUT/docs; fails at a broken link, a lost word, a page too wide
 	rm -rf $(OUT)/docs
 	$(BIN)/sphinx-build -q -n -W --keep-going -c .docs -d $(OUT)/docs.doctrees -E . $(OUT)/docs
+	$(BIN)/python -m pytest -q tests/guide/test_site.py
 	echo "Site: $(OUT)/docs/index.html"
 
 wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty environment and use it there
