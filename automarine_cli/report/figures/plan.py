@@ -49,8 +49,8 @@ def tuning_figure(tuning: "Tuning") -> Figure:
     dof, task = tuning.nominal.dof, tuning.task
     way = dof.shown(task.step)
     outcomes = {name: of for name, of in (("new", tuning.new), ("present", tuning.old)) if of is not None}
-    settling = [float(np.median(of.scores.settling)) for of in outcomes.values()]
-    largest = [float(dof.shown(np.median(of.scores.error))) for of in outcomes.values()]
+    settling = [float(np.quantile(of.scores.settling, 0.5, method="inverted_cdf")) for of in outcomes.values()]
+    largest = [float(dof.shown(np.quantile(of.scores.error, 0.5, method="inverted_cdf"))) for of in outcomes.values()]
     settles = (f"settles after {time:.3g} s" if np.isfinite(time) else "never settles" for time in settling)
     price = "Price: u" if largest[0] > largest[-1] else "U"
     load = f"{price}nder a load of {100 * task.load:g} %\nup to "
