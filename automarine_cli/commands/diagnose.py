@@ -95,7 +95,7 @@ def _of_a_motion(
     foretell(progress, "the diagnosis", expected_seconds(runs) / max(jobs, 1))
     with append_exclusions(aside):
         diagnosis = diagnose_runs(
-            runs, stored.models[stored.preferred], hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels
+            runs, stored.undelayed, hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels
         )
     diagnosis = replace(diagnosis, number=stored.preferred, parent=stored.source, parent_sha256=sha256(model))
     return replace(diagnosis, set_aside=tuple(aside))

@@ -85,6 +85,7 @@ def _fit(
     from automarine_cli.fits.known import Known, names_in
     from automarine_cli.fits.paper import parse_tail
     from automarine_cli.logs import given_columns
+    from automarine_cli.models.yaw_model import COMMAND_DELAY
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.runs.half_turn import half_turns
     from automarine_cli.runs.load import append_exclusions, load_runs, require_usable
@@ -98,7 +99,8 @@ def _fit(
     if names and fit_to not in ("auto", WHOLE_RUNS):
         raise SettingError(f"--with fits whole runs; leave out --fit-to {fit_to}")
     parameters = [f"{name}.{parameter}" for name in names for parameter in effects.get(name).names_in(dof)]
-    beforehand = Known.of(known).named(names_in(dof, parameters), signed=(dof.parameter("constant"), *parameters))
+    signed = (dof.parameter("constant"), COMMAND_DELAY, *parameters)
+    beforehand = Known.of(known).named(names_in(dof, parameters), signed)
     column_map = given_columns(columns)
     drive = moment_maker(thrusters, arm, column_map, dof)
     campaign = load_runs(logs, column_map, dof=dof, strict=strict, progress=progress, jobs=jobs)

@@ -46,21 +46,20 @@ def step_of(model: YawModel, runs: Sequence[Run]) -> float:
 
 
 def roll(
-    model: YawModel, runs: Sequence[Run], position: ArrayLike, rate: ArrayLike, switch_offset: float = 0.0,
+    model: YawModel, runs: Sequence[Run], position: ArrayLike, rate: ArrayLike,
     step: float | None = None, water: ArrayLike = 0.0,
 ) -> Trajectory:  # fmt: skip
     """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,), and
     from states of the `water` (W, 1, R); not finite where the model diverges.
 
-    `switch_offset` is the share of a sample interval by which commands act later than mid-interval. Without a `step`
-    [s] that is halved until positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`."""
+    Without a `step` [s] that is halved until positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`.
+    """
     signals, position, rate = needed_signals(model), np.atleast_2d(position), np.atleast_2d(rate)
 
     def once(step: float) -> Trajectory:
         batch = make_batch(runs, step, signals)
-        delay = switch_offset * batch.interval[None] if switch_offset else None
         with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away is told of, not warned about
-            return simulate(model, batch, start=Start(position, rate, switch_delay=delay, water=water))
+            return simulate(model, batch, start=Start(position, rate, water=water))
 
     if step is not None:
         return once(step)
@@ -114,13 +113,13 @@ def rest_state(run: Run) -> State | None:
     return State(float(run.position[:count].mean()), 0.0, how)
 
 
-def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> list[State]:
+def start_states(model: YawModel, runs: Sequence[Run]) -> list[State]:
     """Find the start of each run: at rest, or with the position and rate from which the model follows the first second
     (at least 5 samples) of the measured position best, by least squares."""
     rests = [rest_state(run) for run in runs]
     resting = [run for run, rest in zip(runs, rests) if rest is not None]
     at_rest = iter(aligned(model, resting, [rest for rest in rests if rest is not None]))
-    moving = iter(_fitted(model, [run for run, rest in zip(runs, rests) if rest is None], switch_offset))
+    moving = iter(_fitted(model, [run for run, rest in zip(runs, rests) if rest is None]))
     return [next(moving if rest is None else at_rest) for rest in rests]
 
 
@@ -141,7 +140,7 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
     return [State(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 
 
-def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[State]:
+def _fitted(model: YawModel, runs: Sequence[Run]) -> list[State]:
     """Fit start position and rate by Gauss-Newton, all runs at once, from a line through the same samples. What a
     velocity sensor reads there counts with the ratio of the position's noise to its own."""
     if not runs:
@@ -165,7 +164,7 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
     nudges = NUDGE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[..., None]
     for _ in range(ROUNDS):
         tried = starts + nudges
-        states = roll(model, begins, tried[:, 0], tried[:, 1], switch_offset, step)
+        states = roll(model, begins, tried[:, 0], tried[:, 1], step)
         with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away within a second keeps the line
             simulated = np.concatenate([states.position, weight * states.velocity], axis=2)
             residual = np.where(np.isnan(readings), 0.0, readings - simulated[0])
@@ -224,21 +223,21 @@ class FreeRun:
         return not all(np.all(np.abs(column) < FAR) for column in self.simulated.values())
 
 
-def free_runs(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> Iterator[FreeRun]:
+def free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
     """Simulate all runs, many at a time, in their order; see `roll`."""
-    states = start_states(model, runs, switch_offset)
-    for run, state, (position, rate, water) in zip(runs, states, _paths(model, runs, states, switch_offset)):
+    states = start_states(model, runs)
+    for run, state, (position, rate, water) in zip(runs, states, _paths(model, runs, states)):
         yield FreeRun(run, {model.dof.position: position, model.dof.velocity: rate}, state, water)
 
 
 def _paths(
-    model: YawModel, runs: Sequence[Run], states: Sequence[State], switch_offset: float, water: Sequence[Floats] = ()
+    model: YawModel, runs: Sequence[Run], states: Sequence[State], water: Sequence[Floats] = ()
 ) -> Iterator[tuple[Floats, ...]]:
     """Simulate each run from its state and that of the `water` (W,): position and rate (N,) and water (N, W)."""
     for group in groups(runs):
         position, rate = (np.array([getattr(state, name) for state in states[group]]) for name in ("position", "rate"))
         stirred = np.array(water[group]).T[:, None] if water else 0.0
-        path = roll(model, runs[group], position, rate, switch_offset, water=stirred)
+        path = roll(model, runs[group], position, rate, water=stirred)
         for i, run in enumerate(runs[group]):
             yield tuple(x[0, i, : len(run)] for x in (path.position, path.velocity, path.water))
 
@@ -294,16 +293,14 @@ def find_restarts(run: Run) -> Restarts:
     return Restarts(tuple(at), rule, float(np.median(np.diff(time[at]))), states)
 
 
-def restarted_errors(
-    model: YawModel, free: Sequence[FreeRun], restarts: Sequence[Restarts], switch_offset: float = 0.0
-) -> list[Floats]:
+def restarted_errors(model: YawModel, free: Sequence[FreeRun], restarts: Sequence[Restarts]) -> list[Floats]:
     """Return measured less restarted position [rad or m], (N,), of each run, until its first restart the free run's."""
     pieces = [(i, *piece) for i, of_run in enumerate(restarts) for piece in list(pairwise(of_run.at))[1:]]
     runs = [free[i].run.cut(first, last + 1) for i, first, last in pieces]
     states = aligned(model, runs, [state for of_run in restarts for state in of_run.states])
     water = [free[i].water[first] for i, first, _ in pieces]
     errors = [of_run.error.copy() for of_run in free]
-    for (i, first, last), run, (simulated, *_) in zip(pieces, runs, _paths(model, runs, states, switch_offset, water)):
+    for (i, first, last), run, (simulated, *_) in zip(pieces, runs, _paths(model, runs, states, water)):
         errors[i][first + 1 : last + 1] = (run.position - simulated)[1:]
     return errors
 

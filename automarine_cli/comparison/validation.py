@@ -319,7 +319,7 @@ class Validation(Shown):
         return data | {
             f"noise_floor_{unit}": self.floor, "best_because": self.because, "preferred_by_fit": stored.preferred,
             "effects": list(stored.effects), f"{dof.words.force}_unit": stored.moment_unit,
-            "switch_offset": stored.switch_offset, **channels_json(self.channels, measured_noises(runs, dof)),
+            "command_delay_s": stored.command_delay, **channels_json(self.channels, measured_noises(runs, dof)),
         }  # fmt: skip
 
     def _ahead_json(self, predicted: tuple[Predicted, ...]) -> Iterator[dict[str, object]]:
@@ -358,9 +358,9 @@ def compare(
         return Validation(stored, models, PLANAR.name)
     restarts = tuple(map(find_restarts, runs))
     for number, model in stored.models.items():
-        simulated = free_runs(model, runs, stored.switch_offset)
+        simulated = free_runs(model, runs)
         free = tuple(counted(progress, f"simulating model {number}", simulated, len(runs)))
-        errors = tuple(map(errors_of, free, restarted_errors(model, free, restarts, stored.switch_offset)))
+        errors = tuple(map(errors_of, free, restarted_errors(model, free, restarts)))
         models[number] = Scored(free, errors, {name: pooled(errors, score, drawn) for name, score in SCORES.items()})
     values = {number: scored.overall["rmse"].value for number, scored in models.items()}
     ranked = sorted((value, len(stored.models[n].theta), n) for n, value in values.items() if value is not None)

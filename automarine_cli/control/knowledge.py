@@ -10,7 +10,7 @@ from automarine_cli.control.targets.base import Target
 from automarine_cli.control.vehicles import Spread, ThrustCurve
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.store import DiagnosisFile, ModelFile, StoredModels
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import DELAY, YawModel
 from automarine_cli.pipeline.records import Source
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, paper_grid
@@ -20,7 +20,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.text import printable
 from automarine_cli.thrusters.map import ThrusterMap
 
-LATE = ("input-delay", "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
+LATE = (DELAY, "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
 WILD, CURVED = 0.25, 0.1
 """Scatter of the thrust from run to run, and power of the command's size that it goes with, from which on the thrust is
 not known: fits take no more than 0.3 for scatter."""
@@ -37,9 +37,9 @@ SUPPLY = (0.88, 1.08)
 """Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
 ROUNDING, POINTS = 1.02, 401
 """How far beyond the whole output moments of a log may seem to go; outputs at which a map is read."""
-UNDIAGNOSED = (
-    "How late the vehicle answers is not known, and an unknown delay inflates the fitted inertia. Diagnose the logs "
-    "(automarine diagnose) and tune its diagnosis.json, or give --delay."
+UNKNOWN_DELAY = (
+    "How late the vehicle answers is not known: the model's file has no command_delay_s. Fit its logs again, or give "
+    "--delay."
 )
 
 
@@ -82,6 +82,10 @@ def read_knowledge(
     prior = read_prior_results(model, diagnosis)
     file, judged = prior.file, prior.diagnosis
     assert file is not None
+    if prior.command_delay > 0.0:  # a logger that is late itself gives the controller nothing
+        estimate = file.command_delay_s.estimate if file.command_delay_s else None
+        now = {**prior.now, **({f"{DELAY} t_d": estimate} if estimate else {})}
+        prior = replace(prior, model=prior.model.delayed(prior.command_delay), now=now)
     symbols, (linear, quadratic) = prior.model.dof.symbols, prior.model.drag()
     for symbol, value in ((symbols.linear, linear), (symbols.quadratic, quadratic)):
         if value < 0:
@@ -96,29 +100,26 @@ def read_knowledge(
     models = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]
     present = {term.name for term in prior.model.terms}
     if len(bare.terms) < len(prior.model.terms):
-        names = [term.name for term in prior.model.terms if term not in bare.terms and not term.base]
+        have = {term.name for term in bare.terms}
+        names = [term.name for term in prior.model.terms if term.name not in have]
         models.append(Explanation(bare, _covariance(prior, bare), f"the model without {', '.join(names)}", names[0]))
     models += _idle(main, judged, largest or 1.0)
-    late, unknown, note = _late(prior.model, judged, delay)
+    late, unknown, note = _late(prior, judged, delay)
     logged = next((term.values[1] for term in prior.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
-    # a delay that no model has inflates the inertia of steps by sqrt(k tau)/ln 2 a second, to first order, tau half the
-    # largest moment
-    inflated = float(np.sqrt(quadratic * 0.5 * (largest or 1.0)) / np.log(2.0))
     # noise as the fit found it; of a position of which the file does not say, one of the units that people read
     unit = float(prior.model.dof.shown(1.0))
     noise = ((prior.noise_deg or NOISE_DEG) / unit, (prior.rate_noise_deg_s or 0.0) / unit)
     scatter = SCATTER if prior.scatter is None else prior.scatter
-    spread = Spread(scatter, late, volts, noise, 0.0 if present & set(LATE) else inflated)
+    spread = Spread(scatter, late, volts, noise)
     without = [
         f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
         for term in bare.terms
         for column in [name for name in effects.get(term.name).columns if name != "voltage"][:1]
     ]
     notes = (note for note in (*prior.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
-    have = present | ({LATE[0]} if delay is not None else set())
-    proposed = {name: gain for name, gain in prior.proposed.items() if name not in have}
-    settled = _unsettled_thrust(prior, file) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
+    proposed = {name: gain for name, gain in prior.proposed.items() if name not in present}
+    settled = _unsettled_thrust(prior, file) or ((UNKNOWN_DELAY, DELAY) if unknown else None)
     if proposed:
         asks = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in proposed.items())
         why = f"The fit's own evidence asks for {asks}, which the model lacks. Fit it with --with {','.join(proposed)}"
@@ -219,11 +220,12 @@ def _sizes(model: YawModel) -> Floats:
     return np.where([False, *(p.held for p in parameters)], 0.0, np.abs(model.theta - off))
 
 
-def _late(model: YawModel, judged: DiagnosisFile | None, delay: float | None) -> tuple[float, bool, str]:
+def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None) -> tuple[float, bool, str]:
     """The longest delay beyond the model's, whether nothing is known of it, and a sentence on it."""
     if delay is not None:
         return delay, False, f"Delays up to {delay:g} s beyond the model's are allowed for, as asked."
-    if any(term.name in LATE for term in model.terms):
+    fitted = prior.file is not None and prior.file.command_delay_s is not None
+    if fitted or any(term.name in LATE for term in prior.model.terms):
         return 0.0, False, ""
     visible = judged.smallest_visible if judged else {}
     late = max((visible[name] for name in LATE[:2] if name in visible), default=None)

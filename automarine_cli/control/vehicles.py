@@ -18,7 +18,6 @@ from automarine_cli.simulation.rollout import Slope, right_hand_side
 
 THRUST_BY_VOLTAGE = 1.2
 """Exponent of thrust against supply voltage at a fixed command: Blue Robotics, T200 performance data (2019)."""
-LIGHTEST = 0.2  # share of the inertia that a delay which was never looked for leaves at least
 SLOWEST = 0.1  # share of the reference moment at which a lag that depends on the speed counts in margins
 REST, SLOW, BRISK = 1e-6, 0.02, 0.3
 """Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of all counts, which of
@@ -79,14 +78,12 @@ class Vehicles:
 class Spread:
     """What is uncertain beside theta: `scatter` of the thrust from run to run, `late` the longest delay [s] that the
     logs cannot show, `volts` of the logs and of the supply when it is lowest and highest, `noise` of the readings of
-    position and velocity [base units], `heavy` what each second of delay beyond the model's has added to its inertia.
-    """
+    position and velocity [base units]."""
 
     scatter: float
     late: float
     volts: tuple[float, float, float]
     noise: tuple[float, float] = (0.0, 0.0)
-    heavy: float = 0.0
 
 
 def crowd(
@@ -102,7 +99,6 @@ def crowd(
         gain = gain * (volts / logged) ** THRUST_BY_VOLTAGE
     late = np.append(0.5 * spread.late, rng.uniform(0.0, spread.late, count - 1))
     at = np.append(0.5, rng.uniform(0.2, 1.0, count - 1))
-    theta[:, 0] = np.maximum(theta[:, 0] - spread.heavy * late, LIGHTEST * theta[:, 0])
     return Vehicles(model, theta, full, gain, late, volts, at, bend, spread.noise)
 
 

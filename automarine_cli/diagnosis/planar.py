@@ -100,7 +100,7 @@ def base_of(stored: StoredPlanar, observed: Observed) -> Tied:
     """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
 
     Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it."""
-    model = stored.model
+    model = stored.undelayed
     names = set(model.parameter_names)
     ties = {name: tie for name, tie in Structure.simplest(observed).ties.items() if {name, tie[0]} <= names}
     if SWAY.parameter("inertia") not in ties and model.inertia.m_v == model.inertia.m_u:

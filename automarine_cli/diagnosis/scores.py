@@ -18,9 +18,9 @@ from automarine_cli.diagnosis.study import DiagnosisProblem, Fit
 from automarine_cli.effects import State
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit, Slopes, innovations_of
-from automarine_cli.fits.mixed_model import SWITCH, MixedFit, derivatives
+from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.stepwise import Chance
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import Floats
 
@@ -86,7 +86,8 @@ def _responses(study: DiagnosisProblem, model: YawModel, fit: MixedFit, candidat
     name, values = candidate
     problem = study.problem(model.with_effect(name, values[0]))
     count, run_effects = len(values), fit.effects.carried(fit.run_effects, problem.effects)
-    theta = np.concatenate([np.tile(fit.of_model, (count, 1)), values, np.full((count, 1), fit.value(SWITCH))], axis=1)
+    delay = np.full((count, 1), fit.value(COMMAND_DELAY))
+    theta = np.concatenate([np.tile(fit.of_model, (count, 1)), values, delay], axis=1)
     return problem.response(theta, np.tile(run_effects, (count, 1, 1)))
 
 

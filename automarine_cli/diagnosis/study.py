@@ -1,6 +1,6 @@
 """What a diagnosis looks at: runs, how they start, the base model; and the likelihood of any model on them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,25 +12,21 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import DRAG, FIRST, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
 from automarine_cli.effects.learned import GAIN as CURVE_OF_GAIN
-from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
-from automarine_cli.fits.half_turns import MAX_OFFSET
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations
-from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
-from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives, fit_mixed
-from automarine_cli.fits.whole_runs import left_out_changes, run_covariance, varying_terms, whole_run_problem
-from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
+from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
+from automarine_cli.models.yaw_model import COMMAND_DELAY, Term, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, position_noise
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
-UNIFORM_INSTANT = Prior(0.0, 1.0)  # of the z of the commands' common instant: anywhere in its sample interval
 ITERATIONS = 25
 SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
 HORIZON = 5.0  # seconds ahead over which driven runs show the gap
@@ -293,13 +289,14 @@ class DiagnosisProblem:
         return limit_cycle(self.runs) if self.driven else None
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
-        problem = driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
+        problem = driven_problem(model, self.course, latest=self.logger_delay, slowest=self.slowest)
         return replace(problem, smooth=smoothness(model, len(problem.names)))
 
     def problem(self, model: YawModel) -> Problem:
-        """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z of
-        the switches."""
-        problem = whole_run_problem(model, self.batch, self.at_rest, within=True)
+        """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the
+        command delay, which the logger alone makes: a longer one is an effect."""
+        logger = (-self.logger_delay, self.logger_delay)
+        problem = whole_run_problem(model, self.batch, self.at_rest, logger)
         bounds, positive = [(0.0, np.inf)], [True]
         roles = [effects.get(term.name).role for term in self.base.terms]
         main = "quadratic" if "quadratic" in roles else "linear"
@@ -309,18 +306,17 @@ class DiagnosisProblem:
             dropped = in_base and term.values == (0.0,) != self.base.terms[i].values
             fixed_flags = [dropped] if dropped else effect.held(term.values)
             for parameter, value, fixed in zip(effect.parameters, term.values, fixed_flags):
-                logger = self.logger_delay if effect.shifts(term.values) and not in_base else -np.inf
-                lower = max(parameter.lower, logger)
+                shifts = effect.shifts(term.values) and not in_base
+                lower = max(parameter.lower, self.logger_delay if shifts else -np.inf)
                 slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
                 bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
                 positive.append(parameter.log or (in_base and effect.role == main and not dropped))
         return replace(
             problem,
             effects=problem.effects.with_scale(disturbance=0.0),
-            bounds=np.array([*bounds, (-MAX_OFFSET, MAX_OFFSET)]),
+            bounds=np.array([*bounds, logger]),
             positive=np.array([*positive, False]),
             smooth=smoothness(model, len(positive) + 1),
-            priors={SWITCH: UNIFORM_INSTANT},
         )
 
     def fit(
@@ -337,48 +333,28 @@ class DiagnosisProblem:
                 return fit_innovations(driven, starts, iterations, iterations < ITERATIONS)
             return fit_innovations(driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})]))
         problem = self.problem(model)
-        switch, begin = 0.0, {GAIN: 0.03, SWITCHES: 0.7}
+        delay, begin = 0.0, {GAIN: 0.03, SWITCHES: 0.7}
         settings: dict[str, Any] = {"noise": max(2 * self.sensor_floor, 1e-4), "iterations": ITERATIONS}
         if warm_start is not None and not warm_start.driven:
-            switch = warm_start.value(SWITCH)
+            delay = warm_start.value(COMMAND_DELAY)
             begin |= dict(zip(warm_start.effects.factor_names, warm_start.factors))
             run_effects = warm_start.effects.carried(warm_start.run_effects, problem.effects)
             settings = {"noise": warm_start.noises, "iterations": iterations, "run_effects": run_effects}
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
-        return fit_mixed(problem, np.append(values, switch), factors=factors, settled=SETTLED, **settings)
+        return fit_mixed(problem, np.append(values, delay), factors=factors, settled=SETTLED, **settings)
 
     @cached_property
-    def _of_fits(self) -> dict[tuple[str, int], tuple[Fit, Any]]:
+    def _of_fits(self) -> dict[int, tuple[Fit, tuple[Predicted, ...]]]:
         return {}
-
-    def _once(self, name: str, fit: Fit, work_out: Callable[[], Any]) -> Any:
-        if (name, id(fit)) not in self._of_fits:  # the fit is kept, or another could have its id
-            self._of_fits[name, id(fit)] = (fit, work_out())
-        return self._of_fits[name, id(fit)][1]
-
-    def covariance(self, model: YawModel, fit: Fit) -> Floats:
-        """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
-
-        It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife."""
-
-        def work_out() -> Floats:
-            try:
-                if fit.driven or learned_term(model) is not None:
-                    return run_covariance(fit)
-                return run_covariance(fit, left_out_changes(self.problem(model), fit))
-            except (FitError, np.linalg.LinAlgError):
-                return run_covariance(fit)
-
-        return np.asarray(self._once("covariance", fit, work_out))
 
     def predictions(self, model: YawModel, fit: InnovationsFit) -> tuple[Predicted, ...]:
         """What the model predicts of these runs, from the filtered state, over each of HORIZONS, worked out once a fit;
         the fit may be one to other runs."""
 
-        def work_out() -> tuple[Predicted, ...]:
-            return predict(model, self.course, fit.of_model, self.driven_problem(model).noises(fit.theta[None]))
-
-        return tuple(self._once("predictions", fit, work_out))
+        if id(fit) not in self._of_fits:  # the fit is kept, or another could have its id
+            noises = self.driven_problem(model).noises(fit.theta[None])
+            self._of_fits[id(fit)] = (fit, predict(model, self.course, fit.of_model, noises))
+        return self._of_fits[id(fit)][1]
 
     def with_fitted_values(self, model: YawModel, fit: Fit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, deliver_by_law
 
-FAR = 10.0  # seconds before the log over which its first command is taken to have held
+FAR = 10.0  # seconds before the log over which its first command is taken to have held, and after it the last
 
 
 class InputDelay(Effect):
@@ -40,22 +40,30 @@ class InputDelay(Effect):
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean of the delayed command over each step: the delayed impulse is exact for any delay."""
-        return deliver_by_law((_late, _on_and_off), commands, values, values[1])
+        return deliver_by_law((_delayed, _on_and_off), commands, values, values[1])
 
 
-def _late(commands: Commands, values: tuple[Floats, ...]) -> Floats:
-    delay = values[0]
+def _delayed(commands: Commands, values: tuple[Floats, ...]) -> Floats:
+    return delayed(commands, values[0])
+
+
+def delayed(commands: Commands, delay: Floats) -> Floats:
+    """Return what is delivered over each step (P, R, M) of commands that act later by `delay` (P, 1, 1) [s], before
+    their time where it is negative: the mean of the delayed command, so that its impulse is exact for any delay."""
     shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, delay.shape)
     rows = (shape[0] * shape[1], shape[2])
     moment, length = (np.broadcast_to(x, shape).reshape(rows) for x in (commands.force, commands.length))
     begin = np.broadcast_to(commands.start, shape)[..., :1].reshape(-1, 1)
+    length = np.maximum(length, 0.0)  # a step that runs backwards
     late = np.broadcast_to(delay, (*shape[:2], 1)).reshape(-1, 1)
     before = np.broadcast_to(commands.before, (*shape[:2], 1)).reshape(-1, 1)
-    nodes = begin + np.concatenate([-FAR + 0.0 * begin, 0.0 * begin, np.cumsum(length, axis=1)], axis=1)
-    gained = np.concatenate([-FAR * before, 0.0 * begin, np.cumsum(moment * length, axis=1)], axis=1)
+    ends, impulse = np.cumsum(length, axis=1), np.cumsum(moment * length, axis=1)
+    last = np.take_along_axis(moment, np.argmax(ends, axis=1)[:, None], axis=1)  # held after the log, too
+    nodes = begin + np.concatenate([-FAR + 0.0 * begin, 0.0 * begin, ends, ends[:, -1:] + FAR], axis=1)
+    gained = np.concatenate([-FAR * before, 0.0 * begin, impulse, impulse[:, -1:] + FAR * last], axis=1)
     # One interpolation for all rows: each has a stretch of the axis of its own, with room before and after it.
     offset = np.arange(rows[0])[:, None] * (float(np.ptp(nodes)) + 2.0 * FAR)
-    late_nodes = np.maximum(nodes[:, 1:] - late, nodes[:, :1]) + offset
+    late_nodes = np.maximum(nodes[:, 1:-1] - late, nodes[:, :1]) + offset
     passed = np.interp(late_nodes.ravel(), (nodes + offset).ravel(), gained.ravel()).reshape(late_nodes.shape)
     out = np.diff(passed, axis=1) / np.maximum(length, 1e-12)
     return np.where(length > 1e-9, out, moment).reshape(shape)
@@ -72,5 +80,5 @@ def _on_and_off(commands: Commands, values: tuple[Floats, ...]) -> Floats:
         change = np.diff(np.maximum(side * commands.force, 0.0), axis=2, prepend=first)
         for late, part, base in ((on, np.maximum(change, 0.0), first), (off, np.minimum(change, 0.0), 0.0 * first)):
             part_commands = replace(commands, force=base + np.cumsum(part, axis=2), before=base)
-            delivered = delivered + side * _late(part_commands, (late,))
+            delivered = delivered + side * delayed(part_commands, late)
     return delivered

@@ -16,7 +16,7 @@ from automarine_cli.exports import base
 from automarine_cli.exports.base import DRAG, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, motion_of, planar_from_json
-from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.models.yaw_model import DELAY, Term, YawModel
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.results_folder import manifest_of, refuse_existing, sha256, write_whole
 from automarine_cli.report.sections import Sections, sections
@@ -148,7 +148,7 @@ def export_model(
     if takes is not target:
         if chosen.newton_metres_per_nu is not None:
             raise SettingError(IN_NEWTONS.format(origin.file, "newtons"))
-        planar = planar_from_json(data, origin.file).model
+        planar = planar_from_json(data, origin.file)
         subject = planar_subject(planar, origin, frame, form, chosen, target.name)
         unit, carried = "N m", ("inertia", *(name for name, _, _ in subject.drags()))
     elif not target.motions:
@@ -189,10 +189,12 @@ def _yaw_subject(
     file, stored = file_and_models(data, origin.file)
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
-    model = in_unit(target, stored.models[which], settings, origin)
+    logger = min(stored.command_delay, 0.0)  # commands that a logger shows late are none to a simulator
+    model = in_unit(target, stored.models[which].delayed(-logger), settings, origin)
     terms, left_out = split(target, model)
-    if left_out and not settings.allow_partial:
-        missing = "; ".join(f"{effect.name} ({effect.why})" for effect in left_out)
+    refused = [effect for effect in left_out if effect.name != DELAY or DELAY in stored.effects]
+    if refused and not settings.allow_partial:
+        missing = "; ".join(f"{effect.name} ({effect.why})" for effect in refused)
         hint = ", or take --to python, which has nearly every effect" * (target.name != "python")
         remedy = f"give --allow-partial to write the file without{hint}"
         raise SettingError(f"{origin.file}: {target.name} cannot represent {missing}; {remedy}")

@@ -12,7 +12,9 @@ import numpy as np
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FRAMES, Origin, Settings, Subject, Unsupported, number, refuse_part
-from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
+from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia
+from automarine_cli.models.store import StoredPlanar
+from automarine_cli.models.yaw_model import DELAY
 from automarine_cli.quantities import Floats
 
 LINEAR, QUADRATIC, CONSTANT = "linear-drag", "quadratic-drag", "bias-moment"
@@ -56,9 +58,11 @@ class PlanarSubject(Subject):
 
 
 def planar_subject(
-    model: PlanarModel, origin: Origin, frame: str, form: str, settings: Settings, target: str
+    stored: StoredPlanar, origin: Origin, frame: str, form: str, settings: Settings, target: str
 ) -> PlanarSubject:
-    """The model in matrices of the frame. Raises SettingError for terms they cannot hold, unless allowed."""
+    """The model in matrices of the frame. Raises SettingError for terms they cannot hold, unless allowed; the command
+    delay is left out."""
+    model = stored.undelayed
     linear, quadratic, constant = np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3)
     left_out: list[Unsupported] = []
     for i, (dof, terms) in enumerate(zip(PLANAR.dofs, (model.surge, model.sway, model.yaw))):
@@ -76,6 +80,8 @@ def planar_subject(
         terms_left = "; ".join(f"{term.name} ({term.why})" for term in left_out)
         remedy = "give --allow-partial to write the file without"
         raise SettingError(f"{origin.file}: {target} cannot represent {terms_left}; {remedy}")
+    if stored.command_delay > 0.0:
+        left_out.append(Unsupported(DELAY, f"no entry of the matrices holds its {stored.command_delay:.3g} s"))
     side = SIDES if frame == "ENU" else np.ones(3)
     sides = np.outer(side, side)
     return PlanarSubject(

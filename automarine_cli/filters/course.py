@@ -150,6 +150,11 @@ class Course:
         return np.concatenate([np.zeros((len(self.names), 1)), np.cumsum(self.length, axis=1)], axis=1)
 
     @cached_property
+    def half_width(self) -> float:
+        """Half the usual fine step [s]: what a command delay may be by the logger's convention alone."""
+        return 0.5 * float(np.median(self.width[self.width > 0]))
+
+    @cached_property
     def commands(self) -> tuple[Commands, ...]:
         begins = np.cumsum(self.width, axis=1) - self.width - self.early[:, None]
         return tuple(
@@ -159,8 +164,8 @@ class Course:
 
     def averaged(self, delivered: Floats, late: Floats | None = None) -> tuple[Floats, Floats]:
         """What is held on the fine grid (P, R, M) as a straight line over each of the filter's steps: its means and its
-        slopes [per s], (P, R, K), which give every rate and position at their ends as what is held does. `late` (P,) is
-        by how many usual fine steps all of it acts after it is held."""
+        slopes [per s], (P, R, K), which give every rate and position at their ends as what is held does. `late` (P,)
+        [s] is by how much all of it acts after it is held."""
         sets = len(delivered) if late is None else max(len(delivered), len(late))
         delivered = np.broadcast_to(delivered, (sets, *delivered.shape[1:]))
         place = np.broadcast_to(self.at + self.part if late is None else self._earlier(late), (sets, *self.at.shape))
@@ -180,13 +185,12 @@ class Course:
         return mean, 12.0 * (0.5 * mean * length**2 - behind) / length**3 * (self.length > 0)
 
     def _earlier(self, late: Floats) -> Floats:
-        """Places on the fine grid, (P, R, K + 1), so many usual fine steps `late` (P,) before the nodes: as long where
-        rows are lost, and steps are wider."""
+        """Places on the fine grid, (P, R, K + 1), `late` (P,) [s] before the nodes."""
         places = np.empty((len(late), *self.at.shape))
         for r, width in enumerate(self.width):
             begins = np.append(0.0, np.cumsum(width))
             nodes = begins[self.at[r]] + self.part[r] * np.append(width, 0.0)[self.at[r]]  # padding lies at the end
-            times = nodes - late[:, None] * np.median(width[width > 0])
+            times = nodes - late[:, None]
             at = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(width) - 1)
             places[:, r] = at + (times - begins[at]) / np.where(width > 0, width, 1.0)[at]
         return places

@@ -28,7 +28,6 @@ from automarine_cli.simulation.rollout import in_body_axes, right_hand_side
 
 SMALL = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
 SHARE = 0.02  # difference of the log gain, likewise
-AT_ROW = 0.5  # samples after the middle of the interval before a row: commands act from the row's own instant on
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,9 @@ class Step:
         # A controller makes the command of a row of that row's reading: were it told beforehand, a sensor that commands
         # disturb would explain its own noise (closed loops: Forssell and Ljung 1999, Automatica 35:1215).
         fed = any(term.effect.fed for term in self.sensors)
-        self._before = [*_delivered(terms, course, np.maximum(late, AT_ROW))] if fed else [self.delivered, self.tilt]
+        self._before = (
+            [*_delivered(terms, course, np.maximum(late, course.half_width))] if fed else [self.delivered, self.tilt]
+        )
         self.water_moves = model.current(theta)
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
@@ -254,7 +255,7 @@ def _first_readings(course: Course) -> Floats:
 
 
 def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats, Floats]:
-    """What the actuators deliver over the filter's steps, `late` (P,) fine steps after the log has it: means and
+    """What the actuators deliver over the filter's steps, `late` (P,) [s] after the log has it: means and
     slopes, (D, P, R, K)."""
     commands = list(course.commands)
     for term in actuators(terms):
@@ -273,9 +274,8 @@ class Noises:
 
     `size` (D, P) standard deviation of the disturbing accelerations [per s²] and `time` (D, P) their time constants
     [s]; `thrust` (D, P) the noise of thrust as a share of it [s^1/2]; `gain` (P,) standard deviation of the runs' log
-    gain; `late` (P,) by how many samples commands act after the middle of the interval in which they changed: the
-    logger's convention; `reading` (C, P) noise of each channel [its unit]; `per_run` (P,) by effect the size of what it
-    lets vary.
+    gain; `late` (P,) [s] by how much commands act after the middle of the interval in which they changed; `reading` (C,
+    P) noise of each channel [its unit]; `per_run` (P,) by effect the size of what it lets vary.
     """
 
     size: Floats

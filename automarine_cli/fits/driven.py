@@ -23,12 +23,13 @@ from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
     Preference,
     directional_drag,
+    estimate_of,
     fit_by_direction,
     rough_model,
     run_covariance,
     run_dof,
 )
-from automarine_cli.models.yaw_model import YawModel, base_roles
+from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import segments
@@ -46,30 +47,31 @@ HELD, NEARLY = 1.0, 0.8  # seconds for which a run holds its command, and share 
 
 
 def driven_problem(
-    model: YawModel, course: Course, *, least_delay: float = 0.0, slowest: float = np.inf, quiet: bool = False
+    model: YawModel, course: Course, *, latest: float = MAX_DELAY_S, slowest: float = np.inf, quiet: bool = False
 ) -> DrivenProblem:
-    """Likelihood of `model` on `course`; delays of effects that are not its own are at least `least_delay` [s], what
-    varies from run to run has periods of at most `slowest` [s]. `quiet`: see `randomness`."""
+    """Likelihood of `model` on `course`, with a command delay up to `latest` [s], from which on effects have delays.
+
+    What varies from run to run has periods of at most `slowest` [s]. `quiet`: see `randomness`."""
     largest = float(np.abs(course.commanded).max()) or 1.0
     searched = [((0.0, np.inf), True, 1.0)]
     for term in model.terms:
         effect = effects.get(term.name)
         for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
-            lower = max(parameter.lower, least_delay if effect.shifts(term.values) and not term.base else -np.inf)
+            lower = max(parameter.lower, latest if effect.shifts(term.values) and latest < MAX_DELAY_S else -np.inf)
             slow = slowest if parameter.scan and effect.varies(term.values) else np.inf
             bounds = (value, value) if fixed else (lower, min(parameter.upper, slow))
             searched.append((bounds, parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)))
     varying = [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
     pushes = [largest / max(model.inertia, 1e-9)]
     delayed = any(effects.get(term.name).delays for term in model.terms)
-    random = randomness(course, pushes, varying, quiet, delayed)
+    random = randomness(course, pushes, varying, quiet, 0.0 if delayed else latest)
     return DrivenProblem.of(model, course, model.parameter_names, searched, random)
 
 
 def parse_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
-    """The effects that a fit is to have beside drag. Raises SettingError for what is none, or has a place already."""
+    """The effects that a fit is to have beside drag. Raises SettingError for what is none, or belongs to the drag."""
     every = [effects.get(name) for name in effects.names()] if names else []
-    may = [of.name for of in every if of.acts_in(dof) and not (of.role or of.needs or of.per_run)]
+    may = [of.name for of in every if of.acts_in(dof) and not of.role]
     for name in names:
         if name not in may:
             raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")
@@ -134,7 +136,7 @@ BRIEF = 10  # iterations of a fit of gains and noise alone
 COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
 """Seconds ahead over which estimators are compared, and the shares by which the second one has to be better, or may be
 worse."""
-PROPOSED = ("input-delay", "dead-band")  # effects with which models of driven logs may begin, if the evidence asks
+PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,13 @@ def fit_driven(
     problem = driven_problem(model, course).informed(priors or {})
     fit = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(fit.of_model), fit, course)
-    return OutputErrorFit(number, model.with_theta(fit.of_model), fit, run_covariance(fit))
+    return with_delay(OutputErrorFit(number, model.with_theta(fit.of_model), fit, run_covariance(fit)))
+
+
+def with_delay(fit: OutputErrorFit) -> OutputErrorFit:
+    """Give the fit with the command delay that it has found."""
+    place = fit.mixed.names.index(COMMAND_DELAY)
+    return replace(fit, delay=estimate_of(fit.mixed, fit.covariance, place, "s"))
 
 
 def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
@@ -235,7 +243,9 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     bias = (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
     covariance[:count, :count] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
     model = likely.model.with_theta(plain.of_model)
-    best = replace(likely, model=model, mixed=plain, covariance=covariance, estimator=says, by_forecasts=True)
+    best = with_delay(
+        replace(likely, model=model, mixed=plain, covariance=covariance, estimator=says, by_forecasts=True)
+    )
     return replace(best, ways=directional_drag(best)) if "difference" in best.roles else best
 
 

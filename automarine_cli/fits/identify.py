@@ -15,15 +15,15 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
-from automarine_cli.fits.half_turns import StepData, half_turn_data
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.fits.mixed_model import SWITCH
 from automarine_cli.fits.paper import BIAS_LIMIT, MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
+from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half
+from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.models.store import effects_json, model_head
-from automarine_cli.models.yaw_model import YawModel, steady_rate
+from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel, steady_rate
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
@@ -225,12 +225,10 @@ def fit_warnings(
             f"small vehicles are: check the units of time and {words.position}, and whether the thrusters or the log "
             "lag."
         )
-    if not fit.mixed.driven and fit.mixed.names.index(SWITCH) in fit.mixed.at_bound:
-        acts = ("before", "Check the clocks of {position} and command")
-        if fit.mixed.of_chance[SWITCH] > 0:
-            acts = ("after", "A delay or a lag of the thrusters does this, and inflates the {inertia}")
-        says = "The {{force}} seems to act half a sample interval or more {} the log shows it. {}."
-        sentences.append(dof.fill(says.format(*acts)))
+    early = fit.mixed.names.index(COMMAND_DELAY) in fit.mixed.at_bound and fit.delay.value < 0.0
+    if early and COMMAND_DELAY not in fit.mixed.priors:
+        says = "The {force} seems to act half a sample interval or more before the log shows it. Check the clocks of "
+        sentences.append(dof.fill(says + "{position} and command."))
     return sentences
 
 
@@ -260,11 +258,11 @@ GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 class YawFit(Shown):
     """Everything that a yaw identification found.
 
-    `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
-    empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
-    where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
-    `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `prior` is what was known
-    beforehand.
+    `turns` are the half-turns used and `data` what was fitted of these steps: all of it if `whole_steps`, and
+    `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `output_error` and
+    `seed_method` the two estimators by model, `why_no_seed_method` a sentence where there is none; `cautions` are on
+    single parameters, of which those that matter are `warnings` as well; `channels` are the sensors that count; `use`
+    is what the model predicts, of whole runs; `prior` is what was known beforehand.
     """
 
     moment_unit: str
@@ -282,6 +280,8 @@ class YawFit(Shown):
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     use: driven.Judgement | None = None
     prior: Known = NOTHING_KNOWN
+    consistency: Consistency | None = None
+    whole_steps: bool = False
 
     @property
     def preferred(self) -> whole_runs.OutputErrorFit:
@@ -299,7 +299,7 @@ class YawFit(Shown):
         ends = [end for run in self.runs for end in (run.command.min(), run.command.max())]
         return {
             **model_head(dof, self.moment_unit),
-            "fitted_to": f"{dof.words.step}s" if self.turns else "whole runs",
+            "fitted_to": self.fitted_to,
             "models": {number: self._model_json(number) for number in sorted(self.output_error)},
             "preferred": self.preference.number,
             "preferred_because": self.preference.because,
@@ -308,6 +308,7 @@ class YawFit(Shown):
             "effects": effects_json(effect_estimates(fit)),
             **self._driven_json(),
             **_scatter_json(fit),
+            **({"consistency": self.consistency.to_json()} if self.consistency else {}),
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
@@ -315,9 +316,23 @@ class YawFit(Shown):
         }  # fmt: skip
 
     @property
+    def is_late(self) -> bool:
+        """Whether commands act later than any logger's convention makes them, beyond doubt."""
+        half = 0.5 * float(np.median([run.sample_period for run in self.read]))
+        return self.preferred.delay.ci95[0] > half
+
+    @property
+    def fitted_to(self) -> str:
+        """The data that carry the answer."""
+        if not self.turns:
+            return "whole runs"
+        return "whole steps" if self.whole_steps and self.dof.wraps else f"{self.dof.words.step}s"
+
+    @property
     def told_of_known(self) -> tuple[str, ...]:
         dof = self.dof
         units = {dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *DRAG, "constant")}
+        units[COMMAND_DELAY] = "s"
         sentences = self.prior.sentences(units, self.preferred.mixed.names)
         paper = ("The velocity errors of the paper do not use it.",) if sentences and self.seed_method else ()
         return (*sentences, *paper)
@@ -378,16 +393,18 @@ class YawFit(Shown):
 
 
 def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Estimate]]:
-    """Estimates of the effects beside drag, by effect and parameter; standard errors of what is not fitted are zero."""
+    """Estimates of the effects beside drag, by effect and parameter that its law has; standard errors of what is not
+    fitted are zero."""
     estimates, model = {}, fit.model
     for term in model.terms:
         if term.base:
             continue
-        names = effects.get(term.name).names_in(model.dof)
-        card = effects.get(term.name).card(model.dof, model.moment_unit)
+        effect = effects.get(term.name)
+        names, card = effect.names_in(model.dof), effect.card(model.dof, model.moment_unit)
         estimates[term.name] = {
             name: whole_runs.estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit)
             for name, parameter in zip(names, card.parameters)
+            if effect.counts(parameter, term.values)
         }
     return estimates
 
@@ -396,7 +413,7 @@ def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
     dof = fit.model.dof
     return {
         "gain_scatter": fit.gain_scatter.to_json(),
-        "switch_offset": fit.offset.to_json(),
+        "command_delay_s": fit.delay.to_json(),
         f"{dof.words.position}_noise_{dof.units.shown}": None if fit.noise is None else float(dof.shown(fit.noise)),
     }
 
@@ -451,10 +468,11 @@ def identify_turns(
     tail: float | None = None,
     with_effects: Sequence[str] = (),
 ) -> YawFit:
-    """Fit the three models to a motion's half-turns, or to whole runs, which `load_runs` gives if they are needed.
+    """Fit the three models to a motion's steps, or to whole runs, which `load_runs` gives if they are needed.
 
-    `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at
-    least three at two sizes of moment serve and they are half of the runs or more, else whole runs. `prior` is what
+    `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": steps if at least
+    three at two sizes of moment serve and they are half of the runs or more, else whole runs. Steps count whole, unless
+    what comes after the first half-turns disagrees with them (see step_fit.py). `prior` is what
     need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
     of the paper's method start, None: where they are best. Raises RunError where too few runs are left, FitError where
@@ -468,7 +486,7 @@ def identify_turns(
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
     if not with_effects and (fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)):
-        return _fit_steps(turns, set_aside, prior, map_jobs, channels, tail)
+        return _fit_steps(turns, set_aside, fit_to, prior, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
             f"{plural(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
@@ -484,6 +502,7 @@ def _reasons(set_aside: Sequence[ExcludedRun]) -> str:
 def _fit_steps(
     turns: tuple[HalfTurn, ...],
     set_aside: tuple[ExcludedRun, ...],
+    fit_to: str,
     prior: Known,
     map_jobs: Each,
     channels: str,
@@ -492,14 +511,17 @@ def _fit_steps(
     unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
     chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
     turns = tuple(turn.of(chosen.cleaned(turn.step.run)) for turn in turns)
-    data = half_turn_data(turns, chosen.names)
-    zero = np.zeros(len(turns))
-    rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
+    half, zero = data_of_steps(turns, chosen.names), np.zeros(len(turns))
+    rough = fit_velocity_error(half, zero, moment_unit=unit, models=("1", "3"))
     two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= MIN_A_WAY)
-    fit_model = partial(_fit_model, data=data, rough=rough, unit=unit, prior=prior, two_way=two_way)
-    fits = dict(zip(MODELS, map_jobs(fit_model, MODELS, FITTING)))
-    preference = whole_runs.prefer(fits)
-    seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
+    start = partial(_rough_start, rough, dof)
+    if fit_to == "half-turns":
+        answer = fit_halves(half, start, MODELS, unit, prior, two_way, map_jobs)
+    else:
+        whole = data_of_steps(turns, chosen.names, whole=True)
+        answer = fit_whole_or_half(whole, half, start, MODELS, unit, prior, two_way, map_jobs)
+    fits, preference = answer.fits, answer.preference
+    seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, unit, tail=tail)
     noise = float(np.median([turn.step.run.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
     listed = (*design_cautions([turn.moment for turn in turns], unit, dof), *fit_cautions(fits))
     unsteady = (
@@ -510,29 +532,29 @@ def _fit_steps(
     )
     warnings = (
         *([] if seed.steady else [unsteady]),
-        *fit_warnings(fits, preference, data.names, noise),
+        *fit_warnings(fits, preference, half.names, noise),
         *warned_of(listed, preference),
     )
     return YawFit(
-        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen, prior=prior
-    )
+        unit, turns, answer.data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen,
+        prior=prior, consistency=answer.consistency, whole_steps=answer.data is not half,
+    )  # fmt: skip
 
 
-def _fit_model(
-    number: str, data: StepData, rough: VelocityErrorFit, unit: str, prior: Known, two_way: bool
-) -> whole_runs.OutputErrorFit:
+def _rough_start(rough: VelocityErrorFit, dof: Dof, number: str) -> Start:
+    """Values by role from which the fit of a model begins, by the tails of half-turns."""
     table = rough.inertia["3"]  # where noise made it negative, the middle of the sizes
     inertia = table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
     linear, quadratic = rough.drag["1"].drag[0], rough.drag["3"].drag[1]
-    # of model 1 by the same tails: equation 7 against equation 9
-    begin = (0.7 * inertia, linear, quadratic) if number == "1" else (inertia, 0.02 * linear, quadratic)
-    estimates = rough.drag["1" if number == "1" else "3"].estimates
-    constant = estimates[data.dof.symbols.constant].value if data.dof.has_constant else 0.0
-
-    def fit(sided: bool) -> whole_runs.OutputErrorFit:
-        return whole_runs.fit_half_turns(data, number, begin, unit, prior, constant, sided)
-
-    return whole_runs.fit_by_direction(fit, data.dof, two_way)
+    constant = rough.drag["1" if number == "1" else "3"].estimates.get(dof.symbols.constant)
+    return {
+        "inertia": 0.7 * inertia if number == "1" else inertia,  # by the same tails: equation 7 against equation 9
+        "linear": linear if number == "1" else 0.02 * linear,
+        "quadratic": quadratic,
+        "constant": constant.value if constant else 0.0,
+        "difference": 0.0,
+        COMMAND_DELAY: 0.0,
+    }
 
 
 def _fit_whole(
@@ -560,7 +582,8 @@ def _fit_whole(
     at_rest = np.array([starts_at_rest(run) for run in moving])
     words, refused = dof.words, dict[str, str]()
     use: driven.Judgement
-    course = make_course(moving, at_rest, channels=chosen.names)
+    signals = tuple(dict.fromkeys(need for name in with_effects for need in effects.get(name).needs))
+    course = make_course(moving, at_rest, signals, channels=chosen.names)
     if not driven.is_driven(moving, at_rest, chosen.names, with_effects):
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))

@@ -25,9 +25,10 @@ from automarine_cli.filters.kalman import FAR, FilterResult, Noises, follow
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Outcome, natural_of, search_of
+from automarine_cli.fits.mixed_model import MixedFit, Outcome, natural_of, search_of
 from automarine_cli.models.allocation import Vehicle
 from automarine_cli.models.store import Sensor
+from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import ChannelChoice
@@ -228,12 +229,13 @@ class Slopes:
 
 
 def randomness(
-    course: Course, accelerations: Sequence[float], varying: Sequence[str], quiet: bool, delayed: bool = False
+    course: Course, accelerations: Sequence[float], varying: Sequence[str], quiet: bool, latest: float = MAX_DELAY_S
 ) -> tuple[Randomness, ...]:
     """What is random on a course, in the order of `DrivenProblem.noises`.
 
     `accelerations` (D,) are those that the largest commands give. A `quiet` course has no disturbance and no unsteady
-    thrust: the limit of a pool. Where a model is `delayed`, the logger's own delay is part of that.
+    thrust: the limit of a pool. Commands act at most `latest` [s] after the middle of the sample interval in which
+    they changed; where that is 0, an effect of the model says how late they are.
     """
     chances = []
     for dof, push in zip(course.motion.dofs, accelerations):
@@ -245,8 +247,8 @@ def randomness(
         thrust = (0.0, 0.0) if quiet else (1e-3, 3.0)
         chances.append(Randomness(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0))
     chances.append(Randomness("gain-scatter", 1e-3, 0.3, 0.04, 0.5))
-    most = 0.0 if delayed else 0.5
-    chances.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
+    earliest = -course.half_width if latest else 0.0
+    chances.append(Randomness(COMMAND_DELAY, earliest, latest, 0.0, MAX_DELAY_S, signed=True))
     for channel, noise in zip(course.channels, course.noise):
         floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)
@@ -464,12 +466,10 @@ def random_estimates(fit: Fit, covariance: Floats, dof: Dof) -> dict[str, dict[s
     for i, name in enumerate(fit.of_chance, len(fit.of_model)):
         value, stderr = float(fit.theta[i]), float(np.sqrt(max(covariance[i, i], 0.0)))
         kind = name.rpartition(".")[2]
-        if name == SWITCH:
-            ends = (value - 1.96 * stderr, value + 1.96 * stderr)
-            estimate = Estimate(value, stderr, ends, "sample interval")
-        else:
-            unit = units.get(kind, f"{base}/s" if kind == dof.velocity else base)
-            estimate = Estimate.from_log(value, stderr, max(len(fit.left_out) - 1.0, 1.0), unit)
+        if name == COMMAND_DELAY:  # a parameter of the fit itself
+            continue
+        unit = units.get(kind, f"{base}/s" if kind == dof.velocity else base)
+        estimate = Estimate.from_log(value, stderr, max(len(fit.left_out) - 1.0, 1.0), unit)
         stored[name] = replace(estimate, at_bound=i in fit.at_bound).to_json()
     return stored
 

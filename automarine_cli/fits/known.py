@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
+from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.quantities import Floats
 from automarine_cli.text import LONGEST
 
@@ -82,8 +83,10 @@ class Known:
         """What was known, in the `units` of the fit by qualified name, and what a model of these `names` lacks."""
         if not self.parameters:
             return ()
-        values = (f"{name.partition('.')[2]} = {p} {units.get(name, '')}" for name, p in self.parameters.items())
-        lacking = [name.partition(".")[2] for name in sorted(set(self.parameters) - set(names))]
+        values = (
+            f"{name.partition('.')[2] or name} = {p} {units.get(name, '')}" for name, p in self.parameters.items()
+        )
+        lacking = [name.partition(".")[2] or name for name in sorted(set(self.parameters) - set(names))]
         more = (f"The preferred model has no {' and no '.join(lacking)}; it was not used there.",) if lacking else ()
         return (f"Known beforehand: {', '.join(text.strip() for text in values)}.", *more)
 
@@ -106,7 +109,8 @@ def _prior(name: str, entry: object) -> Prior:
 def names_in(dof: Dof, effects: Iterable[str] = ()) -> dict[str, str]:
     """Qualified names of the parameters of one motion's fits, by what users write; `effects` are those beside drag."""
     roles = ("inertia", "linear", "quadratic", *(["constant"] if dof.has_constant else []))
-    return {dof.parameters[role]: dof.parameter(role) for role in roles} | {name: name for name in effects}
+    names = {dof.parameters[role]: dof.parameter(role) for role in roles} | {name: name for name in effects}
+    return names | {COMMAND_DELAY: COMMAND_DELAY}
 
 
 def bounds_of(priors: Mapping[str, Prior], names: Sequence[str], bounds: Floats) -> Floats:

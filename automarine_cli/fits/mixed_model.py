@@ -36,6 +36,7 @@ from automarine_cli.fits.linear_mixed import (
     choose_variances,
     scored_deviance,
 )
+from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -86,7 +87,8 @@ class Outcome:
 
 def jackknife(left_out: Floats) -> Floats:
     """Covariance (p, p) of phi from leaving each run out, (R, p); assumes nothing of the noise within a run."""
-    count, spread = len(left_out), left_out - left_out.mean(axis=0)
+    count, spread = len(left_out), left_out - left_out[0]
+    spread = spread - spread.mean(axis=0)  # without rounding where a parameter stands still
     return np.asarray((count - 1) / count * spread.T @ spread)
 
 
@@ -101,15 +103,14 @@ def search_of(theta: Floats, positive: NDArray[np.bool_]) -> Floats:
 
 Response = Callable[[Floats, Floats], Floats]
 """Readings (P, R, N) of all channels one after the other, for theta (P, p) and run effects (P, R, q)."""
+ReadingSlopes = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
+"""Readings (R, N) for theta (p,) and run effects (R, q), and their derivatives by both, (R, N, p) and (R, N, q)."""
 
 MIN_NOISE = 1e-4  # where the fit of a channel's noise starts at least [its unit]
 
 CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))  # rise of a deviance at the ends of a 95 % interval
 
 MIN_READINGS = 8  # readings from which on their noise can be told roughly
-
-SWITCH = "switch-instant"
-"""Name of the last entry of theta: where in their sample intervals the commands of all runs change."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,7 @@ class Problem:
     `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
     are formed, on the logarithm. `slots` are the channels, the first that counts first. `priors` are parameters that
     are known beforehand, `smooth` (p, p) the precision about zero of parameters that are not positive, as of a curve.
+    `slopes` are the derivatives of the response where a formula has them.
     """
 
     response: Response
@@ -161,6 +163,7 @@ class Problem:
     slots: tuple[Slot, ...]
     priors: Mapping[str, Prior] = field(default_factory=dict)
     smooth: Floats | None = None
+    slopes: ReadingSlopes | None = None
 
     def informed(self, priors: Mapping[str, Prior]) -> "Problem":
         return replace(self, priors=priors, bounds=bounds_of(priors, self.names, self.bounds))
@@ -234,8 +237,8 @@ class MixedFit(Outcome):
 
     @property
     def of_model(self) -> Floats:
-        """The model's own entries of theta: all but the instant of the switches."""
-        return self.theta[[name != SWITCH for name in self.names]]
+        """The model's own entries of theta: all but the command delay."""
+        return self.theta[[name != COMMAND_DELAY for name in self.names]]
 
     @property
     def variances(self) -> Floats:
@@ -244,8 +247,8 @@ class MixedFit(Outcome):
 
     @property
     def of_chance(self) -> dict[str, float]:
-        """The instant of the switches, which is no parameter of the model."""
-        return {SWITCH: self.value(SWITCH)}
+        """The command delay, which is no parameter of the model."""
+        return {COMMAND_DELAY: self.value(COMMAND_DELAY)}
 
     def factor(self, block: str) -> float:
         """Estimated size of one kind of run effect."""
@@ -284,17 +287,25 @@ def without_fixed(problem: Problem, fixed: NDArray[np.bool_]) -> Problem:
     loss is told, and the loss), and would take the search with it."""
     values = problem.bounds[:, 0]
 
+    def filled(theta: Floats) -> Floats:
+        full = np.tile(values, (*theta.shape[:-1], 1))
+        full[..., ~fixed] = theta
+        return full
+
     def response(theta: Floats, b: Floats) -> Floats:
-        full = np.tile(values, (len(theta), 1))
-        full[:, ~fixed] = theta
-        return problem.response(full, b)
+        return problem.response(filled(theta), b)
+
+    def slopes(theta: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
+        assert problem.slopes is not None
+        readings, by_theta, by_run = problem.slopes(filled(theta), b)
+        return readings, by_theta[:, :, ~fixed], by_run
 
     names = tuple(name for name, h in zip(problem.names, fixed) if not h)
     priors = {name: prior for name, prior in problem.priors.items() if name in names}
     smooth = None if problem.smooth is None else problem.smooth[np.ix_(~fixed, ~fixed)]
     return replace(
         problem, response=response, bounds=problem.bounds[~fixed], positive=problem.positive[~fixed], names=names,
-        priors=priors, smooth=smooth,
+        priors=priors, smooth=smooth, slopes=problem.slopes and slopes,
     )  # fmt: skip
 
 
@@ -396,11 +407,21 @@ class _Point:
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q), as one-sided differences.
+    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q).
+
+    By the problem's formula, else as one-sided differences.
 
     A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
     the mirrored derivatives.
     """
+    if problem.slopes is not None:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            theta = problem.natural(phi)
+            fitted, by_theta, by_run = problem.slopes(theta, b)
+        there = problem.observed[:, :, None]
+        by_theta = by_theta * np.where(problem.positive, theta, 1.0)
+        fitted = np.where(problem.observed, fitted, 0.0)
+        return fitted, np.where(there, by_theta, 0.0), np.where(there, by_run, 0.0)
     free = np.flatnonzero(problem.effects.scale.any(axis=0))
     p, q = len(phi), len(free)
     step = PHI_STEP * np.where(phi < 0, -1.0, 1.0) * np.maximum(np.abs(phi), 1e-1)

@@ -21,8 +21,8 @@ from scipy import special
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.linear_mixed import solve_scaled
+from automarine_cli.fits.steps import StepData
 from automarine_cli.models.yaw_model import (
     YawModel,
     base_roles,
@@ -559,18 +559,18 @@ class VelocityErrorFit:
 def fit_velocity_error(
     data: StepData,
     start_heading: Floats,
-    offset: float = 0.0,
+    delay: float = 0.0,
     moment_unit: str = "nu",
     models: Sequence[str] = MODELS,
     tail: float | None = None,
 ) -> VelocityErrorFit:
     """Run the paper's method on half-turns, for some of the readings of Table 1.
 
-    `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
-    share of its switch interval (the logger's convention); `tail` [rad or m] is where the tails start, None: where
+    `start_heading` (R,) [rad] on the scale of `data.heading`; `delay` [s] is by how much every
+    command acts after the middle of its switch interval; `tail` [rad or m] is where the tails start, None: where
     they are best. Raises FitError where too few runs or samples are left.
     """
-    time, words = data.time - offset * data.interval[:, None], data.dof.words
+    time, words = data.time - delay, data.dof.words
     sizes = len(np.unique(np.abs(data.moment)))
     if len(data.moment) < 3 or sizes < 2:
         few = f"{len(data.moment)} {words.step}s at {sizes} sizes of {words.force} are too few for Table 1"

@@ -35,9 +35,10 @@ from automarine_cli.fits.innovations import (
 from automarine_cli.fits.known import NOTHING_KNOWN, Known, Prior
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.planar_structure import PLACES, Observed, Structure, rough_sizes, rough_velocities
-from automarine_cli.fits.whole_runs import run_covariance, run_dof
+from automarine_cli.fits.whole_runs import estimate_of, run_covariance, run_dof
 from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
 from automarine_cli.models.store import planar_json, units
+from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
@@ -90,6 +91,14 @@ class Estimated:
     def random(self) -> dict[str, float]:
         """Sizes of what is random, by name."""
         return self.fit.of_chance
+
+    @cached_property
+    def delay(self) -> Estimate:
+        """Command delay [s] after the middle of the sample interval in which a command changed."""
+        fit, place = self.fit, self.fit.names.index(COMMAND_DELAY)
+        return estimate_of(
+            fit, run_covariance(fit), place, "s", None if len(fit.left_out) > 1 else float(self.readings)
+        )
 
     @property
     def readings(self) -> int:
@@ -242,6 +251,7 @@ class PlanarFit(Shown):
         fit, free = self.found.fit, self.found.model.free
         return {
             **planar_json(self.model, estimates),
+            COMMAND_DELAY: self.found.delay.to_json(),
             "fitted_to": "whole runs",
             "structure": str(self.structure),
             "structure_because": self.because,
@@ -249,7 +259,7 @@ class PlanarFit(Shown):
             "estimated_because": self.way_because,
             "assumptions": [asdict(assumption) for assumption in self.structure.assumptions],
             "channels": list(self.observed.channels),
-            "random": self.found.random,
+            "random": {name: size for name, size in self.found.random.items() if name != COMMAND_DELAY},
             "prediction": self.use.to_json(YAW),
             "log_likelihood": fit.log_likelihood,
             "covariance": {"parameters": list(free), "matrix": self.found.covariance.tolist()},

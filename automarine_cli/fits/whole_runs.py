@@ -15,7 +15,6 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.half_turns import MAX_OFFSET, StepData, density, instant, step_problem
 from automarine_cli.fits.innovations import Fit
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import (
@@ -25,45 +24,14 @@ from automarine_cli.fits.linear_mixed import (
     START_VELOCITY,
     SWITCHES,
     Block,
-    Grams,
     RunEffects,
     bias_of,
 )
-from automarine_cli.fits.mixed_model import SWITCH, MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles, main_drag
+from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed, jackknife, slots_of
+from automarine_cli.models.yaw_model import BASE_TERMS, COMMAND_DELAY, MAX_DELAY_S, YawModel, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
-
-STEP = 0.1  # of the differences, in standard errors of a parameter or posterior standard deviations of a run effect
-FARTHEST = 1.0  # longest of these steps on a logarithm: nothing is known of a parameter that may be further off
-MIN_STIFFNESS = 1e-8
-"""Smallest eigenvalue, with every parameter in units of its own curvature, of equations that fix a solution."""
-
-
-def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
-    """Change of phi when each run is left out, (R, p); zero for parameters at a bound.
-
-    `problem` is the one that was fitted. Where the equations do not fix the solution, the changes are those of the
-    linearised problem. Raises FitError where the response is not finite beside the solution.
-    """
-    variances = fit.variances
-    runs, count = fit.left_out.shape
-    identified = np.flatnonzero(np.diagonal(fit.covariance) > 0.0)  # what no sample shows stays where it is
-    free = np.setdiff1d(identified, fit.at_bound)
-    moved = np.zeros((runs, count))
-    if not len(free):
-        return moved
-    pull, stiffness = _pull_and_stiffness(problem, fit, variances, free)
-    total = stiffness.sum(axis=0)
-    if problem.prior is not None:
-        total = total + problem.prior[1][np.ix_(free, free)]
-    scale = linear_mixed.curvature_scale(total)
-    if np.linalg.eigvals(total / np.outer(scale, scale)).real.min() <= MIN_STIFFNESS:
-        return fit.left_out - fit.phi
-    inverse = np.linalg.pinv((total - stiffness) / np.outer(scale, scale), rcond=1e-9)
-    moved[:, free] = -(inverse @ (pull / scale)[:, :, None])[:, :, 0] / scale
-    return moved
 
 
 def degrees_of_freedom(fit: Fit, direction: Floats) -> float:
@@ -86,60 +54,18 @@ def runs_that_carry(information: Floats, direction: Floats) -> float:
     return max(carried * (runs - 1) / runs, 1.0)
 
 
-def _pull_and_stiffness(
-    problem: Problem, fit: MixedFit, variances: Floats, free: NDArray[np.int64]
-) -> tuple[Floats, Floats]:
-    """g_i (R, p) and A_i (R, p, p) of the free parameters at the solution."""
-    scale = problem.effects.deviation(variances)
-    acts = np.flatnonzero(scale.any(axis=0))
-    gram = _about(problem, fit.phi, fit.run_effects)
-    weighted = linear_mixed.weigh(gram, problem.effects, variances)
-    aside = STEP * np.sqrt(np.diagonal(fit.covariance))[free]
-    aside = np.where(fit.positive[free], np.minimum(aside, FARTHEST), aside)
-    reach = STEP * np.sqrt(np.maximum(weighted.remaining, 1e-6))  # in prior standard deviations
-    none = np.zeros_like(scale)
-
-    def slope(phi: Floats, b: Floats) -> tuple[Floats, Floats]:
-        """Central differences of g and m for a change of phi and of the run effects, (R, free) and (R, acts)."""
-        sides = []
-        for sign in (1.0, -1.0):
-            shifted = _about(problem, fit.phi + sign * phi, fit.run_effects + sign * b)
-            pull = linear_mixed.weigh(shifted, problem.effects, variances).gradient
-            pooled = shifted.at(variances)
-            mean = scale * pooled.vw / np.exp(2.0 * variances[0])
-            mean -= np.divide(pooled.present, scale, out=np.zeros_like(scale), where=scale > 0)
-            sides.append((pull[:, free], mean[:, acts]))
-        return 0.5 * (sides[0][0] - sides[1][0]), 0.5 * (sides[0][1] - sides[1][1])
-
-    axes = np.eye(len(fit.phi))[free]
-    by_phi = [slope(h * dof, none) for h, dof in zip(aside, axes)]
-    pull_phi, mean_phi = (np.stack(part, axis=2) / aside for part in zip(*by_phi))
-    if not len(acts):
-        return weighted.gradient[:, free], -pull_phi
-    by_run = [slope(0.0 * fit.phi, reach * scale * (np.arange(scale.shape[1]) == k)) for k in acts]
-    pull_run, mean_run = (np.stack(part, axis=2) / reach[:, None, acts] for part in zip(*by_run))
-    absent = scale[:, acts] == 0.0  # such an effect stays where it is
-    mean_run -= absent[:, :, None] * np.eye(len(acts))
-    follows = -np.linalg.solve(mean_run, mean_phi)  # d b_i / d phi, in prior standard deviations
-    return weighted.gradient[:, free], -(pull_phi + pull_run @ follows)
-
-
-def _about(problem: Problem, phi: Floats, b: Floats) -> Grams:
-    fitted, by_phi, by_run = derivatives(problem, phi, b)
-    return problem.gram(by_phi, by_run, fitted, b, phi)
-
-
 AGAINST = 0.2  # share of the impulses that a balance with everything negative must explain to show that a sign is wrong
 
 
-def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], within: bool = False) -> Problem:
+def whole_run_problem(
+    model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], delays: tuple[float, float] | None = None
+) -> Problem:
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
-    theta is (the model's parameters, SWITCH): all changes of command act that many sample intervals from the middle
-    of theirs, within ±1/2. A run's own delay may leave its interval, for on a lake thrusters lag; with `within` it
-    cannot, and the last entry of theta is the z of `instant` as for half-turns. Run effects are start
+    theta is (the model's parameters, the command delay [s] within `delays`, by default from half a sample interval
+    before the middle of the one in which a command changed to MAX_DELAY_S after it). Run effects are start
     position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is false), log
-    gain of the moment delivered, a delay of each change of command, and a disturbance held over each
+    gain of the moment delivered, where in its interval each change of command was, and a disturbance held over each
     window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
     in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle,
     because positions integrate every disturbance. It is an acceleration, so that a common
@@ -147,26 +73,25 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
     of effects that vary from run to run, in the model's order, each effect's with a factor of its own on the largest
     moment.
     """
-    first, late = batch.position[:, :1], batch.interval[None]
+    first = batch.position[:, :1]
     varying = varying_terms(model)
-    blocks = RunEffects(_blocks(batch, at_rest, within, varying))
+    blocks = RunEffects(_blocks(batch, at_rest, varying))
 
-    names = (*model.parameter_names, SWITCH)
-    inertia, switch = names.index(model.dof.parameter("inertia")), names.index(SWITCH)
+    names = (*model.parameter_names, COMMAND_DELAY)
+    inertia, last = names.index(model.dof.parameter("inertia")), len(names) - 1
 
     def readings(theta: Floats, b: Floats) -> Floats:
-        of_run, common = blocks.of(b, SWITCHES), theta[:, switch, None, None]
-        delay = late * instant(common + of_run) if within else common * late + of_run  # a step may run backwards
         accelerations = blocks.of(b, DISTURBANCE)
         start = Start(
             first[None, :, 0] + blocks.of(b, START_POSITION)[..., 0],
             blocks.of(b, START_VELOCITY)[..., 0],
             blocks.of(b, GAIN)[..., 0],
-            delay,
+            blocks.of(b, SWITCHES),  # a step may run backwards
             theta[:, inertia, None, None] * accelerations if accelerations.any() else None,
             {name: blocks.of(b, name) for name in varying},
+            command_delay=theta[:, last, None, None],
         )
-        trajectory = simulate(model, batch, theta[:, :switch], start)
+        trajectory = simulate(model, batch, theta[:, :last], start)
         if len(batch.channels) == 1:
             return trajectory.position
         predicted = [trajectory.reading(channel) for channel in batch.channels]
@@ -175,29 +100,29 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
                 predicted[i] = predicted[i] + blocks.of(b, bias_of(channel.quantity))
         return np.concatenate(predicted, axis=2)
 
-    most = MAX_OFFSET if within else 0.5
     bounds, drags = [(0.0, np.inf)], {term.name for term in model.terms} >= set(BASE_TERMS["2"])
     for term in model.terms:
         for parameter in effects.get(term.name).parameters:
             lower = -np.inf if drags and term.name == "linear-drag" else parameter.lower  # either sign, as in Table 1
             bounds.append((lower, parameter.upper))
-    limits = np.array([*bounds, (-most, most)])
+    half = batch.half_interval
+    limits = np.array([*bounds, delays or ((-half, MAX_DELAY_S) if half else (0.0, 0.0))])
+    positive = np.append(limits[:-1, 0] >= 0.0, False)
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
-    return Problem(readings, measured, observed, blocks, limits, limits[:, 0] >= 0.0, names, slots_of(batch.channels))
+    return Problem(readings, measured, observed, blocks, limits, positive, names, slots_of(batch.channels))
 
 
-def _blocks(batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Sequence[str]) -> tuple[Block, ...]:
+def _blocks(batch: Batch, at_rest: NDArray[np.bool_], varying: Sequence[str]) -> tuple[Block, ...]:
     runs, limits = len(at_rest), batch.dof.limits
     ones = np.ones((runs, 1))
     lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
     windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
-    delays = (batch.interval > 0).astype(float) if within else batch.interval / np.sqrt(12.0)
     largest = float(np.abs(batch.force).max()) or 1.0
     return (
         Block(START_POSITION, limits.position_sd * ones),
         Block(START_VELOCITY, np.where(at_rest[:, None], 0.0, limits.velocity_sd)),
         Block(GAIN, ones, (1e-4, 0.3)),
-        Block(SWITCHES, delays, (1e-3, 1.0)),
+        Block(SWITCHES, batch.interval / np.sqrt(12.0), (1e-3, 1.0)),
         Block(DISTURBANCE, windows, (1e-5, 1.0)),
         *(Block(bias_of(c.quantity), limits.bias_sd * ones) for c in batch.channels if c.velocity),
         *(Block(name, largest * np.ones((runs, effects.get(name).per_run)), (1e-4, 1.0)) for name in varying),
@@ -321,7 +246,7 @@ ENOUGH_RUNS = 8
 """From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
 likelihood's."""
 
-AT_ONCE = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval")  # commands act in the middle of their intervals
+NO_DELAY = Estimate(0.0, 0.0, (0.0, 0.0), "s")
 MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
 
 
@@ -329,20 +254,25 @@ MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs 
 class OutputErrorFit:
     """One model, with its values, fitted to positions by maximum likelihood, or to forecasts where `by_forecasts` says.
 
-    `covariance` (p, p) is that of phi with the run as the unit, `offset` the command's instant [sample intervals],
-    `scatters` whether the thrust may from run to run; `ways` the drag of each way where that was asked. `estimator`
-    says by what the parameters of driven runs were estimated and why.
+    `covariance` (p, p) is that of phi with the run as the unit, `delay` that of the command [s], after the middle of
+    the sample interval in which it changed, `scatters` whether the thrust may from run to run; `ways` the drag of each
+    way where that was asked. `estimator` says by what the parameters of driven runs were estimated and why.
     """
 
     number: str
     model: YawModel
     mixed: Fit
     covariance: Floats
-    offset: Estimate = AT_ONCE
+    delay: Estimate = NO_DELAY
     scatters: bool = True
     ways: Ways | None = None
     estimator: str = ""
     by_forecasts: bool = False
+
+    @property
+    def answering(self) -> YawModel:
+        """The model with its command delay, as it answers commands."""
+        return self.model.delayed(self.delay.value)
 
     @property
     def roles(self) -> tuple[str, ...]:
@@ -393,27 +323,6 @@ class Preference:
     because: str
 
 
-def fit_half_turns(
-    data: StepData,
-    number: str,
-    start: tuple[float, float, float],
-    moment_unit: str,
-    prior: Known,
-    constant: float = 0.0,
-    sided: bool = False,
-) -> OutputErrorFit:
-    """Fit one model to half-turns; `start` is inertia, linear and quadratic drag to begin from, wherever found.
-
-    Of motions that have them also a `constant` force and, if `sided`, the difference of drag between the ways.
-    """
-    begins = {**dict(zip(("inertia", "linear", "quadratic"), start)), "constant": constant, "difference": 0.0}
-    begin = np.array([*(begins[role] for role in base_roles(number, data.dof, sided)), 0.0])
-    problem = step_problem(data, number, prior, sided=sided)
-    mixed = fit_mixed(problem, begin, noise=0.02, factors=np.array([0.03, 0.5]))
-    model = YawModel.base(number, begin[0], begin[1:-1], moment_unit, data.dof)
-    return _simulated_fit(number, model, problem, mixed, of_half_turns=True)
-
-
 def fit_whole_runs(
     batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, prior: Known = NOTHING_KNOWN
 ) -> OutputErrorFit:
@@ -431,7 +340,7 @@ def fit_whole_runs(
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _simulated_fit(number, rough, pooled, only, of_half_turns=False)
+        return result_of_steps(number, rough, only, scatters=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     little = 0.2 if prior.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
@@ -441,19 +350,15 @@ def fit_whole_runs(
         factors=np.array([little if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
         run_effects=first.run_effects,
     )
-    return _simulated_fit(number, rough, problem, best, of_half_turns=False)
+    return result_of_steps(number, rough, best)
 
 
-def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
-    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
-
-    Given the `changes` (R, p) of `left_out_changes`, it is exact where instants are confined to their sample intervals;
-    without, it is the linearised jackknife, which is too wide there.
-    """
+def run_covariance(mixed: Fit) -> Floats:
+    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p), by the linearised jackknife."""
     runs = len(mixed.left_out)
     if runs < 2:
         return mixed.covariance
-    by_runs = jackknife(mixed.left_out if changes is None else changes) + mixed.error_of_known
+    by_runs = jackknife(mixed.left_out) + mixed.error_of_known
     if runs >= ENOUGH_RUNS:
         return by_runs
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, by_runs))
@@ -491,18 +396,12 @@ def ratio_of(mixed: Fit, covariance: Floats, i: int, k: int, unit: str, dof: flo
     return Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, dof or run_dof(mixed, direction), unit)
 
 
-def _simulated_fit(
-    number: str, model: YawModel, problem: Problem, mixed: MixedFit, of_half_turns: bool
-) -> OutputErrorFit:
-    """The result of runs that were simulated, where the common instant of the switches is a parameter."""
-    covariance = run_covariance(mixed, left_out_changes(problem, mixed) if of_half_turns else None)
-    scatters = bool(problem.effects.of(problem.effects.scale, GAIN).any())  # else known to be none, or one run alone
-    offset = estimate_of(mixed, covariance, mixed.names.index(SWITCH), "sample interval", spare(mixed))
-    if of_half_turns:  # from their z to sample intervals
-        value, low, high = instant(np.array([offset.value, *offset.ci95]))
-        slope = float(density(np.array(offset.value)))
-        offset = Estimate(float(value), slope * offset.stderr, (float(low), float(high)), offset.unit)
-    return OutputErrorFit(number, model.with_theta(mixed.of_model), mixed, covariance, offset, scatters)
+def result_of_steps(number: str, model: YawModel, mixed: MixedFit, scatters: bool = True) -> OutputErrorFit:
+    """Give the result of runs that were simulated or have a closed form; `scatters` is false where their gains are
+    known not to differ."""
+    covariance = run_covariance(mixed)
+    delay = estimate_of(mixed, covariance, mixed.names.index(COMMAND_DELAY), "s", spare(mixed))
+    return OutputErrorFit(number, model.with_theta(mixed.of_model), mixed, covariance, delay, scatters)
 
 
 def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:

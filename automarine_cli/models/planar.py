@@ -12,7 +12,7 @@ adds, so that m_v = m - Y_v', m_vr = m x_g - Y_r' and Y_r stands for what Fossen
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -25,7 +25,7 @@ from automarine_cli.dofs.motion import PLANAR, Motion
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.errors import ModelError
 from automarine_cli.models.allocation import Bound
-from automarine_cli.models.yaw_model import Term, values_for, with_values
+from automarine_cli.models.yaw_model import Term, delayed_terms, values_for, with_values
 from automarine_cli.quantities import Floats
 
 PLACES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -120,6 +120,11 @@ class PlanarModel:
     @property
     def motion(self) -> Motion:
         return PLANAR
+
+    def delayed(self, seconds: float) -> "PlanarModel":
+        """The same model whose commands act later by `seconds`, by an input delay in each motion."""
+        surge, sway, yaw = (delayed_terms(terms, seconds) for _, terms in self._alone())
+        return replace(self, surge=surge, sway=sway, yaw=yaw)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -25,11 +25,10 @@ from automarine_cli.effects import Effect
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models import planar
-from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel, base_roles
+from automarine_cli.models.yaw_model import BASE_TERMS, COMMAND_DELAY, MAX_DELAY_S, Term, YawModel, base_roles
 from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, key_of, keyed, read_plain
 from automarine_cli.text import LONGEST, Place, format_value, printable
 
-LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 ROLES = ("inertia", "quadratic", "linear", "constant", "difference")
 
@@ -94,7 +93,7 @@ class ModelFile(ResultRecord):
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
-    switch_offset: Given | None = None
+    command_delay_s: Given | None = None
     effects: tuple[AddedEffect, ...] = ()
     preferred_because: str = ""
     ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
@@ -213,21 +212,25 @@ def number_at(number: Given, codec: Codec, place: Place) -> float:
 
 @dataclass(frozen=True)
 class StoredModels:
-    """The models of one file, by number, each with the file's effects already in it.
+    """The models of one file, by number, each with the file's effects and its command delay already in it.
 
     `preferred` is the number of the model that the fit prefers; `moment_unit` is that of the motion `dof`;
-    `switch_offset` is the share of a sample interval by which commands act later than the middle of the
-    interval before the sample that first shows them (the logger's convention); `source` is the file's name,
-    `effects` the names of what was added to the drag.
+    `command_delay` [s] is that of the commands after the middle of the sample interval in which they changed; `source`
+    is the file's name, `effects` the names of what was added to the drag.
     """
 
     models: Mapping[str, YawModel]
     preferred: str
     moment_unit: str
-    switch_offset: float
+    command_delay: float
     source: str
     dof: Dof
     effects: tuple[str, ...] = ()
+
+    @property
+    def undelayed(self) -> YawModel:
+        """The preferred model without its command delay, which fits to more runs estimate anew."""
+        return self.models[self.preferred].delayed(-self.command_delay)
 
 
 def load_yaw_models(path: Source) -> StoredModels:
@@ -276,13 +279,8 @@ def _models(file: ModelFile, codec: Codec) -> StoredModels:
             values = added if entries is None else _effects(entries, codec, (*place, "effects"), file.dof)
             model = _base(number, entry, unit, codec, place, file.dof)
             models[number] = reduce(lambda built, term: built.with_effect(*term), values, model)
-    offset = ("switch_offset",)
-    late = 0.0 if file.switch_offset is None else number_at(file.switch_offset, codec, offset)
-    if abs(late) > LATEST_SWITCH:
-        raise codec.refusal(
-            offset,
-            f"found {late:g}, expected a share of a sample interval between -{LATEST_SWITCH} and {LATEST_SWITCH}",
-        )
+    late = _command_delay(file.command_delay_s, codec)
+    models = {number: model.delayed(late) for number, model in models.items()}
     return StoredModels(models, file.preferred, unit, late, codec.name, file.dof, tuple(name for name, _ in added))
 
 
@@ -385,6 +383,7 @@ class PlanarFile(ResultRecord):
     parameters: Mapping[str, Given]
     structure: str = ""
     covariance: Covariance | None = None
+    command_delay_s: Given | None = None
     random: Mapping[str, float] = field(default_factory=dict)
     prediction: Use = field(default_factory=Use)
 
@@ -394,13 +393,19 @@ PLANAR_MODEL = ResultKind(f"{PLANAR.name}_model.json", f"{PLANAR.name}-model", P
 
 @dataclass(frozen=True)
 class StoredPlanar:
-    """The model of one file; `source` is its name, `free` are the parameters that its fit had free (none where the file
-    does not say), `random` the sizes of what is random by name."""
+    """The model of one file with its `command_delay` [s]; `source` is its name, `free` are the parameters that its fit
+    had free (none where the file does not say), `random` the sizes of what is random by name."""
 
     model: planar.PlanarModel
     source: str
     free: tuple[str, ...] = field(default=(), repr=False)
     random: Mapping[str, float] = field(default_factory=dict, repr=False)
+    command_delay: float = 0.0
+
+    @property
+    def undelayed(self) -> planar.PlanarModel:
+        """The model without its command delay, which fits to more runs estimate anew."""
+        return self.model.delayed(-self.command_delay)
 
 
 def load_planar_model(path: Source) -> StoredPlanar:
@@ -429,7 +434,15 @@ def planar_from_json(data: Mapping[str, object], where: str = "planar model") ->
             )
     values = {name: number_at(number, codec, (*PARAMETERS, name)) for name, number in file.parameters.items()}
     free = file.covariance.parameters if file.covariance else ()
-    return StoredPlanar(_model(values, codec), where, free, file.random)
+    late = _command_delay(file.command_delay_s, codec)
+    return StoredPlanar(_model(values, codec).delayed(late), where, free, file.random, late)
+
+
+def _command_delay(stored: Given | None, codec: Codec) -> float:
+    late = 0.0 if stored is None else number_at(stored, codec, (COMMAND_DELAY,))
+    if abs(late) > MAX_DELAY_S:
+        raise codec.refusal((COMMAND_DELAY,), f"found {late:g} s, expected at most {MAX_DELAY_S:g} s either way")
+    return late
 
 
 def units(model: planar.PlanarModel) -> dict[str, str]:

@@ -15,6 +15,7 @@ r_2 = (delta + b/2)/c is the size of the other root: equation 9 for k_r = 0, equ
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +30,11 @@ from automarine_cli.quantities import Floats
 BASE_TERMS = {"1": ("linear-drag",), "2": ("quadratic-drag", "linear-drag"), "3": ("quadratic-drag",)}
 """The drag terms of the paper's three models: D(r) = k_r; k_rr|r| + k_r; k_rr|r|."""
 
+COMMAND_DELAY = "command_delay_s"
+"""Name, for users and in files, of how long [s] after the middle of the sample interval in which a command changed it
+acts: beside inertia and drag a parameter of every fit."""
+DELAY = "input-delay"  # the effect that means the same
+MAX_DELAY_S = effects.get(DELAY).parameters[0].upper
 CONSTANT = "bias-moment"  # the term of a moment or force that always acts
 ASYMMETRY = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
 """The term by which drag differs between the two ways."""
@@ -66,6 +72,16 @@ def values_for(names: Sequence[str], theta: ArrayLike) -> Iterator[float]:
     if len(values) != len(names):
         raise ModelError(f"{len(values)} values given for the {len(names)} parameters {names}; give one for each")
     return iter(values)
+
+
+def delayed_terms(terms: tuple[Term, ...], seconds: float) -> tuple[Term, ...]:
+    """Return the terms with an input delay longer by `seconds`, without one where nothing is left of it."""
+    if not seconds:
+        return terms
+    values = {term.name: term.values for term in terms}.get(DELAY, (0.0, 0.0, 0.0))
+    others = tuple(term for term in terms if term.name != DELAY)
+    late = (values[0] + seconds, values[1], values[2] + seconds if values[1] else 0.0)
+    return (*others, Term(DELAY, late)) if late[0] or late[2] else others
 
 
 def with_values(terms: tuple[Term, ...], values: Iterator[float]) -> tuple[Term, ...]:
@@ -137,6 +153,10 @@ class YawModel:
         if len(values) != count:
             raise ModelError(f"effect {name!r} has {count} parameters, {size} values were given; give one for each")
         return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
+
+    def delayed(self, seconds: float) -> "YawModel":
+        """The same model whose commands act later by `seconds`, by an input delay of its own."""
+        return replace(self, terms=delayed_terms(self.terms, seconds))
 
     @property
     def motion(self) -> Motion:
@@ -224,6 +244,49 @@ def response(
     z = final * mean_decay
     rate = final - final * (1 + decayed) / (1 - c * z)
     return heading0 + way * (final * t + _log_ratio(c, z)), np.where(time < 0, 0.0, way * rate)
+
+
+class Slopes(NamedTuple):
+    """A reading and its derivatives by time, by the logarithms of force and inertia, and by both drags."""
+
+    value: Floats
+    time: Floats
+    log_force: Floats
+    log_inertia: Floats
+    linear: Floats
+    quadratic: Floats
+
+
+def response_slopes(time: Floats, force: Floats, inertia: float, k_r: Floats, k_rr: Floats) -> tuple[Slopes, Slopes]:
+    """Give heading less its start [rad] and rate [rad/s] of `response` with their derivatives; time is (R, N).
+
+    Stretching time, psi(s t; a, b, c) = psi(t; s² a, s b, c), and angle, psi(t; s a, b, c/s) = s psi(t; a, b, c), give
+    all derivatives from the one by log a, which is that of the formula.
+    """
+    way, t = np.sign(force), np.maximum(time, 0.0)
+    a, b, c = _scaled(force, inertia, k_r, k_rr)
+    delta = np.maximum(np.sqrt(b * b / 4 + a * c), 1e-12)
+    final = np.where((b < 0) & (c > 0), (delta - b / 2) / np.where(c > 0, c, 1.0), a / (delta + np.maximum(b, 0.0) / 2))
+    by_final, by_delta = a / (2 * delta), a * c / (2 * delta)
+    decay = np.exp(-2 * delta * t)
+    mean = -np.expm1(-2 * delta * t) / (2 * delta)
+    by_mean = by_delta * (t * decay - mean) / delta
+    z, by_z = final * mean, by_final * mean + final * by_mean
+    share = decay / (1 - c * z)
+    angle, rate = final * t + _log_ratio(c, z), final - final * share
+    speeding = np.where(time < 0, 0.0, a - b * rate - c * rate**2)
+    angle_a = by_final * t - by_z / (1 - c * z)
+    rate_a = by_final * (1 - share) + final * share * (2 * t * by_delta - c * by_z / (1 - c * z))
+    slopes = []
+    for value, by_time, by_a, by_b in (
+        (angle, rate, angle_a, t * rate - 2 * angle_a),
+        (rate, speeding, rate_a, rate + t * speeding - 2 * rate_a),
+    ):
+        by_c = by_a - value
+        linear = np.divide(by_b, k_r, out=np.zeros_like(by_b), where=k_r != 0)
+        quadratic = np.divide(by_c, k_rr, out=np.zeros_like(by_c), where=k_rr != 0)
+        slopes.append(Slopes(*(way * x for x in (value, by_time, by_a, -by_a - by_b - by_c, linear, quadratic))))
+    return slopes[0], slopes[1]
 
 
 def velocity_error(moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike = 0.0, k_rr: ArrayLike = 0.0) -> Floats:

@@ -444,6 +444,7 @@ def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
         info.SCATTER if scatter is None else scatter, limits.logger.rate_hz, limits.runs.rest_before_s,
         limits.battery.volts if electric else None, base,
         None if rate_noise is None else float(np.deg2rad(rate_noise)), random,
+        command_delay=prior.command_delay,
     )  # fmt: skip
 
 
@@ -460,7 +461,8 @@ def specification(plan: Plan) -> tuple[dict[str, object], str]:
     symbols, (linear, quadratic) = model.dof.symbols, model.drag()
     if linear < 0 or quadratic < 0:
         return {}, "No plan.toml: a vehicle with negative drag cannot be simulated."
-    added = model.terms[len(fitting.base.terms) :]
+    delayed = model.delayed(fitting.command_delay) if fitting.command_delay * fitting.rate > 0.5 else model
+    added = delayed.terms[len(fitting.base.terms) :]
     needy = [term.name for term in added if effects.get(term.name).needs]
     noises = {"noise_deg": fitting.noise, "rate_noise_deg_s": fitting.rate_noise}
     return {

@@ -26,10 +26,10 @@ from automarine_cli.fits.driven import driven_problem, starts_near
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
-from automarine_cli.fits.mixed_model import SWITCH, Problem, derivatives
+from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, COMMAND_DELAY, DELAY, YawModel
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
@@ -42,11 +42,8 @@ Fit = Literal["whole-runs", "diagnosis"]
 
 HELD_OUT = 0.25  # share of the runs that `diagnose` does not fit, where no others are given to be held out
 QUIET = 1e-5  # disturbance moment of a pool, as a factor of the fits: none
-OFFSET = "switch offset"
 ANGLE = "inertial turn angle"
 FEWEST = 3  # runs below which no interval is told
-NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
-"""Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
 LOOSE = 3.0
 """Standard deviation of a parameter before any run, in its own size: the first choices must not divide by 0."""
 
@@ -93,7 +90,7 @@ class Fitting:
     each run, `voltage` [V] where the logs have it; `frame` is the drag about which runs are laid out, by default the
     model's own; `rate_noise` [per s] of a velocity sensor, None without. Where something is `random` (by the names of
     driven fits, in base units), runs are fitted by the innovations of a filter. `explained_by` names the effect of the
-    model for which it stands beside another explanation."""
+    model for which it stands beside another explanation, `command_delay` [s] is that of the model's file."""
 
     model: YawModel
     fit: Fit
@@ -106,6 +103,7 @@ class Fitting:
     rate_noise: float | None = None
     random: Mapping[str, float] = field(default_factory=dict)
     explained_by: str = ""
+    command_delay: float = 0.0
 
     @property
     def channels(self) -> tuple[str, ...] | None:
@@ -129,7 +127,7 @@ class Fitting:
         return Logger(dof, unit, self.rate, self.rest, self.voltage, self.channels)
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
-        """Set up the likelihood of the candidates' runs; theta ends with the common instant of the switches."""
+        """Set up the likelihood of the candidates' runs; theta ends with the command delay."""
         runs = [self.logger.run(candidate) for candidate in candidates]
         if self.fit == "diagnosis":
             base = YawModel(self.base.inertia, self.base.terms, self.logger.unit, self.logger.dof)
@@ -158,12 +156,12 @@ class Fitting:
 
     @cached_property
     def on_log(self) -> tuple[bool, ...]:
-        """Which parameters, and the switches' instant after them, are searched and told on the logarithm."""
+        """Which parameters, and the command delay after them, are searched and told on the logarithm."""
         return tuple(bool(positive) for positive in self.problem([Candidate("step", "any", ((1.0, 3.0),))]).positive)
 
     def phi(self, problem: Problem) -> Floats:
-        """Return where the likelihood is looked at, in the search's coordinates: switches amid their intervals."""
-        return problem.search(np.append(self.model.theta, 0.0))
+        """Return where the likelihood is looked at, in the search's coordinates."""
+        return problem.search(np.append(self.model.theta, np.clip(self.command_delay, *problem.bounds[-1])))
 
     def variances(self, problem: Problem) -> Floats:
         """Return logarithms of noise and factors, as the linear half of the mixed model takes them."""
@@ -178,8 +176,8 @@ class Fitting:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters that the fit is free to choose, the common instant of the switches last."""
-        return tuple(name for name, free in zip((*self.labels, OFFSET), self.free) if free)
+        """Names of the parameters that the fit is free to choose, the command delay last."""
+        return tuple(name for name, free in zip((*self.labels, COMMAND_DELAY), self.free) if free)
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
@@ -199,7 +197,7 @@ class Fitting:
     @property
     def loose_information(self) -> Floats:
         """Next to no information (p, p) on the free parameters: of each its own size, `LOOSE` times over."""
-        values = np.append(self.model.theta, 0.3)
+        values = np.append(self.model.theta, 1.0 / self.rate)
         sizes = np.where(self.on_log, 1.0, np.maximum(np.abs(values), 1e-3))[self.free]
         return np.diag(1.0 / (LOOSE * sizes) ** 2)
 
@@ -218,7 +216,7 @@ class Fitting:
         size, (problem, phi) = len(self.model.theta), self.driven(candidates)
         runs = problem.slopes(phi[None])[0].information
         names = [problem.names[i] for i in problem.free]
-        at = [names.index(name) for name in (*self.model.parameter_names, SWITCH) if name in names]
+        at = [names.index(name) for name in (*self.model.parameter_names, COMMAND_DELAY) if name in names]
         nuisance = [i for i in range(len(names)) if i not in at]
         total = runs.sum(axis=0) + problem.prior_information
         back = np.eye(len(names))[at]
@@ -229,19 +227,11 @@ class Fitting:
         scale = np.where(np.array(self.on_log) & ~positive, natural, 1.0)[free]
         back *= scale[:, None]
         projected = back @ runs @ back.T
-        projected[:, -1, :-1] = projected[:, :-1, -1] = 0.0  # such fits confine the switches to their interval
         return np.asarray(projected)
 
     def _of_problem(self, problem: Problem, free: NDArray[np.int64]) -> Floats:
         variances, phi = self.variances(problem), self.phi(problem)
-        if self.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
-            return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
-        total = np.zeros(())
-        for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum()):
-            b = np.zeros_like(problem.effects.scale)
-            problem.effects.of(b, SWITCHES)[...] = node
-            total = total + weight * _at(problem, phi, b * (problem.effects.scale > 0), variances, free)
-        return total
+        return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
 
     def predicted(self, per_run: Floats) -> dict[str, Estimate]:
         """Predict the estimates that a fit would report: the model's values, with these runs' (R, p, p) intervals."""
@@ -254,7 +244,7 @@ class Fitting:
     @cached_property
     def directions(self) -> dict[str, Floats]:
         """What is wanted, as directions (p,) of the search's coordinates: every parameter, inertia over drag."""
-        axes = {name: axis for name, axis in zip(self.names, np.eye(len(self.names))) if name != OFFSET}
+        axes = {name: axis for name, axis in zip(self.names, np.eye(len(self.names))) if name != COMMAND_DELAY}
         symbols = self.model.dof.symbols
         if symbols.quadratic in axes:
             axes[ANGLE] = axes[symbols.inertia] - axes[symbols.quadratic]
@@ -376,7 +366,8 @@ class Ambiguity:
 class PriorResults:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
     where the file does not say), how many runs were fitted, open doubts, a gyro's noise; what is `random` in driven
-    runs, by name, in base units; effects that the fit `proposed` and no diagnosis judged, with their deviance."""
+    runs, by name, in base units; the command delay [s], which is no effect of the model; effects that the fit
+    `proposed` and no diagnosis judged, with their deviance."""
 
     stored: StoredModels
     model: YawModel
@@ -391,12 +382,13 @@ class PriorResults:
     proposed: Mapping[str, float] = field(default_factory=dict)
     file: ModelFile | None = None
     diagnosis: DiagnosisFile | None = None
+    command_delay: float = 0.0
 
 
 def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     name = printable(model.name)
     file, stored = file_and_models(read_plain(model, "JSON", ModelError), name)
-    chosen = stored.models[stored.preferred]
+    chosen, late = stored.undelayed, stored.command_delay
     entry, symbols = file.chosen, file.dof.symbols
     drag = {symbols.inertia: entry.inertia, symbols.quadratic: entry.quadratic, symbols.linear: entry.linear}
     added = {f"{effect.name} {n}": entry for effect in file.effects for n, entry in effect.parameters.items()}
@@ -414,6 +406,7 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
             chosen = chosen.with_theta(at)
         for effect, values in new_effects.items():
             chosen = chosen.with_effect(effect, values)
+        late = late if DELAY not in new_effects else 0.0  # which is the same delay
         now = {**now, **base, **estimates}
         if new_effects:
             now.pop(ANGLE, None)
@@ -430,16 +423,16 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     noise, scatter, rate = (value if value is not None and value > 0 else None for value in (file.noise, spread, rate))
     return PriorResults(
         stored, chosen, now, noise, scatter, file.runs.used, doubts, notes, rate, random,
-        {} if diagnosis is not None else file.proposed, file, judged,
+        {} if diagnosis is not None else file.proposed, file, judged, late,
     )  # fmt: skip
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
-    """Return the covariance (p, p) of the search's coordinates as the model's file tells it, without the offset; None
+    """Return the covariance (p, p) of the search's coordinates as the model's file tells it, without the delay; None
     where a parameter has no standard error.
 
     Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio."""
-    names = [name for name in fitting.names if name != OFFSET]
+    names = [name for name in fitting.names if name != COMMAND_DELAY]
     if any(name not in now or not now[name].stderr > 0 for name in names):
         return None
     size = {n: now[n].stderr / (abs(now[n].value) if fitting.parameters[n][1] else 1.0) for n in names}
@@ -457,7 +450,7 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
 def information_now(fitting: Fitting, covariance: Floats | None) -> Floats:
     """Return the information (p, p) before the campaign: the earlier runs' by their covariance, else next to none."""
     loose = fitting.loose_information
-    loose[-1, -1] = 1.0
+    loose[-1, -1] = 12.0 * fitting.rate**2  # of a delay within a sample interval
     if covariance is not None:
         loose[:-1, :-1] += np.linalg.inv(covariance)
     return loose

@@ -16,6 +16,7 @@ from automarine_cli.fits.innovations import channel_noises, sensors_of, sentence
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit
+from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.store import DRAG_LAWS, units
 from automarine_cli.report.figures import runs as figures
@@ -136,11 +137,16 @@ def tables(fit: YawFit) -> tuple[Table, Table]:
 def sentences(fit: YawFit) -> tuple[str, ...]:
     """Say what a person should read: the parameters, or that nobody should use them; choice, scatter, warnings."""
     preferred, mixed, dof, words = fit.preferred, fit.preferred.mixed, fit.dof, fit.dof.words
-    symbols, used = dof.symbols, len(fit.read)
+    symbols = dof.symbols
     main = (symbols.inertia, symbols.linear, symbols.quadratic)
-    values = ", ".join(_valued(name, e) for name, e in preferred.estimates.items() if name in main)
-    model, runs = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})", used + len(fit.set_aside)
-    lines = [f"{dof.name.capitalize()}: {model} from {used} of {runs} runs: {values}."]
+    shown = {name: e for name, e in preferred.estimates.items() if name in main}
+    shown |= {name: e for name, e in _added(preferred).items() if e.stderr > 0}
+    shown |= {"command delay": preferred.delay} if fit.is_late else {}
+    values = ", ".join(_valued(name, e) for name, e in shown.items())
+    model = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})"
+    lines = [f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."]
+    if fit.consistency is not None:
+        lines += _disagreement(fit.consistency, dof)
     if fit.use is not None:
         lines.insert(int(fit.use.of_use), fit.use.sentence(dof))
     derived = {f"{symbols.inertia}/{symbols.quadratic}": preferred.inertial_turn_angle}
@@ -168,6 +174,40 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines += [f"Read: {note}." for note in shared_readings(fit.read)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
+
+
+LOOK = "An effect is missing: look for it with `automarine diagnose`."
+PUSHES = {
+    STIRRED: "Something pushes the more, the longer and farther the vehicle {has_moved}, as water does that it stirs",
+    FADING: "The thrust seems to fade along a step, the more the larger it is, as with a battery that sags",
+}
+
+
+def _carrying(fit: YawFit) -> str:
+    """Name the data that carry the answer."""
+    used, tests = len(fit.read), fit.consistency
+    count = f"{used} of {used + len(fit.set_aside)} runs"
+    if fit.fitted_to.startswith("whole"):
+        return f"whole runs ({count})"
+    why = "; the rest disagrees, an effect is missing" if tests is not None and not tests.agrees else ""
+    return f"first {fit.dof.words.step}s ({count}{why})" if fit.dof.wraps else count
+
+
+def _disagreement(tests: Consistency, dof: Dof) -> Iterator[str]:
+    """Say by what whole steps and their first half-turns were found to differ."""
+    if tests.push:
+        says = PUSHES[tests.push].format(has_moved=f"has {dof.words.moved}")
+        yield f"{says} (p = {number(tests.p_push[tests.push], 1)}). The numbers allow for it. {LOOK}"
+    if tests.agrees:
+        return
+    p_values = {
+        f"{dof.words.inertia} or drag differ": (tests.p_parameters, MIN_P_PARAMETERS),
+        f"the {dof.words.position} bends": (tests.p_bends, MIN_P_BENDS),
+    }
+    differs = [f"{text} (p = {number(p, 1)})" for text, (p, least) in p_values.items() if p < least]
+    if tests.noisier:
+        differs.append(f"{100 * (tests.noise_ratio - 1):.0f} % more noise is left")
+    yield f"After the first {dof.words.step} {' and '.join(differs)}. {LOOK}"
 
 
 def _valued(name: str, estimate: Estimate) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
+from automarine_cli.effects.input_delay import delayed
 from automarine_cli.effects.thruster_imbalance import PARTS, lacking_signal
 from automarine_cli.errors import RunError
 from automarine_cli.quantities import Floats
@@ -87,6 +88,12 @@ class Batch:
         return self.channels[0].values
 
     @property
+    def half_interval(self) -> float:
+        """Half the usual sample interval in which commands change [s]; 0 where none does."""
+        intervals = self.interval[self.interval > 0]
+        return 0.5 * float(np.median(intervals)) if len(intervals) else 0.0
+
+    @property
     def windows(self) -> int:
         return int(self.window.max()) + 1
 
@@ -96,17 +103,25 @@ class Batch:
         clock = np.concatenate([np.zeros((len(self.names), 1)), np.cumsum(self.length, axis=1)], axis=1)
         return np.take_along_axis(clock, self.node, axis=1)
 
-    def commands(self, switch_delay: Floats | None = None) -> tuple[Commands, ...]:
-        """Commands of each degree of freedom, (P or 1, R, M), changes moved by `switch_delay` (P, R, E) [s]."""
-        length = self.length[None]
+    def commands(self, switch_delay: Floats | None = None, command_delay: Floats | None = None) -> tuple[Commands, ...]:
+        """Commands of each degree of freedom, (P or 1, R, M): changes moved within their intervals by `switch_delay`
+        (P, R, E) [s], and all later by `command_delay` (P, 1, 1) [s], which is exact as far as it moves them so."""
+        length, remaining = self.length[None], np.zeros(())
+        if command_delay is not None:
+            within = np.clip(command_delay, -self.half_interval, self.half_interval)
+            remaining = command_delay - within
+            switch_delay = within + (np.zeros((1, *self.interval.shape)) if switch_delay is None else switch_delay)
         if switch_delay is not None:
             index = np.broadcast_to(self.switch[None], (len(switch_delay), *self.switch.shape))
             length = length + self.stretch[None] * np.take_along_axis(switch_delay, index, axis=2)
         begins, clock = np.cumsum(length, axis=2) - length, self.start[:, None]
-        return tuple(
+        commands = [
             Commands(force[None], begins, length, before, clock, self.signals)
             for force, before in zip(self.force, self.before)
-        )
+        ]
+        if not remaining.any():
+            return tuple(commands)
+        return tuple(replace(command, force=delayed(command, remaining)) for command in commands)
 
 
 @dataclass(frozen=True)

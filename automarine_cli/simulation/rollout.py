@@ -37,7 +37,8 @@ class Start:
     that of everything delivered, `switch_delay` [s] of every change of command from the middle of the interval in which
     it happened, `disturbance` (D, P, R, windows), of one degree of freedom (P, R, windows), a moment or force in each
     window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run, `water` the
-    states of the water, (W, P, R), in the order of the model's terms."""
+    states of the water, (W, P, R), in the order of the model's terms, `command_delay` (P, 1, 1) [s] that of all
+    commands after that middle."""
 
     position: ArrayLike = 0.0
     velocity: ArrayLike = 0.0
@@ -46,6 +47,7 @@ class Start:
     disturbance: Floats | None = None
     own: Mapping[str, Floats] = field(default_factory=dict)
     water: ArrayLike = 0.0
+    command_delay: Floats | None = None
 
     def bind(self, term: Bound) -> Bound:
         if not term.effect.per_run:
@@ -113,7 +115,7 @@ def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: S
     starts = map(np.shape, (start.position, start.velocity, start.log_gain))
     shape = np.broadcast_shapes((len(model.motion.dofs), len(theta), len(batch.names)), *starts)
     terms = [start.bind(term) for term in model.forces(theta)]
-    commands = list(batch.commands(start.switch_delay))
+    commands = list(batch.commands(start.switch_delay, start.command_delay))
     for term in actuators(terms):
         commanded = commands[term.dof]
         forward = replace(commanded, length=np.maximum(commanded.length, 0.0))  # it only knows time to pass

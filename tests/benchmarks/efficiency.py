@@ -15,10 +15,10 @@ from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr
 
-from automarine_cli.fits.half_turns import StepData, half_turn_data, step_problem
 from automarine_cli.fits.linear_mixed import GAIN, START_POSITION, SWITCHES, RunEffects
 from automarine_cli.fits.mixed_model import MixedFit, fit_mixed
 from automarine_cli.fits.paper import fit_velocity_error
+from automarine_cli.fits.steps import StepData, data_of_steps, step_problem
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
@@ -98,7 +98,7 @@ def run_trial(index: int) -> Trial:
     campaign = make_campaign([STREAM, index])
     informed = known_half_turns(campaign)
     turns, _ = half_turns(campaign.runs)
-    blind = half_turn_data(turns)
+    blind = data_of_steps(turns)
     fits = {
         ALL_KNOWN: _fit(informed, START_POSITION, SWITCHES, GAIN),
         SCATTER_FREE: _fit(informed, START_POSITION, SWITCHES),

@@ -13,6 +13,7 @@ from campaigns import BOTH_SIDES, LARGE, make_campaign
 from made_runs import INERTIA, K_RR
 from scipy import stats
 from specified import make_runs
+from step_fits import fitted_steps
 
 from automarine_cli import effects
 from automarine_cli.commands.fit_thrusters import fit_thrusters
@@ -22,10 +23,8 @@ from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.half_turns import half_turn_data
-from automarine_cli.fits.known import Known
 from automarine_cli.fits.paper import fit_velocity_error
-from automarine_cli.fits.whole_runs import fit_half_turns
+from automarine_cli.fits.steps import data_of_steps
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
@@ -63,16 +62,16 @@ def motion_trial(index: int, runs: int, model: str, noise: float, scatter: float
     k_r, k_rr = DRAGS[model]
     key = [2, list(LAYOUTS).index(runs), int(model), round(1000 * scatter), round(1000 * noise), index]
     campaign = make_campaign(key, LAYOUTS[runs], k_r=k_r, k_rr=k_rr, scatter=scatter, noise=np.deg2rad(noise))
-    data = half_turn_data(half_turns(campaign.runs)[0])
+    data = data_of_steps(half_turns(campaign.runs)[0])
     truth = {"I_r": INERTIA, "k_rr": k_rr, "k_r": k_r}
     rough = fit_velocity_error(data, np.zeros(len(data.moment)))
     drag = rough.drag["1"].drag[0]  # the start is that of `fits.identify`
     begin = (rough.inertia["3"].overall.value, drag if model == "1" else 0.02 * drag, rough.drag["3"].drag[1])
-    fit = fit_half_turns(data, model, begin, "nu", Known())
+    fit = fitted_steps(data, model, begin)
     out = {f"ML {name}": outcome(estimate, truth[name]) for name, estimate in fit.estimates.items()}
     if fit.inertial_turn_angle is not None:
         out["ML I/k"] = outcome(fit.inertial_turn_angle, INERTIA / k_rr)
-    out["offset"] = outcome(fit.offset, 0.0)  # this and the next are at a bound of their range where there is none
+    out["delay"] = outcome(fit.delay, 0.0)  # this and the next are at a bound of their range where there is none
     out["gain scatter"] = outcome(fit.gain_scatter, scatter)
     for name, estimate in rough.drag[model].estimates.items():
         out[f"Table 1 {name}"] = outcome(estimate, truth[name])

@@ -18,8 +18,8 @@ from specified import make_runs, read_specification
 
 from automarine_cli.commands.terminal import terminal_progress
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.paper import fit_drag, fit_velocity_error
+from automarine_cli.fits.steps import data_of_steps
 from automarine_cli.models.yaw_model import inertia_from_velocity_error
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.report.tables import Table, number
@@ -83,7 +83,7 @@ def run_trial(item: tuple[Specification, str, int]) -> dict[str, float]:
     """
     specification, setting, seed = item
     turns, _ = half_turns(make_runs(hiding(setting, specification), seed))
-    data = half_turn_data(turns)
+    data = data_of_steps(turns)
     fit = fit_velocity_error(data, np.zeros(len(turns)))
     # the same tails, where the scatter is in the record against moments that were written down wrong
     moment = _misread(data.moment, specification.scatter.force, seed) if setting == RECORDED else data.moment

@@ -29,7 +29,6 @@ class Fitted:
     innovations where it is one."""
 
     model: YawModel
-    offset: float
     driven: InnovationsFit | None
 
     def on(self, runs: Sequence[Run]) -> tuple[DrivenProblem, Course]:
@@ -44,7 +43,7 @@ def tool_fits(runs: Sequence[Run]) -> tuple[dict[str, Fitted], str]:
     FitError, RunError."""
     result = identify(runs, fit_to="whole-runs")
     models = {
-        number: Fitted(each.model, each.offset.value, each.mixed if isinstance(each.mixed, InnovationsFit) else None)
+        number: Fitted(each.answering, each.mixed if isinstance(each.mixed, InnovationsFit) else None)
         for number, each in result.output_error.items()
     }
     return models, result.preference.number
@@ -59,7 +58,7 @@ def tool_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -> F
     for i, k in zip(anchors.run, anchors.sample):
         stop = int(np.searchsorted(runs[i].time, runs[i].time[k] + HORIZONS[-1])) + 1
         pieces.append(runs[i].cut(k, min(stop, len(runs[i]))))
-    shown = roll(fitted.model, pieces, anchors.position, anchors.rate, fitted.offset).position[0]
+    shown = roll(fitted.model, pieces, anchors.position, anchors.rate).position[0]
     return np.array([
         np.interp(np.array(HORIZONS), run.time - run.time[0], row[: len(run)], right=np.nan)
         for run, row in zip(pieces, shown)
@@ -104,7 +103,7 @@ def predictions(
 
 def tool_free_run(fitted: Fitted, runs: Sequence[Run]) -> float:
     """Root mean square error of the free runs from start to end [base unit]."""
-    errors = np.concatenate([run.error for run in free_runs(fitted.model, runs, fitted.offset)])
+    errors = np.concatenate([run.error for run in free_runs(fitted.model, runs)])
     return float(np.sqrt(np.mean(errors**2)))
 
 

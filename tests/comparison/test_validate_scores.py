@@ -145,11 +145,11 @@ def test_a_shifted_clock_another_order_and_groups_change_nothing(
         assert_close(values(apart, "2", name), values(plain, "2", name), "optimiser")  # type: ignore[arg-type]
 
 
-def test_a_later_switch_is_the_loggers_convention() -> None:
+def test_a_command_delay_acts_later() -> None:
     run = sequence_run()
     early = replace(run, moment=np.append(run.command[1:], run.command[-1]))  # shown one sample too early
     (plain,) = free_runs(TRUE, [early])
-    (moved,) = free_runs(TRUE, [early], switch_offset=0.5)  # which is half of it
+    (moved,) = free_runs(TRUE.delayed(0.5 * run.sample_period), [early])  # which is half of it
     assert np.abs(moved.error).max() == pytest.approx(0.5 * np.abs(plain.error).max(), rel=0.02)
 
 

@@ -17,7 +17,6 @@ from automarine_cli.control import design as designing
 from automarine_cli.control import tuning
 from automarine_cli.control.design import fly
 from automarine_cli.control.knowledge import read_knowledge
-from automarine_cli.control.vehicles import crowd
 from automarine_cli.pipeline.results_folder import MANIFEST
 from automarine_cli.thrusters.map import Curve, ThrusterMap
 
@@ -105,13 +104,24 @@ def test_a_fast_vehicle_keeps_its_defaults(delay: float, margin: float, run: Run
     assert not (out / "ardusub.param").exists()
 
 
+def test_a_plain_fit_promises_gains_with_the_delay_that_it_estimated(run: Run, tmp_path: Path) -> None:
+    late = estimate(0.1, "s", 0.01)
+    path = written(tmp_path, model(0.3, 1.0, 30.0) | {"command_delay_s": late})
+    knowledge = read_knowledge(Path(path), None, None, (1.0, 1.0))
+    assert knowledge.model.theta[knowledge.model.index("input-delay.t_d")] == 0.1 and knowledge.spread.late == 0.0
+    place = knowledge.model.index("input-delay.t_d")
+    assert knowledge.explanations[0].covariance[place, place] >= 0.001**2
+    tuned = run("tune", path, "--for", "pid", "--full", "30", "--json")
+    assert json.loads(tuned.stdout)["verdict"] == "gains"
+
+
 def test_nothing_is_promised_where_the_delay_is_not_known(run: Run, tmp_path: Path) -> None:
-    """A fit alone: a delay that nobody looked for makes the vehicle late and its inertia too large."""
+    """A file written by hand, without the delay that every fit estimates."""
     path, out = written(tmp_path, model(0.3, 1.0, 30.0)), tmp_path / "out"
-    found = run("tune", path, "--for", "pid", "--full", "30", "-o", str(out))
-    assert found.exit_code == 0, found.stderr
-    assert found.stdout.startswith("No promise can be made. How late the vehicle answers is not known")
-    assert "automarine diagnose" in found.stdout and "What would settle it: a fast square wave" in found.stdout
+    tuned = run("tune", path, "--for", "pid", "--full", "30", "-o", str(out))
+    assert tuned.exit_code == 0, tuned.stderr
+    assert tuned.stdout.startswith("No promise can be made. How late the vehicle answers is not known")
+    assert "Fit its logs again" in tuned.stdout and "What would settle it: a fast square wave" in tuned.stdout
     result = json.loads((out / "tuning.json").read_text())
     assert result["verdict"] == "cannot-promise" and result["gains"] == {} and result["promised"] is None
     assert not (out / "pid.json").exists()
@@ -164,18 +174,6 @@ def test_a_curve_of_the_thrust_is_flown_with_the_dead_band_that_it_may_hide(tmp_
         explanations = read_knowledge(path, file, None, (0.9, 1.1)).explanations
         (other,) = (explanation for explanation in explanations if explanation.instead)
         assert other.model.theta[other.model.index("dead-band.width")] == pytest.approx(width)
-
-
-def test_a_delay_that_the_fit_did_not_have_made_its_inertia_too_large(tmp_path: Path) -> None:
-    """The later a vehicle may be, the lighter it is: by sqrt(k tau)/ln 2 for each second."""
-    path = written(tmp_path, model(0.5, 1.0, 2.0, "nu"))
-    knowledge = read_knowledge(Path(path), None, 0.2, (1.0, 1.0))
-    covariance = knowledge.explanations[0].covariance
-    vehicles = crowd(knowledge.model, covariance, knowledge.spread, 2.0, None, 400, np.random.default_rng(0))
-    slope, _ = np.polyfit(vehicles.late, 0.5 - vehicles.theta[:, 0], 1)
-    assert slope == pytest.approx(1.0 / np.log(2.0), rel=0.15)
-    path = written(tmp_path, model(0.5, 1.0, 2.0, "nu", lag=0.2))
-    assert read_knowledge(Path(path), None, 0.2, (1.0, 1.0)).spread.heavy == 0.0
 
 
 @pytest.mark.slow

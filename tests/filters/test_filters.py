@@ -76,7 +76,7 @@ def test_a_change_of_command_acts_in_the_middle_of_its_interval() -> None:
     mean, slope = (x[0, 0] for x in course.averaged(course.commands[0].force))
     np.testing.assert_allclose(mean, np.where(time[:-1] >= 5.0, 0.8, np.where(time[:-1] >= 4.75, 0.4, 0.0)))
     np.testing.assert_allclose(slope, np.where(time[:-1] == 4.75, 1.5 * 0.8 / 0.25, 0.0), atol=1e-9)
-    later, _ = course.averaged(course.commands[0].force, np.array([0.5]))
+    later, _ = course.averaged(course.commands[0].force, np.array([0.125]))
     np.testing.assert_allclose(later[0, 0], np.where(time[:-1] >= 5.0, 0.8, 0.0), atol=1e-12)
 
 
@@ -85,7 +85,7 @@ def test_commands_act_at_their_rows_where_rows_are_lost() -> None:
     time = np.delete(0.1 * np.arange(60), [20, 21, 40])
     run = noisy(logged(time, np.sin(time), np.random.default_rng(5).uniform(-1, 1, len(time))))
     course = make_course([run], REST)
-    mean, _ = (x[0, 0] for x in course.averaged(course.commands[0].force, np.array([0.5])))
+    mean, _ = (x[0, 0] for x in course.averaged(course.commands[0].force, np.array([0.05])))
     node, length = run.time[0] + course.time[0], course.length[0]
     for k in range(1, len(length)):  # before the first node there is no row
         impulse, _ = by_hand(run, run.command, node[k] - 0.05, node[k + 1] - 0.05)
@@ -98,7 +98,7 @@ def test_no_reading_is_told_by_the_command_that_answers_it() -> None:
     run = noisy(logged(time, np.sin(time), np.cos(time)))
     model = MODEL.with_effect("current-deviation", (0.3, 0.0, 1.0))
     answered = replace(run, moment=np.append(run.command[:-1], 5.0))
-    for late in (-0.4, 0.0, 0.5):
+    for late in (-0.04, 0.0, 0.05):
         sizes = replace(noises(), late=np.array([late]))
         (first, second) = (
             follow(model, make_course([one], REST), model.theta[None], sizes).innovation[0, 0, 0]

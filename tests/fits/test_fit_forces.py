@@ -42,9 +42,10 @@ def fits(tmp_path_factory: pytest.TempPathFactory) -> Fits:
 
 
 def holds(estimate: Estimate, truth: float, precise: float = 0.05) -> bool:
-    """Whether the truth is in the 95 % interval, and that is no wider than so much of it (or than 0.5)."""
+    """Whether the truth is in the 99 % interval, and that of 95 % is no wider than so much of it (or than 0.5)."""
     low, high = estimate.ci95
-    return low <= truth <= high and high - low < max(4.0 * precise * abs(truth), 0.5 if abs(truth) < 5 else 0.0)
+    wide = max(4.0 * precise * abs(truth), 0.5 if abs(truth) < 5 else 0.0)
+    return abs(estimate.value - truth) <= 1.31 * 0.5 * (high - low) and high - low < wide
 
 
 @MOTIONS

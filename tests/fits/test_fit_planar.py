@@ -33,7 +33,7 @@ from automarine_cli.fits.whole_runs import run_covariance
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, Tied
 from automarine_cli.models.store import planar_from_json
-from automarine_cli.models.yaw_model import Term
+from automarine_cli.models.yaw_model import COMMAND_DELAY, Term
 from automarine_cli.quantities import Floats
 from automarine_cli.report import fit_report
 from automarine_cli.runs.run import Run
@@ -68,7 +68,7 @@ def made(seed: int, channels: Sequence[str] = ALL, length: float = 16.0) -> Run:
 def fit_of(model: Tied, runs: int = 3, log_likelihood: float = 0.0) -> InnovationsFit:
     """A fit of a model, whose last parameter stands at a bound; runs left out move the second by a tenth."""
     free = len(model.free)
-    names = (*model.free, *(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in RANDOM))
+    names = (*model.free, *(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in RANDOM), COMMAND_DELAY)
     theta = np.array([*model.theta, *[0.01] * (len(names) - free)])
     positive = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in names])
     phi = search_of(theta, positive)
@@ -142,7 +142,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
 
 def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
     data = json.loads(json.dumps(fit.to_json()))
-    assert planar_from_json(data).model == fit.model
+    assert planar_from_json(data).undelayed == fit.model
     assert data["parameters"]["surge.m_u"]["unit"] == "kg" and data["parameters"]["planar.m_vr"] == 0.0
     assert data["covariance"]["parameters"] == list(fit.found.model.free)
     assert [each["parameter"] for each in data["assumptions"]] == ["planar.m_vr", "planar.m_ur, planar.m_uv"]
@@ -247,7 +247,7 @@ def test_gradients_are_those_of_differences(channels: Sequence[str]) -> None:
     model = Structure.simplest(likelihood.observed).widest.beside({}, rough_sizes(runs))
     problem = likelihood.problem(model)
     (phi,) = problem.search(likelihood.starts(problem, None)[:1])
-    phi[problem.names.index("switch-instant")] = -0.1  # at zero nodes lie on edges of commands, where slopes jump
+    phi[problem.names.index(COMMAND_DELAY)] = -0.01  # at zero nodes lie on edges of commands, where slopes jump
     gradient = problem.slopes(phi[None])[0].gradient.sum(axis=0)
     steps = np.zeros((len(problem.free), len(phi)))
     steps[np.arange(len(steps)), problem.free] = 10.0 * problem.steps(phi)

@@ -12,14 +12,15 @@ from identified import identify
 from made_campaigns import PAPER, Vehicle, both_ways, campaign, moving_run, rescaled, shifted
 from made_runs import mirrored
 from scipy import stats
+from step_fits import fitted_steps
 
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.half_turns import StepData, half_turn_data
 from automarine_cli.fits.identify import YawFit, fit_warnings
 from automarine_cli.fits.innovations import channel_noises, channels_json
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_model import jackknife
-from automarine_cli.fits.whole_runs import OutputErrorFit, Preference, fit_half_turns
+from automarine_cli.fits.steps import StepData, data_of_steps
+from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 
@@ -30,12 +31,12 @@ SEEDS = range(24)
 def data_of(runs: Sequence[Run]) -> StepData:
     turns, set_aside = half_turns(runs)
     assert not set_aside
-    return half_turn_data(turns)
+    return data_of_steps(turns)
 
 
 def fitted(runs: Sequence[Run], number: str = "3", known: Known = NOTHING_KNOWN) -> OutputErrorFit:
     """One model alone, from start values that are off by a fifth."""
-    return fit_half_turns(data_of(runs), number, (1.2, 1.0, 1.0), runs[0].moment_unit, known)
+    return fitted_steps(data_of(runs), number, (1.2, 1.0, 1.0), runs[0].moment_unit, known)
 
 
 def values(fit: OutputErrorFit) -> np.ndarray:
@@ -108,7 +109,7 @@ def test_the_same_runs_told_otherwise_give_the_same_parameters() -> None:
 def test_another_unit_of_the_moment_scales_inertia_and_drag_alike(number: str) -> None:
     runs = campaign(both_ways((0.2, 0.5, 0.8, 1.1)), seed=6)
     there = fitted(runs, number)
-    other = fit_half_turns(data_of(rescaled(runs, 0.36)), number, (0.36 * 1.2, 0.36, 0.36), "nu", Known())
+    other = fitted_steps(data_of(rescaled(runs, 0.36)), number, (0.36 * 1.2, 0.36, 0.36), "nu", Known())
     # Model 1 is wrong here and its likelihood flat; its search may stop a hundredth of a standard error apart.
     near = {"1": 1e-3, "2": 1e-3, "3": 1e-6}[number]
     assert values(other) == pytest.approx(0.36 * values(there), rel=near, abs=1e-4)
@@ -242,9 +243,14 @@ def test_a_run_that_decides_alone_is_named() -> None:
     assert found.startswith("run_04 alone changes I_r of model 3 from ") and "check its log" in found
 
 
-def test_a_delay_of_the_thrusters_is_noticed() -> None:
+@pytest.mark.parametrize("fit_to", ["auto", "half-turns", "whole-runs"])
+def test_a_delay_is_a_parameter_of_every_fit(fit_to: str) -> None:
     late = [replace(run, position=np.interp(run.time - 0.5, run.time, run.position)) for run in campaign(seed=1)]
-    assert said(identify(late), "of the headings unexplained", "perhaps a delay", "automarine diagnose")
+    fit = identify(late, fit_to=fit_to)
+    assert fit.is_late and fit.preferred.delay.value == pytest.approx(0.5, abs=0.05)
+    for name, truth in TRUTH.items():
+        assert fit.preferred.estimates[name].value == pytest.approx(truth, rel=0.05)
+    assert not identify(campaign(seed=1), fit_to=fit_to).is_late
 
 
 def test_vehicles_of_hardly_any_drag_or_inertia_are_warned_of() -> None:

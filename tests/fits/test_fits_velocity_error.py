@@ -14,8 +14,8 @@ from tolerances import assert_close
 
 from automarine_cli.dofs import SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.fits.half_turns import StepData, half_turn_data, step_data
 from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, fit_velocity_error, parse_tail, tail_lines
+from automarine_cli.fits.steps import StepData, data_of_steps, step_data
 from automarine_cli.models.yaw_model import inertia_from_velocity_error, response
 from automarine_cli.runs.half_turn import half_turns
 
@@ -138,7 +138,7 @@ def test_ten_campaigns_of_72_runs_come_out_right() -> None:
 def test_mirrored_campaigns_with_noise_give_the_same_tables() -> None:
     runs = campaign(2 * both_ways((0.2, 0.5, 0.9)), seed=4, gain_scatter=0.03)
     there, back = (
-        fit_velocity_error(half_turn_data(half_turns(each)[0]), np.zeros(len(runs)))
+        fit_velocity_error(data_of_steps(half_turns(each)[0]), np.zeros(len(runs)))
         for each in (runs, [mirrored(run) for run in runs])
     )
     assert there.tail_from == back.tail_from and there.expected.bias == pytest.approx(back.expected.bias, rel=1e-9)
@@ -154,7 +154,7 @@ def test_mirrored_campaigns_with_noise_give_the_same_tables() -> None:
 
 def paper_method(moments: Sequence[float], **how: Any) -> VelocityErrorFit:
     """The paper's method on a campaign as it would be logged."""
-    data = half_turn_data(half_turns(campaign(moments, **how))[0])
+    data = data_of_steps(half_turns(campaign(moments, **how))[0])
     return fit_velocity_error(data, np.zeros(len(data.moment)))
 
 

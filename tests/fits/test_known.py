@@ -12,6 +12,7 @@ from made_driven import Sea, steered
 from made_planar import BARE
 from made_planar import campaign as planar_campaign
 from repository import SAMPLE_RUNS
+from step_fits import fitted_steps
 
 from automarine_cli.commands import automarine
 from automarine_cli.commands.campaign import read_campaign
@@ -20,11 +21,12 @@ from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import fit_driven
-from automarine_cli.fits.half_turns import half_turn_data
 from automarine_cli.fits.known import Known, Prior, names_in
 from automarine_cli.fits.planar_fit import PlanarLikelihood
 from automarine_cli.fits.planar_structure import OWN, Structure, observed, rough_sizes
-from automarine_cli.fits.whole_runs import OutputErrorFit, fit_half_turns, fit_whole_runs, rough_model
+from automarine_cli.fits.steps import data_of_steps
+from automarine_cli.fits.whole_runs import OutputErrorFit, fit_whole_runs, rough_model
+from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -44,7 +46,7 @@ def inertia_known(value: float, stderr: float | None = None) -> Known:
 )
 def test_it_is_read_as_people_write_it(given: object, expected: dict[str, Prior]) -> None:
     assert Known.of(given).parameters == expected
-    assert set(names_in(SURGE)) == {"m_u", "X_u", "X_uu"}
+    assert set(names_in(SURGE)) == {"m_u", "X_u", "X_uu", COMMAND_DELAY}
 
 
 @pytest.mark.parametrize(
@@ -57,7 +59,7 @@ def test_it_is_read_as_people_write_it(given: object, expected: dict[str, Prior]
         ({"I_r": [1, 2, 3]}, "expected a finite number, or one and its standard error"),
         ({"I_r": "heavy"}, "I_r is 'heavy'; expected a finite number"),
         ("I_r=-3", "I_r is -3; expected a number above 0"),
-        ("I_z=3", "'I_z' is no parameter of this fit; it has I_r, k_r, k_rr; did you mean I_r?"),
+        ("I_z=3", "'I_z' is no parameter of this fit; it has I_r, k_r, k_rr, command_delay_s; did you mean I_r?"),
     ],
 )
 def test_what_makes_no_sense_is_one_sentence(given: object, sentence: str) -> None:
@@ -71,7 +73,7 @@ def fitted(runs: list[Run], kind: str, known: Known) -> OutputErrorFit:
     rest = np.ones(len(runs), dtype=bool)
     if kind == "half-turns":
         turns, _ = half_turns(runs)
-        return fit_half_turns(half_turn_data(turns), "3", (1.2, 1.0, 1.0), "nu", known)
+        return fitted_steps(data_of_steps(turns), "3", (1.2, 1.0, 1.0), "nu", known)
     if kind == "whole-runs":
         return fit_whole_runs(make_batch(runs, 0.1), "3", rest, prior=known)
     course = make_course(runs, rest)

@@ -69,7 +69,7 @@ def _thruster_test() -> bytes:
 
 def _yaw_model() -> bytes:
     effect = {"name": "bias-moment", "parameters": {"b": {"value": 0.02}}}
-    return json.dumps(MODEL_FILE | {"effects": [effect], "switch_offset": {"value": 0.1}}, indent=1).encode()
+    return json.dumps(MODEL_FILE | {"effects": [effect], "command_delay_s": {"value": 0.1}}, indent=1).encode()
 
 
 THRUSTER_MAP = b"""{

@@ -26,9 +26,9 @@ def data(tmp_path: Path) -> dict[str, Any]:
 
 
 def test_models_are_read(tmp_path: Path, data: dict[str, Any]) -> None:
-    stored = load_yaw_models(model_file(tmp_path / "yaw_model.json", switch_offset={"value": 0.2}))
+    stored = load_yaw_models(model_file(tmp_path / "yaw_model.json", command_delay_s={"value": 0.2}))
     assert list(stored.models) == ["1", "2", "3"]
-    assert (stored.preferred, stored.moment_unit, stored.switch_offset) == ("3", "nu", 0.2)
+    assert (stored.preferred, stored.moment_unit, stored.command_delay) == ("3", "nu", 0.2)
     assert (stored.source, stored.effects) == ("yaw_model.json", ())
     assert stored.models["3"].inertia == INERTIA
     assert [model.drag() for model in stored.models.values()] == [(0.9961, 0.0), (0.03, K_RR - 0.03), (0.0, K_RR)]
@@ -68,9 +68,7 @@ REFUSED = {
     "models: holds no model; expected one or more of 1, 2, 3": put("models", {}),
     "preferred: found \"5\", expected one of the models 1, 2, 3": put("preferred", "5"),
     "moment_unit: found \"kg\", expected \"nu\" or \"N m\"": put("moment_unit", "kg"),
-    "switch_offset: found 0.7, expected a share of a sample interval between -0.5 and 0.5": put(
-        "switch_offset", 0.7
-    ),
+    "command_delay_s: found 4 s, expected at most 3 s either way": put("command_delay_s", 4.0),
     "effects[0].parameters: key \"b\" is missing": put("effects", [{"name": "bias-moment", "parameters": {}}]),
     "effects[0].parameters: unknown key \"c\"; bias-moment takes b": put(
         "effects", [{"name": "bias-moment", "parameters": {"b": 0, "c": 0}}]

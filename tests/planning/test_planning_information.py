@@ -27,16 +27,16 @@ STEP = Candidate("step", "step", ((0.8, 4.0),))
 
 
 def test_a_step_tells_what_its_covariance_written_out_in_full_says() -> None:
-    """J' R^-1 J of one step on (ln I, ln k_rr, offset)."""
+    """J' R^-1 J of one step on (ln I, ln k_rr, delay)."""
     moment, rest, period = 0.8, 3.0, 0.1
     time = np.arange(round((rest + 4.0) / period)) * period - rest + 0.5 * period
 
     def heading(log_inertia: float, log_drag: float, late: float, log_gain: float, zero: float) -> Floats:
         inertia, drag = INERTIA * np.exp(log_inertia), DRAG * np.exp(log_drag)
-        return zero + response(time - late * period, moment * np.exp(log_gain), inertia, 0.0, drag)[0]
+        return zero + response(time - late, moment * np.exp(log_gain), inertia, 0.0, drag)[0]
 
     columns = [(heading(*direction) - heading(0, 0, 0, 0, 0)) / 1e-6 for direction in 1e-6 * np.eye(5)]
-    random = np.stack([columns[3], columns[4], columns[2]], axis=1) * [SCATTER, 10.0, 1.0 / np.sqrt(12.0)]
+    random = np.stack([columns[3], columns[4], columns[2]], axis=1) * [SCATTER, 10.0, period / np.sqrt(12.0)]
     jacobian = np.stack(columns[:3], axis=1)
     dense = jacobian.T @ np.linalg.solve(NOISE**2 * np.eye(len(time)) + random @ random.T, jacobian)
     scale = np.sqrt(np.outer(np.diagonal(dense), np.diagonal(dense)))

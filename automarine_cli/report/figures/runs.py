@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.fits.driven import COMPARED, Judgement
-from automarine_cli.fits.half_turns import StepData
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.planar_structure import PLACES
+from automarine_cli.fits.steps import StepData
 from automarine_cli.models.store import DRAG_LAWS, StoredModels, named_model
 from automarine_cli.models.yaw_model import response, steady_rate
 from automarine_cli.quantities import Floats
@@ -119,7 +119,7 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     own thrust and start, as it was fitted."""
     dof, mixed, residuals = fit.dof, fit.preferred.mixed, list[style.Residuals]()
     fitted = mixed.reading(dof.position)
-    for i, free in enumerate(free_runs(fit.preferred.model, fit.runs, fit.preferred.offset.value)):
+    for i, free in enumerate(free_runs(fit.preferred.answering, fit.runs)):
         run, errors = free.run, (free.error, free.run.position - fitted[i][: len(free.run)])
         residuals.append((run.name, [(run.time - run.time[0], dof.shown(error)) for error in errors]))
     labels, title = ("by the commands alone", "with the run's own thrust and start"), f"Model {fit.preference.number}"
@@ -148,7 +148,8 @@ def half_turns_figure(fit: YawFit) -> Figure:
     figure, ((ax,),) = style.new_figure(1, 1, style.PAGE_IN, 4.0)
     looked_at = [_position(turn, slice(*turn.looked_at)) for turn in fit.turns]
     _lines(ax, looked_at, colors="0.82", linewidths=0.7, zorder=1, label="rest, and what was cut")
-    fitted, sizes = [_position(turn, turn.kept) for turn in fit.turns], [abs(turn.moment) for turn in fit.turns]
+    parts = [slice(t.step.first, t.step.stop) if fit.whole_steps and dof.wraps else t.kept for t in fit.turns]
+    fitted, sizes = list(map(_position, fit.turns, parts)), [abs(turn.moment) for turn in fit.turns]
     drawn = _lines(ax, fitted, array=sizes, cmap="cividis", linewidths=0.9, zorder=2)
     if dof.wraps:
         look: dict[str, Any] = {"color": style.COLOURS["vermilion"], "ls": "--", "label": words.reach}
@@ -245,13 +246,12 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
         f"Off the curve [{unit}]",
     ))  # fmt: skip
     k_rr, inertia = model.estimates[sym.quadratic].value, model.estimates[sym.inertia].value
-    late = model.offset.value * data.interval
     constant, difference = (getattr(model.estimates.get(name), "value", 0.0) for name in (sym.constant, sym.difference))
     points = []
     for i, moment in enumerate(data.moment):
         used, acting = data.observed[i] & (data.time[i] >= 0), float(moment) + constant
         share = 1.0 + float(np.sign(acting)) * difference / k_rr  # of the drag of this way in the middle of both
-        scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(acting) * share)
+        scaled = np.maximum(data.time[i][used] - model.delay.value, 0.0) * np.sqrt(abs(acting) * share)
         turned = np.sign(acting) * data.heading[i][used] * share
         curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
         points.append((scaled, dof.shown(turned), dof.shown(turned - curve), np.full(len(scaled), abs(moment))))
