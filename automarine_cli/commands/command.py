@@ -120,7 +120,7 @@ class Command(click.Command):
     ) -> Any:
         """Carry it out from Python: places may be texts, a single log or a table stands for a list of logs, a result
         for the file that it would be."""
-        from automarine_cli.report.figures.style import refuse_unknown
+        from automarine_cli.report.sections import refuse_unknown
 
         refuse_unknown(figure_formats)
         if len(first) > 1:

@@ -48,7 +48,7 @@ class Names(click.ParamType):
 
 class Figures(Names):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        from automarine_cli.report.figures.style import refuse_unknown
+        from automarine_cli.report.sections import refuse_unknown
 
         kinds = () if value == "none" else super().convert(value, param, ctx)
         refuse_unknown(kinds)

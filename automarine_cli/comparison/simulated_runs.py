@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from automarine_cli import effects
 from automarine_cli.dofs.motion import PLANAR
@@ -374,6 +373,8 @@ def planar_start(run: Run, model: PlanarModel) -> Floats:
     first = run.cut(0, max(int(np.count_nonzero(until)), MIN_IN_THE_PLANE))
     batch = make_batch([first], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
+
+    from scipy.optimize import least_squares  # here, as it takes its time to import
 
     def residuals(state: Floats) -> Floats:
         path = simulate(model, batch, start=Start(state[:3, None, None], state[3:, None, None]))

@@ -295,8 +295,7 @@ class DiagnosisProblem:
     def problem(self, model: YawModel) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the
         command delay, which the logger alone makes: a longer one is an effect."""
-        logger = (-self.logger_delay, self.logger_delay)
-        problem = whole_run_problem(model, self.batch, self.at_rest, logger)
+        problem = whole_run_problem(model, self.batch, self.at_rest, self.logger_delay)
         bounds, positive = [(0.0, np.inf)], [True]
         roles = [effects.get(term.name).role for term in self.base.terms]
         main = "quadratic" if "quadratic" in roles else "linear"
@@ -314,7 +313,7 @@ class DiagnosisProblem:
         return replace(
             problem,
             effects=problem.effects.with_scale(disturbance=0.0),
-            bounds=np.array([*bounds, logger]),
+            bounds=np.array([*bounds, problem.bounds[-1]]),
             positive=np.array([*positive, False]),
             smooth=smoothness(model, len(positive) + 1),
         )

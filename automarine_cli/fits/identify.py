@@ -19,7 +19,7 @@ from automarine_cli.fits.innovations import channel_noises, channels_json, rando
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.paper import BIAS_LIMIT, MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
-from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half
+from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
 from automarine_cli.models.store import effects_json, model_head
@@ -512,7 +512,8 @@ def _fit_steps(
     chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
     turns = tuple(turn.of(chosen.cleaned(turn.step.run)) for turn in turns)
     half, zero = data_of_steps(turns, chosen.names), np.zeros(len(turns))
-    rough = fit_velocity_error(half, zero, moment_unit=unit, models=("1", "3"))
+    few = starting(half)
+    rough = fit_velocity_error(few, np.zeros(len(few.moment)), moment_unit=unit, models=("1", "3"))
     two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= MIN_A_WAY)
     start = partial(_rough_start, rough, dof)
     if fit_to == "half-turns":

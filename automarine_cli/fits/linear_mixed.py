@@ -16,7 +16,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from automarine_cli.errors import FitError
 from automarine_cli.quantities import Floats
@@ -295,6 +294,8 @@ def bounded_solution(hessian: Floats, gradient: Floats, bounds: Floats) -> Float
     scale = curvature_scale(inside)
     values, vectors = np.linalg.eigh(inside / np.outer(scale, scale))
     roots = np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1.0)))  # no information at all moves nothing
+    from scipy import optimize  # here, as most solutions need none of it
+
     least = optimize.lsq_linear(
         roots[:, None] * vectors.T, vectors.T @ (push / scale) / roots, (bounds[free] * scale[:, None]).T, "bvls"
     )

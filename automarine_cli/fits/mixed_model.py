@@ -110,6 +110,7 @@ MIN_NOISE = 1e-4  # where the fit of a channel's noise starts at least [its unit
 
 CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))  # rise of a deviance at the ends of a 95 % interval
 
+MAX_RUNS_FOR_NOISE = 100
 MIN_READINGS = 8  # readings from which on their noise can be told roughly
 
 
@@ -129,7 +130,8 @@ def slots_of(channels: Sequence[Channel]) -> tuple[Slot, ...]:
     slots, at = [], 0
     for channel in channels:
         width = channel.values.shape[1]
-        noises = [series_noise(v[s]) for v, s in zip(channel.values, channel.seen) if s.any()]
+        some = slice(None, None, 1 + len(channel.values) // MAX_RUNS_FOR_NOISE)  # enough for a start
+        noises = [series_noise(v[s]) for v, s in zip(channel.values[some], channel.seen[some]) if s.any()]
         noise = float(np.median(noises)) if noises else 0.0
         slots.append(Slot(channel.quantity, slice(at, at + width), max(noise, MIN_NOISE), channel.counts))
         at += width

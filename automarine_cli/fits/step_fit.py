@@ -163,16 +163,20 @@ def fit_causal(data: StepData, model: str, start: Start, prior: Known, sided: bo
     middle of the interval: f = 1 where the command runs apart from the logger, 0 where both share a clock.
     """
     theta = np.array([*(start.get(role, 0.0) for role in base_roles(model, data.dof, sided)), start[COMMAND_DELAY]])
-    many = len(data.moment) > MAX_STARTING_RUNS
-    part = data.some(np.linspace(0, len(data.moment) - 1, MAX_STARTING_RUNS).astype(int)) if many else data
     factors = np.array(START_FACTORS)
-    fit = fit_mixed(step_problem(part, model, prior, sided), theta, noise=START_NOISE, factors=factors)
-    if many:
+    fit = fit_mixed(step_problem(starting(data), model, prior, sided), theta, noise=START_NOISE, factors=factors)
+    if len(data.moment) > MAX_STARTING_RUNS:
         fit = fit_mixed(step_problem(data, model, prior, sided), fit.theta, noise=fit.noises, factors=fit.factors)
     earliest = -_convention(data, fit)
     if fit.value(COMMAND_DELAY) >= earliest - 1e-9 * data.half_interval or COMMAND_DELAY in prior.parameters:
         return fit
     return _again(step_problem(data, model, prior, sided, (earliest, MAX_DELAY_S)), fit)
+
+
+def starting(data: StepData) -> StepData:
+    """Give the runs with which a fit begins: all, or some that are spread over many."""
+    runs = len(data.moment)
+    return data if runs <= MAX_STARTING_RUNS else data.some(np.linspace(0, runs - 1, MAX_STARTING_RUNS).astype(int))
 
 
 def without_doubtful_delay(data: StepData, model: str, fit: MixedFit, prior: Known, sided: bool = False) -> MixedFit:

@@ -58,13 +58,14 @@ AGAINST = 0.2  # share of the impulses that a balance with everything negative m
 
 
 def whole_run_problem(
-    model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], delays: tuple[float, float] | None = None
+    model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], logger_delay: float | None = None
 ) -> Problem:
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
-    theta is (the model's parameters, the command delay [s] within `delays`, by default from half a sample interval
-    before the middle of the one in which a command changed to MAX_DELAY_S after it). Run effects are start
-    position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is false), log
+    theta is (the model's parameters, the command delay [s] from half a sample interval before the middle of the one in
+    which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on a lake
+    thrusters lag; with a `logger_delay` [s], half an interval, neither they nor the delay may: an effect says more, and
+    where in them each switch was is a standard normal z (see `instant`). Run effects are start position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is false), log
     gain of the moment delivered, where in its interval each change of command was, and a disturbance held over each
     window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
     in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle,
@@ -75,21 +76,24 @@ def whole_run_problem(
     """
     first = batch.position[:, :1]
     varying = varying_terms(model)
-    blocks = RunEffects(_blocks(batch, at_rest, varying))
+    blocks = RunEffects(_blocks(batch, at_rest, logger_delay is not None, varying))
 
     names = (*model.parameter_names, COMMAND_DELAY)
     inertia, last = names.index(model.dof.parameter("inertia")), len(names) - 1
 
     def readings(theta: Floats, b: Floats) -> Floats:
-        accelerations = blocks.of(b, DISTURBANCE)
+        accelerations, delay = blocks.of(b, DISTURBANCE), theta[:, last, None, None]
+        of_run, common = blocks.of(b, SWITCHES), delay
+        if logger_delay is not None:
+            of_run, common = batch.interval * instant(0.5 * delay / logger_delay, of_run), None
         start = Start(
             first[None, :, 0] + blocks.of(b, START_POSITION)[..., 0],
             blocks.of(b, START_VELOCITY)[..., 0],
             blocks.of(b, GAIN)[..., 0],
-            blocks.of(b, SWITCHES),  # a step may run backwards
+            of_run,  # a step may run backwards
             theta[:, inertia, None, None] * accelerations if accelerations.any() else None,
             {name: blocks.of(b, name) for name in varying},
-            command_delay=theta[:, last, None, None],
+            command_delay=common,
         )
         trajectory = simulate(model, batch, theta[:, :last], start)
         if len(batch.channels) == 1:
@@ -105,24 +109,36 @@ def whole_run_problem(
         for parameter in effects.get(term.name).parameters:
             lower = -np.inf if drags and term.name == "linear-drag" else parameter.lower  # either sign, as in Table 1
             bounds.append((lower, parameter.upper))
-    half = batch.half_interval
-    limits = np.array([*bounds, delays or ((-half, MAX_DELAY_S) if half else (0.0, 0.0))])
+    earliest = -batch.half_interval
+    latest = logger_delay or (MAX_DELAY_S if earliest else 0.0)
+    limits = np.array([*bounds, (earliest if logger_delay is None else -latest, latest)])
     positive = np.append(limits[:-1, 0] >= 0.0, False)
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
     return Problem(readings, measured, observed, blocks, limits, positive, names, slots_of(batch.channels))
 
 
-def _blocks(batch: Batch, at_rest: NDArray[np.bool_], varying: Sequence[str]) -> tuple[Block, ...]:
+FARTHEST_Z = 2.5  # of the middle of all switches: within 0.6 % of the end of their interval
+
+
+def instant(middle: Floats, z: Floats) -> Floats:
+    """Say where in its sample interval a command switched, -1/2 to 1/2: for a standard normal z uniform about zero,
+    shifted in z so that z = 0 is the common `middle`."""
+    shift = np.clip(special.ndtri(np.clip(middle + 0.5, 0.0, 1.0)), -FARTHEST_Z, FARTHEST_Z)
+    return np.asarray(special.ndtr(shift + z) - 0.5)
+
+
+def _blocks(batch: Batch, at_rest: NDArray[np.bool_], confined: bool, varying: Sequence[str]) -> tuple[Block, ...]:
     runs, limits = len(at_rest), batch.dof.limits
     ones = np.ones((runs, 1))
     lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
     windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+    switches = (batch.interval > 0).astype(float) if confined else batch.interval / np.sqrt(12.0)
     largest = float(np.abs(batch.force).max()) or 1.0
     return (
         Block(START_POSITION, limits.position_sd * ones),
         Block(START_VELOCITY, np.where(at_rest[:, None], 0.0, limits.velocity_sd)),
         Block(GAIN, ones, (1e-4, 0.3)),
-        Block(SWITCHES, batch.interval / np.sqrt(12.0), (1e-3, 1.0)),
+        Block(SWITCHES, switches, (1e-3, 1.0)),
         Block(DISTURBANCE, windows, (1e-5, 1.0)),
         *(Block(bias_of(c.quantity), limits.bias_sd * ones) for c in batch.channels if c.velocity),
         *(Block(name, largest * np.ones((runs, effects.get(name).per_run)), (1e-4, 1.0)) for name in varying),

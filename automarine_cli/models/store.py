@@ -89,7 +89,7 @@ class ModelEntry:
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "time_constant_s")
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "time_constant_s", "consistency")
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))

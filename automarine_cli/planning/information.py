@@ -44,6 +44,8 @@ HELD_OUT = 0.25  # share of the runs that `diagnose` does not fit, where no othe
 QUIET = 1e-5  # disturbance moment of a pool, as a factor of the fits: none
 ANGLE = "inertial turn angle"
 FEWEST = 3  # runs below which no interval is told
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
+"""Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
 LOOSE = 3.0
 """Standard deviation of a parameter before any run, in its own size: the first choices must not divide by 0."""
 
@@ -231,7 +233,14 @@ class Fitting:
 
     def _of_problem(self, problem: Problem, free: NDArray[np.int64]) -> Floats:
         variances, phi = self.variances(problem), self.phi(problem)
-        return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
+        if self.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
+            return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
+        total = np.zeros(())
+        for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum()):
+            b = np.zeros_like(problem.effects.scale)
+            problem.effects.of(b, SWITCHES)[...] = node
+            total = total + weight * _at(problem, phi, b * (problem.effects.scale > 0), variances, free)
+        return total
 
     def predicted(self, per_run: Floats) -> dict[str, Estimate]:
         """Predict the estimates that a fit would report: the model's values, with these runs' (R, p, p) intervals."""

@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 from automarine_cli.comparison.side_by_side import DIFFERS, MAY_DIFFER, Difference, Side
 from automarine_cli.pipeline.records import Shown
-from automarine_cli.report.figures.parameters import compare_figure
-from automarine_cli.report.sections import Content, Sections, document, numbers, sections
+from automarine_cli.report.sections import Content, Drawing, Sections, document, numbers, sections
 from automarine_cli.report.tables import Table, escape, number
 
 NOTE = (
@@ -54,9 +52,8 @@ def _(result: ResultComparison) -> Sections:
          "p_value": apart.p_value, "verdict": apart.verdict}
         for apart in result.differences
     ]  # fmt: skip
-    return Sections(
-        [*tables, *words], files, {"comparison": partial(compare_figure, result.sides, result.differences)}, rows=rows
-    )
+    figures = {"comparison": Drawing("parameters.compare_figure", result.sides, result.differences)}
+    return Sections([*tables, *words], files, figures, rows=rows)
 
 
 def parameter_table(sides: Sequence[Side]) -> Table:

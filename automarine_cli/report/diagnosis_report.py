@@ -2,7 +2,6 @@
 the page for a person, figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,9 +19,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.report.figures import diagnosis as figures
-from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.sections import Sections, bullets, document, sections
+from automarine_cli.report.sections import Drawing, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, number
 from automarine_cli.report.thruster_tables import cells, parameter_cell
 from automarine_cli.runs.run import command_warnings
@@ -37,7 +34,7 @@ MAX_CANDIDATES, MAX_RIVALS = 5, 3
 
 
 def _sections(
-    result: Diagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], before_after: Draw,
+    result: Diagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], before_after: Drawing,
     title: str, verdict: str, effects: Sequence[NamedEffect], where: ResidualRegions, *,
     notes: tuple[str, str], unit: str = "deg", key: str = "deg", dof: Dof | None = None,
     above: Sequence[str] = (), below: Sequence[str] = (), appendix: Sequence[Table | str] = (),
@@ -58,14 +55,14 @@ def _sections(
     threshold = f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}"
     fitted = [row for row in tried if row["is"] != "not fitted"][:MAX_CANDIDATES]
     table = Table.of("Candidates", fitted, [threshold], header=("effect", "evidence gained", "is"))
-    drawings: dict[str, Draw] = {
-        "where": partial(figures.where_figure, where),
-        "why": partial(figures.why_figure, tried, data["threshold"], f"threshold{notes[1].partition('.')[0]}"),
+    drawings: dict[str, Drawing] = {
+        "where": Drawing("diagnosis.where_figure", where),
+        "why": Drawing("diagnosis.why_figure", tried, data["threshold"], f"threshold{notes[1].partition('.')[0]}"),
         "before_after": before_after,
     }
     for effect in effects:
         if effect.learned is not None:
-            drawings["learned"] = partial(figures.learned_figure, effect.learned, dof or YAW)
+            drawings["learned"] = Drawing("diagnosis.learned_figure", effect.learned, dof or YAW)
     text = document(
         f"# {title}", escape(verdict), *map(escape, below), *page,
         "## The gap before and after", *gaps, "![Before and after](before_after.png)",
@@ -246,7 +243,7 @@ def _(diagnosis: Diagnosis) -> Sections:
     if diagnosis.verdict != diagnose.NAMED:
         appendix += ["## What these runs would have shown", detectable_table(diagnosis)]
     return _sections(
-        diagnosis, diagnosis.extended_model(), partial(figures.motion_before_after, diagnosis),
+        diagnosis, diagnosis.extended_model(), Drawing("diagnosis.motion_before_after", diagnosis),
         f"Diagnosis of the {dof.name} model", verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where,
         notes=(gap, chance), unit=dof.units.shown, key=dof.units.shown, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
@@ -290,8 +287,8 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 @sections.register
 def _(result: PlanarDiagnosis) -> Sections:
     return _sections(
-        result, result.extended_model(), partial(figures.planar_before_after, result), "Diagnosis of the planar model",
-        planar_verdict(result), result.effects, result.where,
+        result, result.extended_model(), Drawing("diagnosis.planar_before_after", result),
+        "Diagnosis of the planar model", planar_verdict(result), result.effects, result.where,
         notes=("", (
             " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than "
             "others, or less than the threshold."
@@ -323,7 +320,7 @@ def _(result: ThrusterDiagnosis) -> Sections:
         "of candidates."
     )
     return _sections(
-        result, result.extended_map, partial(figures.thruster_before_after, result), "Diagnosis of a thruster map",
+        result, result.extended_map, Drawing("diagnosis.thruster_before_after", result), "Diagnosis of a thruster map",
         map_verdict(result), result.effects, result.where, notes=(gap, chance), unit="N", key="N",
         below=[fault["says"] for fault in result.faults],
     )  # fmt: skip

@@ -2,7 +2,6 @@
 figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -19,9 +18,7 @@ from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.store import DRAG_LAWS, units
-from automarine_cli.report.figures import runs as figures
-from automarine_cli.report.figures.style import Draw
-from automarine_cli.report.sections import Content, Sections, document, forms_of, numbers, sections
+from automarine_cli.report.sections import Content, Drawing, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
 
@@ -229,17 +226,17 @@ def _(fit: YawFit) -> Sections:
     return Sections(sentences(fit), files, drawings, listed, tuple(_numbers(fit)), details=both)
 
 
-def _drawings(fit: YawFit) -> dict[str, Draw]:
+def _drawings(fit: YawFit) -> dict[str, Drawing]:
     seed, data, use = fit.seed_method, fit.data, fit.use
     if seed is None or data is None:
         if use is not None and fit.preferred.mixed.driven:
-            return {"whole_runs": partial(figures.driven_runs_figure, fit.runs, use, fit.preferred.noise or 0.0)}
-        return {"whole_runs": partial(figures.whole_runs_figure, fit)}
+            return {"whole_runs": Drawing("runs.driven_runs_figure", fit.runs, use, fit.preferred.noise or 0.0)}
+        return {"whole_runs": Drawing("runs.whole_runs_figure", fit)}
     return {
-        f"{fit.dof.step_key}s": partial(figures.half_turns_figure, fit),
-        "drag": partial(figures.drag_figure, fit, seed),
-        "inertia": partial(figures.inertia_figure, fit, seed),
-        "collapse": partial(figures.collapse_figure, fit, data),
+        f"{fit.dof.step_key}s": Drawing("runs.half_turns_figure", fit),
+        "drag": Drawing("runs.drag_figure", fit, seed),
+        "inertia": Drawing("runs.inertia_figure", fit, seed),
+        "collapse": Drawing("runs.collapse_figure", fit, data),
     }
 
 
@@ -301,7 +298,7 @@ def _(fit: PlanarFit) -> Sections:
     files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
     files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
     noise = fit.found.fit.noise_of.get(YAW.position, 0.0)
-    drawings = {"planar_runs": partial(figures.driven_runs_figure, fit.runs, fit.use, noise)}
+    drawings = {"planar_runs": Drawing("runs.driven_runs_figure", fit.runs, fit.use, noise)}
     listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
     return Sections([*first, tables[0]], files, drawings, listed, rows, details=[*tables[1:], *details])
 

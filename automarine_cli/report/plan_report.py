@@ -4,15 +4,13 @@ campaign for the people who will run it."""
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from automarine_cli.estimate import Estimate
 from automarine_cli.planning.campaign import Plan, command_path, specification
 from automarine_cli.planning.candidates import PLAN, command_file, in_words
-from automarine_cli.report.figures.plan import plan_figure
-from automarine_cli.report.sections import Content, Sections, bullets, document, sections, toml_text
+from automarine_cli.report.sections import Content, Drawing, Sections, bullets, document, sections, toml_text
 from automarine_cli.report.tables import MISSING, Table, interval, number
 from automarine_cli.text import plural
 
@@ -39,8 +37,9 @@ def _(plan: Plan) -> Sections:
     files[PLAN.file] = plan.to_json()
     for slot in plan.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest_s, unit, plan.drive, plan.columns)
+    figures = {"plan": Drawing("plan.plan_figure", plan)} if plan.errors else {}
     return Sections(
-        [_totals(plan), *plan.notes, *intervals], files, {"plan": partial(plan_figure, plan)} if plan.errors else {},
+        [_totals(plan), *plan.notes, *intervals], files, figures,
         FILES if plan.errors else [name for name in FILES if name != "plan.png"], plan.runs(), details=[sheet, *splits],
     )  # fmt: skip
 

@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial, singledispatch
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.errors import SettingError
@@ -17,10 +18,23 @@ from automarine_cli.report.tables import Table
 if TYPE_CHECKING:
     from automarine_cli.pipeline.parallel import Each
     from automarine_cli.pipeline.results_folder import ResultFolder
-    from automarine_cli.report.figures.style import Draw
 
 WIDTH = 110  # columns of a result at Python's prompt
+FIGURE_KINDS = "png", "svg", "pdf", "slides"
 Content = str | bytes | Mapping[str, object] | Callable[[], str | bytes]
+
+
+class Drawing:
+    """A figure that a function of report/figures, MODULE.FUNCTION, draws of the subjects when it is called.
+
+    What draws is imported then, and not for those who want no figures."""
+
+    def __init__(self, place: str, *subjects: Any) -> None:
+        self.place, self.subjects = place, subjects
+
+    def __call__(self) -> Any:
+        module, _, function = self.place.partition(".")
+        return getattr(import_module(f"automarine_cli.report.figures.{module}"), function)(*self.subjects)
 
 
 @dataclass(frozen=True)
@@ -36,7 +50,7 @@ class Sections:
 
     printed: Sequence[Table | str]
     files: Mapping[str, Content] = field(default_factory=dict)
-    figures: "Mapping[str, Draw]" = field(default_factory=dict)
+    figures: Mapping[str, Drawing] = field(default_factory=dict)
     listed: Sequence[str] = ()
     rows: Sequence[Mapping[str, object]] = ()
     warnings: Sequence[str] = ()
@@ -82,13 +96,21 @@ class Sections:
 
     def save(self, folder: "ResultFolder", formats: Sequence[str] = ("png",), each: "Each | None" = None) -> None:
         """Write the files, then the figures in each of the formats, drawn by `each`."""
-        from automarine_cli.report.figures.style import write_figures
-
         for name, content in self.files.items():
             folder.write(name, content() if callable(content) else content)
         for warning in self.warnings:
             folder.taken((None, warning))
-        write_figures(folder, self.figures if formats else {}, formats, each)
+        if formats and self.figures:
+            from automarine_cli.report.figures.style import write_figures
+
+            write_figures(folder, self.figures, formats, each)
+
+
+def refuse_unknown(formats: Sequence[str]) -> None:
+    """Raise SettingError for a kind of figures that there is not: before any work is done."""
+    for kind in formats:
+        if kind not in FIGURE_KINDS:
+            raise SettingError(f"figure format {kind!r} is not known; known are {', '.join(FIGURE_KINDS)}")
 
 
 def figure_file(name: str, kind: str) -> str:

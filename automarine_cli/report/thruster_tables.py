@@ -1,12 +1,9 @@
 """Sections of `fit-thrusters`: coefficients, forms, voltages, flagged points; and the points as CSV."""
 
-from functools import partial
-
 import numpy as np
 
 from automarine_cli.estimate import Estimate, Given
-from automarine_cli.report.figures.parameters import thruster_figure
-from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, numbers, sections
+from automarine_cli.report.sections import Content, Drawing, Sections, bullets, document, file_stems, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.thrusters.fit import Analysis, FormScore
 from automarine_cli.thrusters.map import SIDES
@@ -32,7 +29,8 @@ def _(fit: ThrusterFit) -> Sections:
         )
         for (name, side), value in values.items()
     ]  # fmt: skip
-    printed, figures = [table for table in maps if table != forms(fit)], {"thrusters": partial(thruster_figure, fit)}
+    printed = [table for table in maps if table != forms(fit)]
+    figures = {"thrusters": Drawing("parameters.thruster_figure", fit)}
     return Sections([*lines, *printed], files, figures, rows=rows, details=[forms(fit)])
 
 

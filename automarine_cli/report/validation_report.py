@@ -1,15 +1,11 @@
 """What `validate` shows: every model over all runs, every run under every model, a figure of each run."""
 
-from functools import partial
-
 from automarine_cli.comparison.validation import Overall, Validation
 from automarine_cli.fits.driven import worth_of
 from automarine_cli.fits.innovations import measured_noises, sensors_of, sentences_of
 from automarine_cli.models.store import StoredPlanar
-from automarine_cli.report.figures.runs import planar_figure, validation_figure
-from automarine_cli.report.figures.style import Draw
 from automarine_cli.report.fit_report import forecast_cells
-from automarine_cli.report.sections import Content, Sections, document, file_stems, forms_of, sections
+from automarine_cli.report.sections import Content, Drawing, Sections, document, file_stems, forms_of, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.run import command_warnings
 from automarine_cli.text import plural
@@ -25,16 +21,16 @@ def _(result: Validation) -> Sections:
     free = [{model: scored.free[i] for model, scored in result.models.items()} for i in range(len(runs))]
     names = [f"validation_{stem}" for stem in file_stems([run.name for run in runs])]
     files: dict[str, Content] = {"validation.json": result.to_json()}
-    figures: dict[str, Draw] = {}
+    figures: dict[str, Drawing] = {}
     if isinstance(result.stored, StoredPlanar):
         table = planar_table(result)
-        figures = {name: partial(planar_figure, *of_run.values()) for name, of_run in zip(names, free)}
+        figures = {name: Drawing("runs.planar_figure", *of_run.values()) for name, of_run in zip(names, free)}
         files |= forms_of("validation", table)
         return Sections([table], files, figures, LISTED, score_rows(result), answer=_answer(result, ""))
     tables = [*([ahead_table(result)] if says else []), overall_table(result), run_table(result)]
     sensors = sentences_of(sensors_of(result.channels, measured_noises(runs, dof)), dof)
     of_runs = zip(names, free, result.floors)
-    figures = {name: partial(validation_figure, of_run, result.stored, floor) for name, of_run, floor in of_runs}
+    figures = {name: Drawing("runs.validation_figure", of_run, result.stored, floor) for name, of_run, floor in of_runs}
     files |= forms_of("validation", *tables)
     text = document(*([says] if says else []), *tables, *sensors)
     files |= {"validation.csv": score_table(result).to_csv(), "validation.md": text}

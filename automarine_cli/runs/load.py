@@ -193,8 +193,8 @@ def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> flo
     readings = velocity[:first]
     trend, doubt = slope(time[:first], readings)
     steps = np.diff(readings)
-    noise = NORMAL * median(np.abs(steps - np.median(steps))) / np.sqrt(2.0)
-    level = float(np.median(readings))
+    noise = NORMAL * median(np.abs(steps - median(steps))) / np.sqrt(2.0)
+    level = median(readings)
     return level if abs(trend) <= SURE * doubt * noise + 1e-12 and abs(level) <= 3.0 * dof.limits.bias_sd else 0.0
 
 
@@ -228,6 +228,8 @@ def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
         return bad
     steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
     threshold = max(dof.limits.spike, SPIKE_IN_SIGMA * _scatter(steps))
+    if LONGEST_SPIKE * float(np.abs(steps).max()) * (1.0 + spans.max() / spans.min()) <= threshold:
+        return bad  # no samples that near to each other can be that far off
     for width in range(1, LONGEST_SPIKE + 1):
         before = np.arange(len(time) - 1 - width)
         after = before + width + 1
@@ -261,12 +263,12 @@ def _end_spikes(time: Floats, position: Floats, threshold: float, dof: Dof) -> M
         for width in range(1, LONGEST_SPIKE + 1):
             inner = order[width : width + 6]
             steps = wrapped(np.diff(position[inner]), dof.turn)
-            rate = np.array(np.median(steps / np.diff(time[inner])))
+            rate = np.array(median(steps / np.diff(time[inner])))
             jump = abs(float(wrapped(position[inner[0]] - position[order[width - 1]], dof.turn)))
             agree = np.abs(_off(time, position, rate, inner[:-1], inner[1:], dof)) < threshold / 4
             far = np.abs(_off(time, position, rate, np.repeat(inner[0], width), order[:width], dof)) > threshold
             # a vehicle at rest that starts to turn is far off as well, but it begins with a small step
-            if agree.all() and far.all() and jump > max(threshold, 2 * float(np.median(np.abs(steps)))):
+            if agree.all() and far.all() and jump > max(threshold, 2 * median(np.abs(steps))):
                 bad[order[:width]] = True
                 break
     return bad

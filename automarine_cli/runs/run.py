@@ -48,7 +48,11 @@ def position_noise(time: Floats, position: Floats) -> float:
 
 
 def median(values: Floats) -> float:
-    return float(np.median(values))
+    """Return the median of numbers (N,), several times as fast as numpy's where there are few."""
+    high = len(values) // 2
+    low = high - 1 + len(values) % 2
+    middle = np.partition(values, (low, high))
+    return float(0.5 * (middle[low] + middle[high]))
 
 
 def slope(time: Floats, position: Floats) -> tuple[float, float]:

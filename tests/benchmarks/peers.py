@@ -60,7 +60,7 @@ def installed() -> dict[str, str]:
 
 def peer_of(title: str) -> ModuleType:
     """The module of the tool with that title."""
-    return importlib.import_module(installed()[peer_automarine.TITLE if title == peer_automarine.WHOLE else title])
+    return importlib.import_module(installed()[title])
 
 
 def measured(item: tuple[str, tuple[Any, ...], Path]) -> Row:
@@ -98,7 +98,7 @@ def cells_of(part: str, out: Path, campaigns: int) -> Sequence[tuple[Any, ...]]:
     every = installed()
     titles = list(every)
     if part == "fit":
-        return peers_fit.cells([*titles, peer_automarine.WHOLE], campaigns)
+        return peers_fit.cells(titles, campaigns)
     if part == "names":
         naming = [title for title, module in every.items() if module in ("peer_automarine", *NAMING)]
         return [(title, name) for title in naming for name in peers_names.write(out / "blind")]
@@ -119,7 +119,7 @@ def measure(part: str, out: Path, jobs: int, campaigns: int) -> None:
             arguments.write_json(path, dict(sorted(done.items())))
             print(f"{part} {number}/{len(left)} {waiting[future]}", file=sys.stderr, flush=True)
     if part == "fit":  # alone, for a fair clock
-        for title in [*installed(), peer_automarine.WHOLE]:
+        for title in installed():
             for runs in peers_fit.SIZES:
                 if (key := SEPARATED.join(("time", title, str(runs)))) not in done:
                     done[key] = peers_fit.timed(title, peer_of(title), runs)
@@ -129,7 +129,7 @@ def measure(part: str, out: Path, jobs: int, campaigns: int) -> None:
 
 def summary(out: Path) -> Row:
     """All that the page shows, of the parts that are there."""
-    titles = [*installed(), peer_automarine.WHOLE]
+    titles = list(installed())
     peers = {title: peer_of(title) for title in titles}
     parts = {part: json.loads((out / f"{part}.json").read_text()) for part in PARTS if (out / f"{part}.json").exists()}
     result: Row = {
@@ -139,7 +139,7 @@ def summary(out: Path) -> Row:
             title: __version__ if peer is peer_automarine else f"{peer.PACKAGE} {metadata.version(peer.PACKAGE)}"
             for title, peer in peers.items()
         },
-        "given": {t: peer_automarine.WHOLE_GIVEN if t == peer_automarine.WHOLE else p.GIVEN for t, p in peers.items()},
+        "given": {title: peer.GIVEN for title, peer in peers.items()},
         "given thrusters": peers_thrusters.GIVEN,
         "lines": {title: peers_fit.lines_of(peer) for title, peer in peers.items()},
     }

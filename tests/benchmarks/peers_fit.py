@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import peer_automarine
 from campaigns import NOISE, PERIOD, REST
-from efficiency import bound, log_cosh
+from efficiency import location_information, log_cosh
 from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
@@ -29,8 +29,6 @@ KINDS = ("clean", "scatter", "between", "delay")
 SIZES = (12, 24, 72)
 SCATTER, DELAY = 0.03, 0.25  # of the thrust from run to run; s
 TIMED = 3
-DEAREST = (peer_automarine.WHOLE, "delay", 72)
-"""A minute and more each: left out."""
 
 
 def moments_of(runs: int) -> list[float]:
@@ -61,14 +59,9 @@ def write(folder: Path, kind: str, runs: int, seed: int) -> Floats:
 def bound_of(courses: Sequence[tuple[Floats, float]], kind: str) -> Floats:
     """Smallest standard deviations of unbiased estimates of I and k as shares of them, (2,).
 
-    Start headings are free. Instants lie anywhere in their sample interval where the switch is `between` samples; else
-    one delay of all runs is free. Where thrust scatters it is the bound of the mixed model, its size known.
+    Start headings are free, and one delay of all runs. Instants lie anywhere in their sample interval where the switch
+    is `between` samples. Where thrust scatters it is the bound of the mixed model, its size known.
     """
-    if kind == "between":
-        widest = max(len(clock) for clock, _ in courses)
-        time = np.array([np.pad(clock, (0, widest - len(clock))) for clock, _ in courses])
-        seen = np.array([np.arange(widest) < len(clock) for clock, _ in courses])
-        return np.sqrt(bound(time, seen, np.array([moment for _, moment in courses]), exact=False))
     total = np.zeros((3, 3))
     for clock, moment in courses:
         x = np.sqrt(abs(moment) * K_RR) * np.maximum(clock, 0.0) / INERTIA
@@ -79,32 +72,31 @@ def bound_of(courses: Sequence[tuple[Floats, float]], kind: str) -> Floats:
         columns, gained = columns - columns.mean(axis=0), gained - gained.mean()
         own = SCATTER * gained if kind == "scatter" else 0.0 * gained
         seen = columns.T @ own
-        total += (columns.T @ columns - np.outer(seen, seen) / (NOISE**2 + own @ own)) / NOISE**2
+        told = (columns.T @ columns - np.outer(seen, seen) / (NOISE**2 + own @ own)) / NOISE**2
+        if kind == "between":  # of the delay only what a point drawn from its interval tells of the interval's middle
+            moves = told[:, 2] / told[2, 2]
+            known = location_information(1.0 / np.sqrt(told[2, 2]), PERIOD)
+            told = told - np.outer(told[:, 2], moves) + known * np.outer(moves, moves)
+        total += told
     return np.sqrt(np.diagonal(np.linalg.inv(total))[:2]) / list(TRUTH.values())
 
 
 def cells(titles: Sequence[str], campaigns: int) -> list[tuple[str, str, int, int]]:
     """All that is to be fitted: tool, kind, runs, seed; every tool in turn, so that what there is can be compared."""
-    every = [(t, kind, runs, s) for s in range(campaigns) for runs in SIZES[::-1] for kind in KINDS for t in titles]
-    return [cell for cell in every if cell[:3] != DEAREST]
+    return [(t, kind, runs, s) for s in range(campaigns) for runs in SIZES[::-1] for kind in KINDS for t in titles]
 
 
 def fitted(cell: tuple[str, str, int, int], peer: ModuleType) -> Row:
     """Errors in units of the bound, and whether intervals hold the truth (None without one)."""
-    title, kind, runs, seed = cell
+    _, kind, runs, seed = cell
     with tempfile.TemporaryDirectory() as folder:
         least = write(Path(folder), kind, runs, seed)
-        more = () if title != peer_automarine.WHOLE else options(kind)
-        found = peer.fit(Path(folder), *more)
+        found = peer.fit(Path(folder))
     row: Row = {}
     for limit, (name, truth) in zip(least, TRUTH.items()):
         value, *ends = found[name]
         row[name] = {"error": (value / truth - 1.0) / limit, "holds": ends[0] <= truth <= ends[1] if ends else None}
     return row
-
-
-def options(kind: str) -> tuple[str, ...]:
-    return ("--with", "input-delay") if kind == "delay" else ("--fit-to", "whole-runs")
 
 
 def timed(title: str, peer: ModuleType, runs: int) -> list[float]:
@@ -117,7 +109,7 @@ def timed(title: str, peer: ModuleType, runs: int) -> list[float]:
         line = [sys.executable, "-W", "ignore", "-c", f"{alone(peer)}\nfit(Path({str(logs)!r}))"]
         if peer is peer_automarine:
             line = [sys.executable, "-m", "automarine_cli", "fit-yaw", str(logs), "-o", str(out), "-q", "--overwrite"]
-            line += options("clean") if title == peer_automarine.WHOLE else ()
+            line += ["--figures", "none"]
         for _ in range(TIMED):
             begun = time.perf_counter()
             subprocess.run(line, check=True, capture_output=True)

@@ -16,7 +16,7 @@ Row = dict[str, Any]
 RESULTS = ROOT / "tests" / "benchmarks" / "peers.json"
 PAGE, README = ROOT / "automarine_cli" / "guide" / "why-not.md", ROOT / "README.md"
 PICTURES = ROOT / ".github" / "pictures"
-OURS, WHOLE = "automarine", "automarine, whole runs"
+OURS = "automarine"
 KINDS = {
     "clean": "clean", "scatter": "thrust scatters by 3 %", "between": "switched between samples",
     "delay": "delay of 0.25 s",
@@ -29,7 +29,7 @@ AHEAD = 0.95
 SHORT = {"one level in five left out": "1 in 5 left out", "11 levels kept": "11 kept"}
 HORIZONS = (2, 5, 15)  # s
 OKABE_ITO = {
-    OURS: ("#000000", "o"), WHOLE: ("#555555", "s"), "plain script": ("#D55E00", "^"), "mujoco.sysid": ("#0072B2", "v"),
+    OURS: ("#000000", "o"), "plain script": ("#D55E00", "^"), "mujoco.sysid": ("#0072B2", "v"),
     "PySINDy": ("#CC79A7", "D"), "regression": ("#009E73", "X"),
     "polynomial": ("#E69F00", "^"), "monotone spline": ("#0072B2", "v"),
 }  # fmt: skip
@@ -151,15 +151,14 @@ def ahead(found: Row) -> Iterator[str]:
     for kind, shown in KINDS.items() if "fit" in found else ():
         for name, said in names.items():
             rms = {tool: of[name]["rms"] for tool in fit_tools(found) if (of := pooled(found, tool, kind))}
-            best = min((tool for tool in rms if tool not in (OURS, WHOLE)), key=rms.__getitem__, default=OURS)
+            best = min((tool for tool in rms if tool != OURS), key=rms.__getitem__, default=OURS)
             if rms[best] < AHEAD * rms[OURS]:
-                whole = f", or {number(rms[WHOLE])} with whole runs" if WHOLE in rms else ""
-                both = f"{best} {number(rms[best])} bounds, automarine {number(rms[OURS])}{whole}"
+                both = f"{best} {number(rms[best])} bounds, automarine {number(rms[OURS])}"
                 yield f"- **Fit, {shown}, {said}:** {both}."
     seconds = {tool: taken["24"] for tool, taken in found.get("fit", {}).get("seconds", {}).items() if "24" in taken}
     if seconds and (faster := [t for t in seconds if seconds[t] < AHEAD * seconds[OURS]]):
         said = ", ".join(f"{tool} {number(seconds[tool])} s" for tool in faster)
-        yield f"- **Time for 24 runs:** {said}, automarine {number(seconds[OURS])} s with its figures."
+        yield f"- **Time for 24 runs:** {said}, automarine {number(seconds[OURS])} s without figures."
     if some := found.get("names"):
         for tool, row in some.items():
             if row["right"] > some[OURS]["right"]:
@@ -198,7 +197,7 @@ def readme_lines(found: Row) -> str:
 
 
 def best_of(errors: Mapping[str, float], shown: str) -> list[str]:
-    best = min((tool for tool in errors if tool not in (OURS, WHOLE)), key=errors.__getitem__, default=None)
+    best = min((tool for tool in errors if tool != OURS), key=errors.__getitem__, default=None)
     return [shown.format(number(errors[OURS])), f"{best}: {shown.format(number(errors[best]))}" if best else "-"]
 
 

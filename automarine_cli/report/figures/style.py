@@ -19,11 +19,11 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from automarine_cli.errors import Attempt, SettingError, attempted
+from automarine_cli.errors import Attempt, attempted
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.quantities import Floats
-from automarine_cli.report.sections import figure_file
+from automarine_cli.report.sections import Drawing, figure_file
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
@@ -183,18 +183,8 @@ def as_slide(figure: Figure) -> Figure:
     return figure
 
 
-Draw = Callable[[], Figure]
-
-
-def refuse_unknown(formats: Sequence[str]) -> None:
-    """Raise SettingError for a format of figures that there is not: before any work is done."""
-    for kind in formats:
-        if kind not in FORMATS:
-            raise SettingError(f"figure format {kind!r} is not known; known are {', '.join(FORMATS)}")
-
-
 def write_figures(
-    folder: ResultFolder, figures: Mapping[str, Draw], formats: Sequence[str], each: Each | None = None
+    folder: ResultFolder, figures: Mapping[str, Drawing], formats: Sequence[str], each: Each | None = None
 ) -> None:
     """Write each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
     draw = partial(_drawn, formats)
@@ -203,7 +193,7 @@ def write_figures(
             folder.write(name, content)
 
 
-def _drawn(formats: Sequence[str], drawing: tuple[str, Draw]) -> Attempt[tuple[tuple[str, bytes], ...]]:
+def _drawn(formats: Sequence[str], drawing: tuple[str, Drawing]) -> Attempt[tuple[tuple[str, bytes], ...]]:
     name, draw = drawing
 
     def work() -> tuple[tuple[str, bytes], ...]:
