@@ -20,7 +20,8 @@ import numpy as np
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import MapSubject, Target, Written, comment, filled, head, number, row
 from automarine_cli.quantities import Floats
-from automarine_cli.thrusters.map import Curve, ThrusterMap, thrust_both_ways
+from automarine_cli.thrusters.curves import Curve
+from automarine_cli.thrusters.map import ThrusterMap, thrust_both_ways
 
 GRID = 2001  # control signals at which a law is compared with the map
 CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells

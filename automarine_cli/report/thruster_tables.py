@@ -110,10 +110,10 @@ def forms(result: ThrusterFit) -> Table:
     return Table.of("Forms side by side, cross-validated over levels (parameters in each direction; * chosen)", [
         {
             "form": score.form.name + " *" * (score.form.name == analysis.chosen.form.name),
-            "parameters": score.form.parameters, "cv rmse [N]": number(score.cv_rmse, 3),
+            "parameters": score.parameters, "cv rmse [N]": number(score.cv_rmse, 3),
             "cv [% of full scale]": number(analysis.percent(score.cv_rmse), 3), "rmse [N]": number(score.rmse, 3),
             "rmse [% of full scale]": number(analysis.percent(score.rmse), 3),
-            "within 1 s.e. of best": "yes" if score.within_reach else "no",
+            "within reach of best": "yes" if score.within_reach else "no",
             "at bound": "; ".join(f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at),
         }
         for score in analysis.scores

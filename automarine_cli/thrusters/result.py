@@ -258,8 +258,9 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
     forms = [
         {
             "form": score.form.name, "equation": score.form.equation,
-            "parameters_per_direction": score.form.parameters, "cv_rmse_N": score.cv_rmse, "rmse_N": score.rmse,
-            "within_one_stderr_of_best": score.within_reach,
+            "parameters_per_direction": score.parameters, "cv_rmse_N": score.cv_rmse,
+            "cv_rmse_between_levels_N": score.between_rmse, "rmse_N": score.rmse,
+            "within_reach_of_best": score.within_reach,
             "at_bound": {name: list(bound) for name, bound in score.at_bound.items() if bound},
         }
         for score in analysis.scores
@@ -271,7 +272,8 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
         "form": chosen.form.name,
         "chosen_because": analysis.because,
         "chosen": {"form": chosen.form.name, **errors(chosen, analysis.chosen_r2)},
-        "parameters": parameters_json(analysis.parameters),
+        "parameters": parameters_json(analysis.parameters, chosen.both_ways),
+        "beyond_n_range": chosen.form.beyond,
     }
 
 

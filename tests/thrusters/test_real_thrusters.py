@@ -10,7 +10,8 @@ from repository import DATA
 from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.logs import read_column_map
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.result import ThrusterFit
 
 TESTS = DATA / "thrusters"
@@ -116,7 +117,7 @@ def test_what_the_square_law_lacks(
         head, *rows = csv.reader(file)
     with (tmp_path / "table.csv").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([head, *(row for row in rows if volts is None or float(row[0]) == volts)])
-    square = ThrusterMap("square", Curve(30.0), Curve(30.0 / 1.3))
+    square = ThrusterMap("square", PowerCurve(30.0), PowerCurve(30.0 / 1.3))
     (tmp_path / "map.json").write_text(json.dumps(square.to_json()), encoding="utf-8")
     (tmp_path / "columns.toml").write_text(columns, encoding="utf-8")
     result = diagnose([tmp_path / "table.csv"], model=tmp_path / "map.json", columns=tmp_path / "columns.toml")
