@@ -122,12 +122,17 @@ def forms(result: ThrusterFit) -> Table:
 
 def parameters(result: ThrusterFit) -> Table:
     analysis, chosen = result.analysis, result.analysis.chosen
-    rows = [
-        {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value), "unit": value.unit}
-        for (name, side), value in analysis.estimates.items()
-    ]
-    errors = [_errors(analysis, chosen, analysis.chosen_r2)]
-    return Table.of(f"Chosen form {chosen.form.name}: {chosen.form.equation}", rows, errors)
+    rows = []
+    for side, _ in SIDES:
+        names = [name for name, of in analysis.estimates if of == side]
+        for name in names[:: max(len(names) // SHOWN, 1)]:
+            value = analysis.estimates[name, side]
+            row = {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value)}
+            rows.append(row | {"unit": value.unit})
+    notes = [_errors(analysis, chosen, analysis.chosen_r2)]
+    if len(rows) < len(analysis.estimates):
+        notes.append(f"{len(rows)} of {len(analysis.estimates)} levels; thrusters.json has all.")
+    return Table.of(f"Chosen form {chosen.form.name}: {chosen.form.equation}", rows, notes)
 
 
 def _is_square(analysis: Analysis) -> bool:

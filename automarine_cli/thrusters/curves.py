@@ -4,10 +4,9 @@ Eight forms are special cases of `f(u) = a max(min(u, n_sat) - n_0, 0)^p` with `
 paper's equation 2) has p = 2, no dead band (n_0 = 0) and no saturation; the others free one, two or three of them. The
 ninth is a monotone spline through the mean of each level, for curves that no equation of these follows.
 
-A further form is a subclass of `Form`, with its curve, in `FORMS`.
+A further form is a class like `SplineForm` with a curve like `SplineCurve`, in `Form`, `Curve` and `FORMS`.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -53,41 +52,8 @@ class CurveEntry:
         return equation | {at_level(level.n): level.thrust_N for level in self.levels}
 
 
-class Curve(ABC):
-    """Thrust in one direction: nothing up to the dead band `n_0`, then more and more, up to `n_sat` [unit of n], None
-    where it does not saturate."""
-
-    n_0: float
-    n_sat: float | None
-
-    @property
-    @abstractmethod
-    def values(self) -> dict[str, float | None]:
-        """Values of all parameters by name."""
-
-    @abstractmethod
-    def units(self, n_unit: str) -> dict[str, str]:
-        """Return the units of all parameters for a control signal in `n_unit`."""
-
-    @abstractmethod
-    def thrust(self, magnitude: Floats) -> Floats:
-        """Return the size of the thrust [N] for |n| of any shape."""
-
-    @abstractmethod
-    def signal(self, thrust: float) -> float:
-        """Return |n| that gives a thrust [N]; the edge of the dead band for none."""
-
-    @abstractmethod
-    def slopes(self, magnitude: Floats) -> dict[str, Floats]:
-        """Return the derivative of the thrust by each parameter at |n| of shape (N,)."""
-
-    def layout(self, values: Mapping[str, object]) -> object:
-        """Lay out what a file says of each parameter, by name."""
-        return dict(values)
-
-
 @dataclass(frozen=True)
-class PowerCurve(Curve):
+class PowerCurve:
     """F = a max(min(|n|, n_sat) - n_0, 0)^p: a [N/n^p], p [1], n_0 and n_sat [unit of n]."""
 
     a: float
@@ -97,9 +63,11 @@ class PowerCurve(Curve):
 
     @property
     def values(self) -> dict[str, float | None]:
+        """Values of all parameters by name."""
         return {"a": self.a, "p": self.p, "n_0": self.n_0, "n_sat": self.n_sat}
 
     def units(self, n_unit: str) -> dict[str, str]:
+        """Return the units of all parameters for a control signal in `n_unit`."""
         return {"a": amplitude_unit(n_unit, self.p), "p": "", "n_0": n_unit or "n", "n_sat": n_unit or "n"}
 
     def _above(self, magnitude: Floats) -> Floats:
@@ -107,12 +75,15 @@ class PowerCurve(Curve):
         return np.asarray(np.maximum(level - self.n_0, 0.0))
 
     def thrust(self, magnitude: Floats) -> Floats:
+        """Return the size of the thrust [N] for |n| of any shape."""
         return np.asarray(self.a * self._above(magnitude) ** self.p)
 
     def signal(self, thrust: float) -> float:
+        """Return |n| that gives a thrust [N], if it does not saturate before; the edge of the dead band for none."""
         return float(self.n_0 + (thrust / self.a) ** (1.0 / self.p))
 
     def slopes(self, magnitude: Floats) -> dict[str, Floats]:
+        """Return the derivative of the thrust by each parameter at |n| of shape (N,)."""
         above = self._above(magnitude)
         on = above > 0.0
         safe = np.where(on, above, 1.0)
@@ -120,9 +91,13 @@ class PowerCurve(Curve):
         by_top = np.where(magnitude >= (self.n_sat or np.inf), slope, 0.0)
         return {"a": unit, "p": self.a * unit * np.log(safe), "n_0": -slope, "n_sat": by_top}
 
+    def layout(self, values: Mapping[str, object]) -> object:
+        """Lay out what a file says of each parameter, by name."""
+        return dict(values)
+
 
 @dataclass(frozen=True)
-class SplineCurve(Curve):
+class SplineCurve:
     """Monotone cubic spline (Fritsch & Butland 1984, SIAM J. Sci. Stat. Comput. 5:300) through |n| of levels `n` (K,)
     and their thrust `force` [N] (K,), which begin at 0 and never fall; straight on beyond the highest level."""
 
@@ -136,11 +111,11 @@ class SplineCurve(Curve):
         return PchipInterpolator(self.n, self.force)
 
     @property
-    def n_0(self) -> float:  # type: ignore[override]
+    def n_0(self) -> float:
         return self.n[sum(force <= 0.0 for force in self.force) - 1]
 
     @property
-    def n_sat(self) -> float | None:  # type: ignore[override]
+    def n_sat(self) -> float | None:
         first = self.force.index(self.force[-1])
         return self.n[first] if first < len(self.n) - 1 else None
 
@@ -176,6 +151,9 @@ class SplineCurve(Curve):
         return {"levels": [{"n": n, "thrust_N": value} for n, value in zip(self.n[1:], values.values())]}
 
 
+Curve = PowerCurve | SplineCurve
+
+
 def at_level(n: float) -> str:
     """Name the thrust at a level, a parameter of a spline."""
     return f"F({n:.6g})"
@@ -186,49 +164,6 @@ def amplitude_unit(n_unit: str, power: float = SQUARE) -> str:
     base = n_unit or "n"
     base = f"({base})" if any(character in base for character in "/ ·") else base
     return f"N/{base}²" if power == SQUARE else f"N/{base}^p"
-
-
-class Form(ABC):
-    """A form of curves: its equation, how it is fitted and read, and which effects a diagnosis can add to it."""
-
-    name: str
-    equation: str
-    least_groups: int
-    """Groups of levels from which one can be left out."""
-    interpolates = False
-    """Whether it passes through each level, so that only levels left out tell its error."""
-    beyond: str
-    """How it goes on beyond the highest level."""
-    effects: frozenset[str] = frozenset()
-
-    @abstractmethod
-    def fit(self, magnitude: Floats, thrust: Floats, weights: Floats) -> tuple[Curve, tuple[str, ...]]:
-        """Return the curve by weighted least squares of `thrust` [N] on |n|, all of shape (N,), and the names of its
-        parameters that ended at a bound."""
-
-    @abstractmethod
-    def predictions(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
-        """Return the thrust [N] at |n| by a fit with each row of `weights`, all of shape (B, N)."""
-
-    @abstractmethod
-    def free(self, curve: Curve) -> tuple[str, ...]:
-        """Return the names of the parameters of a curve that are fitted."""
-
-    @abstractmethod
-    def read(self, entry: CurveEntry, codec: Codec, place: Place) -> Curve:
-        """Return the curve that a file holds. Raises the codec's refusal with the key that is wrong."""
-
-    def with_effects(self, effects: frozenset[str]) -> "Form":
-        """Return the form with exactly these of the effects that it can have."""
-        return self
-
-    def additions(self) -> tuple[str, ...]:
-        """Return the effects that can be added."""
-        return ()
-
-    def used_by(self, curve: Curve) -> "Form":
-        """Return the form without the effects that a curve makes no use of."""
-        return self
 
 
 # Bounds of (amplitude, dead band, exponent, saturation), the second and fourth as shares of the largest command.
@@ -243,15 +178,13 @@ SMALL = 1e-9
 
 
 @dataclass(frozen=True)
-class PowerForm(Form):
+class PowerForm:
     """Which of dead band, exponent and saturation are free beside the amplitude, in the order of CURVE_EFFECTS."""
 
     name: str
-    effects: frozenset[str] = frozenset()
-
-    @property
-    def beyond(self) -> str:  # type: ignore[override]
-        return "by its equation"
+    effects: frozenset[str]
+    interpolates: ClassVar[bool] = False  # true of a form that passes through each level: only left out do they err
+    beyond: ClassVar[str] = "its equation"  # what it is beyond the highest level
 
     @property
     def mask(self) -> np.ndarray:
@@ -264,30 +197,36 @@ class PowerForm(Form):
         return LOW_BEYOND_DEAD_BAND if {"dead-band", "thrust-exponent"} <= self.effects else LOW
 
     @property
-    def least_groups(self) -> int:  # type: ignore[override]
+    def least_groups(self) -> int:
+        """Groups of levels from which one can be left out."""
         return len(self.effects) + 3
 
     @property
-    def equation(self) -> str:  # type: ignore[override]
+    def equation(self) -> str:
         level = "min(|n|, n_sat)" if "saturation" in self.effects else "|n|"
         inner = f"max({level} - n_0, 0)" if "dead-band" in self.effects else level
         return f"|F| = a {inner}^{'p' if 'thrust-exponent' in self.effects else '2'}"
 
     def free(self, curve: Curve | None = None) -> tuple[str, ...]:
+        """Return the names of the parameters that are fitted."""
         return tuple(name for name, on in zip(("a", "n_0", "p", "n_sat"), self.mask) if on)
 
-    def with_effects(self, effects: frozenset[str]) -> Form:
-        return next(form for form in FORMS.values() if isinstance(form, PowerForm) and form.effects == effects)
+    def with_effects(self, effects: frozenset[str]) -> "Form":
+        """Return the form with exactly these effects."""
+        return next(form for form in EQUATIONS if form.effects == effects)
 
-    def additions(self) -> tuple[str, ...]:
-        return tuple(effect for effect in CURVE_EFFECTS if effect not in self.effects)
+    def can_add(self, effect: str) -> bool:
+        return effect not in self.effects
 
-    def used_by(self, curve: Curve) -> Form:
+    def used_by(self, curve: Curve) -> "Form":
+        """Return the form without the effects that a curve makes no use of."""
         values = curve.values
         acting = (values["n_0"] != 0.0, values["p"] != SQUARE, values["n_sat"] is not None)
         return self.with_effects(self.effects & {effect for effect, acts in zip(CURVE_EFFECTS, acting) if acts})
 
     def fit(self, magnitude: Floats, thrust: Floats, weights: Floats) -> tuple[Curve, tuple[str, ...]]:
+        """Return the curve by weighted least squares of `thrust` [N] on |n|, all of shape (N,), and the names of its
+        parameters that ended at a bound."""
         scale, values = float(np.max(magnitude)), self._fits(magnitude, thrust, weights[None, :])[0]
         amplitude, dead, power, top = map(float, values)
         a, n_sat = amplitude / ((1.0 - dead) * scale) ** power, None if top >= HIGH[3] else top * scale
@@ -296,6 +235,7 @@ class PowerForm(Form):
         return PowerCurve(a, power, dead * scale, n_sat), names
 
     def predictions(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
+        """Return the thrust [N] at |n|, (N,), by a fit with each row of `weights`; both of shape (B, N)."""
         return _curve(magnitude[None, :] / np.max(magnitude), self._fits(magnitude, thrust, weights))
 
     def _fits(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
@@ -334,6 +274,7 @@ class PowerForm(Form):
         return np.asarray(starts)
 
     def read(self, entry: CurveEntry, codec: Codec, place: Place) -> Curve:
+        """Return the curve that a file holds. Raises the codec's refusal with the key that is wrong."""
         a = _positive(entry.a or Given(None), codec, (*place, "a"))
         p = SQUARE if entry.p is None else _positive(entry.p, codec, (*place, "p"))
         dead_band = 0.0 if entry.n_0 is None else number_at(entry.n_0, codec, (*place, "n_0"))
@@ -420,15 +361,26 @@ def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndar
 TRUSTED = 0.5  # weight of a level, of the usual level's, below which the spline passes it by: it is an outlier
 
 
-class SplineForm(Form):
+@dataclass(frozen=True)
+class SplineForm:
     """A monotone spline through the mean of each level, and through zero at rest; neighbours whose means fall share
-    theirs (isotonic regression)."""
+    theirs (isotonic regression). A diagnosis can add nothing to it that it does not follow by itself."""
 
-    name = "spline"
-    equation = "|F| a monotone cubic spline through the mean of each level"
-    least_groups = 5
-    interpolates = True
-    beyond = "straight, with the slope at the highest level"
+    name: str = "spline"
+    effects: frozenset[str] = frozenset()
+    equation: ClassVar[str] = "|F| a monotone cubic spline through the mean of each level"
+    least_groups: ClassVar[int] = 5
+    interpolates: ClassVar[bool] = True
+    beyond: ClassVar[str] = "a straight line with the slope at the highest"
+
+    def with_effects(self, effects: frozenset[str]) -> "Form":
+        return self
+
+    def can_add(self, effect: str) -> bool:
+        return False
+
+    def used_by(self, curve: Curve) -> "Form":
+        return self
 
     def fit(self, magnitude: Floats, thrust: Floats, weights: Floats) -> tuple[Curve, tuple[str, ...]]:
         return _through_levels(levels_of(magnitude), magnitude, thrust, weights), ()
@@ -442,18 +394,11 @@ class SplineForm(Form):
 
     def read(self, entry: CurveEntry, codec: Codec, place: Place) -> Curve:
         place = (*place, "levels")
-        n, force = [0.0], [0.0]
-        for i, level in enumerate(entry.levels):
-            thrust = number_at(level.thrust_N, codec, (*place, i, "thrust_N"))
-            if level.n <= n[-1]:
-                raise codec.refusal((*place, i, "n"), f"found {level.n:g}, expected more than {n[-1]:g}")
-            if thrust < force[-1]:
-                raise codec.refusal((*place, i, "thrust_N"), f"found {thrust:g}, expected {force[-1]:g} or more")
-            n.append(level.n)
-            force.append(thrust)
-        if force[-1] <= 0.0:
-            raise codec.refusal(place, "expected levels with thrust")
-        return SplineCurve(tuple(n), tuple(force))
+        n = (0.0, *(level.n for level in entry.levels))
+        force = (0.0, *(number_at(level.thrust_N, codec, (*place, i)) for i, level in enumerate(entry.levels)))
+        if np.any(np.diff(n) <= 0.0) or np.any(np.diff(force) < 0.0) or force[-1] <= 0.0:
+            raise codec.refusal(place, "expected levels of rising n > 0 with a thrust_N that never falls")
+        return SplineCurve(n, force)
 
 
 def _through_levels(level: np.ndarray, magnitude: Floats, thrust: Floats, weights: Floats) -> SplineCurve:
@@ -467,12 +412,13 @@ def _through_levels(level: np.ndarray, magnitude: Floats, thrust: Floats, weight
     return SplineCurve((0.0, *n.tolist()), (0.0, *force.tolist()))
 
 
-_BASE = {
-    "square": (), "dead-band": ("dead-band",), "power": ("thrust-exponent",),
-    "dead-band-power": ("dead-band", "thrust-exponent"),
+Form = PowerForm | SplineForm
+_BASE: dict[str, set[str]] = {
+    "square": set(), "dead-band": {"dead-band"}, "power": {"thrust-exponent"},
+    "dead-band-power": {"dead-band", "thrust-exponent"},
 }  # fmt: skip
-_EQUATIONS = (
+EQUATIONS = (
     *(PowerForm(name, frozenset(effects)) for name, effects in _BASE.items()),
-    *(PowerForm(f"{name}-saturation", frozenset({*effects, "saturation"})) for name, effects in _BASE.items()),
+    *(PowerForm(f"{name}-saturation", frozenset(effects | {"saturation"})) for name, effects in _BASE.items()),
 )
-FORMS: dict[str, Form] = {form.name: form for form in (*_EQUATIONS, SplineForm())}
+FORMS: dict[str, Form] = {form.name: form for form in EQUATIONS} | {"spline": SplineForm()}

@@ -219,7 +219,7 @@ class Shape:
     def additions(self, data: BollardData) -> Iterator[tuple[str, str, "Shape"]]:
         """List every effect that can be added once: name, where ("both", "forward", "backward"), and the new shape."""
         for effect in CURVE_EFFECTS:
-            free = tuple(name for name, form in self.forms if effect in form.additions())
+            free = tuple(name for name, form in self.forms if form.can_add(effect))
             targets: list[tuple[str, tuple[str, ...]]] = [(name, (name,)) for name in free]
             if len(free) > 1:
                 targets.append(("both", free))

@@ -218,14 +218,6 @@ class FormScore:
         return max(len(self.form.free(curve)) for curve in self.curves.values())
 
 
-@dataclass(frozen=True)
-class Loss:
-    """Weighted left-out squares [N²] of one form by groups, (G,): of all levels, and of those between others."""
-
-    every: Floats
-    between: Floats
-
-
 def select_form(
     sides: dict[str, Side], zero_squares: float, total_weight: float, full_scale: float, forced: str | None = None
 ) -> tuple[tuple[FormScore, ...], FormScore, str]:
@@ -235,7 +227,7 @@ def select_form(
 
     The spline is compared at levels between others: beyond its ends it cannot know more than a straight line.
     `zero_squares` [N^2] and `total_weight` carry the points at zero command, where every form says zero."""
-    scores, losses = dict[str, FormScore](), dict[str, Loss]()
+    scores, every, inner = dict[str, FormScore](), dict[str, Floats](), dict[str, Floats]()
     inner_weight = sum(float(side.weight @ side.is_between) for side in sides.values())
     for form in FORMS.values():
         curves, bounds, squares, cross, between = {}, {}, zero_squares, None, None
@@ -243,40 +235,35 @@ def select_form(
             curves[name], bounds[name] = form.fit(side.magnitude, side.thrust, side.weight)
             squares += float(side.weight @ (side.thrust - curves[name].thrust(side.magnitude)) ** 2)
         if all(side.can_leave_out(form) for side in sides.values()):
-            losses[form.name] = loss = _loss(sides, form)
-            cross = float(np.sqrt((zero_squares + loss.every.sum()) / total_weight))
-            between = float(np.sqrt(loss.between.sum() / inner_weight))
+            every[form.name], inner[form.name] = _losses(sides, form)
+            cross = float(np.sqrt((zero_squares + every[form.name].sum()) / total_weight))
+            between = float(np.sqrt(inner[form.name].sum() / inner_weight))
         rmse = float(np.sqrt(squares / total_weight))
         scores[form.name] = FormScore(form, curves, bounds, rmse, cross, between)
-    if not losses:
+    if not every:
         chosen = scores[forced or next(iter(scores))]
         return tuple(scores.values()), chosen, f"The {chosen.form.name} form is used: too few levels to leave one out."
     rounding = total_weight * (EQUAL * full_scale) ** 2
-    equations = [name for name in losses if not FORMS[name].interpolates]
-    best = min(equations, key=lambda name: (losses[name].every.sum(), scores[name].parameters))
-    reach = [name for name in equations if _deviance(losses[name].every, losses[best].every, rounding) <= CLEAR]
-    for name in losses.keys() - equations:
-        behind, stderr = behind_of(losses[best].between, losses[name].between)
-        deviance = _deviance(losses[best].between, losses[name].between, rounding)
-        if behind > stderr and deviance > CLEAR:
+    equations = [name for name in every if not FORMS[name].interpolates]
+    best = min(equations, key=lambda name: (every[name].sum(), scores[name].parameters))
+    reach = [name for name in equations if _deviance(every[name], every[best], rounding) <= CLEAR]
+    for name in every.keys() - equations:
+        behind, stderr = behind_of(inner[best], inner[name])
+        if behind > stderr and _deviance(inner[best], inner[name], rounding) > CLEAR:
             reach = [name]
-    every = tuple(replace(score, within_reach=name in reach) for name, score in scores.items())
-    simplest = min(
-        (score for score in every if score.within_reach), key=lambda score: (score.parameters, score.cv_rmse)
-    )
-    if forced is not None:
-        because = f"The {forced} form was asked for (--form); cross-validation would choose {simplest.form.name}."
-        return every, scores[forced], because
-    return every, simplest, _sentence(simplest, scores[best], full_scale)
+    scores = {name: replace(score, within_reach=name in reach) for name, score in scores.items()}
+    simplest = min((scores[name] for name in reach), key=lambda score: (score.parameters, score.cv_rmse))
+    because = f"The {forced} form was asked for (--form); cross-validation would choose {simplest.form.name}."
+    if forced is None:
+        because = _sentence(simplest, scores[best], full_scale)
+    return tuple(scores.values()), scores[forced or simplest.form.name], because
 
 
-def _loss(sides: Mapping[str, Side], form: Form) -> Loss:
-    every, between = [], []
-    for side in sides.values():
-        squares = left_out_squares(side, form)
-        every.append(sums_of(squares, side.group))
-        between.append(sums_of(squares * side.is_between, side.group))
-    return Loss(np.concatenate(every), np.concatenate(between))
+def _losses(sides: Mapping[str, Side], form: Form) -> tuple[Floats, Floats]:
+    """Left-out squares [N²] by groups, (G,): of all levels, and of those between others."""
+    of_sides = [(side, left_out_squares(side, form)) for side in sides.values()]
+    every = np.concatenate([sums_of(squares, side.group) for side, squares in of_sides])
+    return every, np.concatenate([sums_of(squares * side.is_between, side.group) for side, squares in of_sides])
 
 
 def _deviance(loss: Floats, other: Floats, rounding: float) -> float:
@@ -312,7 +299,7 @@ def _sentence(chosen: FormScore, best: FormScore, full_scale: float) -> str:
         return (
             f"The {chosen.form.name} form is chosen, a curve through the mean of each level: at levels left out "
             f"between others its error is {error} % of full scale, that of the best equation, {best.form.name} "
-            f"({best.parameters}), {least} %. Beyond its highest level it goes on {chosen.form.beyond}."
+            f"({best.parameters}), {least} %. Beyond its levels it is {chosen.form.beyond}."
         )
     parameters = f"{plural(chosen.parameters, 'parameter')} per direction"
     return (

@@ -18,7 +18,7 @@ from automarine_cli.commands.export import export
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import number
 from automarine_cli.exports.thrusters import table, top, worst
-from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.curves import PowerCurve, SplineCurve
 from automarine_cli.thrusters.map import ThrusterMap
 
 Floats = NDArray[np.float64]
@@ -29,6 +29,11 @@ EVEN = ThrusterMap("square", PowerCurve(2.6e-4), PowerCurve(2.6e-4))
 BANDED = ThrusterMap("dead-band", PowerCurve(3.0e-4, n_0=12.0), PowerCurve(1.0e-4, n_0=18.0))
 POWER = ThrusterMap(
     "dead-band-power-saturation", PowerCurve(3.0e-3, 1.5, 10.0, 120.0), PowerCurve(1.1e-3, 1.6, 14.0, 120.0)
+)
+SPLINE = ThrusterMap(
+    "spline",
+    SplineCurve((0.0, 20.0, 60.0, 150.0), (0.0, 0.0, 2.0, 5.0)),
+    SplineCurve((0.0, 20.0, 150.0), (0.0, 0.0, 3.0)),
 )
 AHEAD_ONLY = ThrusterMap("square", PowerCurve(2.6e-4), None)
 
@@ -57,7 +62,7 @@ def test_a_square_map_is_exact_in_every_form_but_gazebos(tmp_path: Path, form: s
 
 
 @pytest.mark.parametrize("form", ["stonefish-table", "uuv-table"])
-@pytest.mark.parametrize("map_", [BANDED, POWER], ids=["dead-band", "power"])
+@pytest.mark.parametrize("map_", [BANDED, POWER, SPLINE], ids=["dead-band", "power", "spline"])
 def test_tables_follow_any_map(tmp_path: Path, form: str, map_: ThrusterMap) -> None:
     law = LAWS[form](export(map_file(tmp_path, map_), to="thrusters", form=form).text)
     expected = map_.force(signals())
