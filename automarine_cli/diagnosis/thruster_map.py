@@ -217,8 +217,10 @@ def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
 def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
     effects = []
     for name, p_value in search.p_values.items():
-        against = search.alternatives.get(name, {}).values()
-        odds = [NamedRival(rival.effect, odd, _split_by(search, name, rival, floor)) for _, rival, odd in against]
+        odds = [
+            NamedRival(rival.candidate.effect, rival.odds, _split_by(search, name, rival.candidate, floor))
+            for rival in search.alternatives.get(name, {}).values()
+        ]
         weight, rivals = rules.listed_rivals(odds, 1.0 - p_value)
         values = effect_parameters(search.final, name, search.base)
         effects.append(NamedEffect(name, "", f"{SAYS[name]}.", values, weight, p_value, rivals))

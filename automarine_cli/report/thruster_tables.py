@@ -17,7 +17,8 @@ SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv ha
 
 @sections.register
 def _(fit: ThrusterFit) -> Sections:
-    maps, lines, analysis = tables(fit), sentences(fit), fit.analysis
+    lines, analysis, details = sentences(fit), fit.analysis, forms(fit)
+    maps = tables(fit, details)
     page = document("# Thruster map", "![Thrust of one thruster](thrusters.png)", *maps, bullets(map(escape, lines)))
     files: dict[str, Content] = {
         "thrusters.json": fit.to_json(), "thrusters.csv": points_csv(fit), "thrusters.md": page
@@ -32,8 +33,9 @@ def _(fit: ThrusterFit) -> Sections:
         )
         for (name, side), value in values.items()
     ]  # fmt: skip
-    printed, figures = [table for table in maps if table != forms(fit)], {"thrusters": partial(thruster_figure, fit)}
-    return Sections([*lines, *printed], files, figures, rows=rows, details=[forms(fit)])
+    printed = [table for table in maps if table is not details]
+    figures = {"thrusters": partial(thruster_figure, fit)}
+    return Sections([*lines, *printed], files, figures, rows=rows, details=[details])
 
 
 def cells(value: Estimate | Given) -> dict[str, object]:
@@ -49,9 +51,9 @@ def parameter_cell(value: Estimate | Given) -> Estimate | str:
     return ", ".join(filter(None, (number(value.value), why))) if value.value is not None else why
 
 
-def tables(result: ThrusterFit) -> tuple[Table, ...]:
+def tables(result: ThrusterFit, details: Table) -> tuple[Table, ...]:
     """Make all tables that the result has something for, in the order of reading: the map that is used leads."""
-    maps = [coefficients(result), forms(result)]
+    maps = [coefficients(result), details]
     return (
         *([thrusters(result)] if result.parts else []),
         *(maps if _is_square(result.analysis) else [parameters(result), *reversed(maps)]),
@@ -159,7 +161,8 @@ def voltages(result: ThrusterFit) -> Table:
             "voltage [V]": volts, **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},
             "square law [%]": number(analysis.percent(analysis.law.rmse), 3),
             "chosen form": analysis.chosen.form.name,
-            "chosen form [%]": number(analysis.percent(analysis.chosen.rmse), 3), "full scale [N]": analysis.full_scale,
+            "chosen form [%]": number(analysis.percent(analysis.chosen.error), 3),
+            "full scale [N]": analysis.full_scale,
         }
         for volts, analysis in result.voltages
     ], [f"At one control signal thrust grows with voltage to the power {', '.join(powers) or MISSING}."])  # fmt: skip

@@ -364,15 +364,24 @@ class SearchStep:
 
 
 @dataclass(frozen=True)
+class Rival:
+    """Something else that an effect could be: how far `behind` it is [N²], and the odds that this lead is chance."""
+
+    candidate: CandidateFit
+    behind: float
+    odds: float
+
+
+@dataclass(frozen=True)
 class MapSearch:
-    """The base, every step, the final map with its effects and their p-values in the order found; for each of these by
-    effect what else it could be: how far that is behind, its fit, and the odds that this lead is chance."""
+    """The base, every step, the final map with its effects and their p-values in the order of the search; for each of
+    these by effect what else it could be."""
 
     base: Fitted
     steps: tuple[SearchStep, ...]
     final: Fitted
     p_values: Mapping[str, float]
-    alternatives: Mapping[str, Mapping[str, tuple[float, CandidateFit, float]]]
+    alternatives: Mapping[str, Mapping[str, Rival]]
 
 
 def evidence(base: Fitted, fit: Fitted) -> float:
@@ -495,20 +504,23 @@ def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
     judge = _Levels(data, start, np.random.default_rng(seed))
     base = CandidateFit(judge.fitted(start))
     outcome = stepwise_search(judge, base)
-    final, alternatives = outcome.final, dict[str, dict[str, tuple[float, CandidateFit, float]]]()
+    final, alternatives = outcome.final, dict[str, dict[str, Rival]]()
     for name, step in outcome.around.items():
         rivals = alternatives.setdefault(name, {})
         for candidate in step.candidates:
-            behind, stderr = candidate.behind(final)
-            if (
-                candidate.effect in final.added
-                or behind > stderr
-                or behind >= rivals.get(candidate.effect, (np.inf,))[0]
-            ):
-                continue
-            tail = float(special.ndtr(-max(behind, 0.0) / stderr)) if stderr > 0.0 else 0.0
-            rivals[candidate.effect] = behind, candidate, tail / (1.0 - tail)
+            rival = _rival(candidate, final)
+            if rival and (candidate.effect not in rivals or rival.behind < rivals[candidate.effect].behind):
+                rivals[candidate.effect] = rival
     return MapSearch(base.fit, outcome.looks, final.fit, final.added, alternatives)
+
+
+def _rival(candidate: CandidateFit, final: CandidateFit) -> Rival | None:
+    """Return the candidate as what an effect of the final map could be, None where it is clearly behind."""
+    behind, stderr = candidate.behind(final)
+    if candidate.effect in final.added or behind > stderr:
+        return None
+    tail = float(special.ndtr(-max(behind, 0.0) / stderr)) if stderr > 0.0 else 0.0
+    return Rival(candidate, behind, tail / (1.0 - tail))
 
 
 def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: int) -> MapSearch:

@@ -85,8 +85,11 @@ def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str,
             group, record = groups_of(np.abs(part.n)), part.record if step is None else step[inside]
             levels = [len(np.unique(group[record == number])) for number in np.unique(record)]
             crossed = len(levels) > 1 and min(levels) >= MIN_LEVELS
-            values = (np.abs(part.n), sign * part.force, part.weight, group, record if crossed else None)
-            sides[name] = Side(name, sign, *values, np.nan_to_num(part.stderr), tare_stderr, np.flatnonzero(inside))
+            sides[name] = Side(
+                name, sign, magnitude=np.abs(part.n), thrust=sign * part.force, weight=part.weight, group=group,
+                record=record if crossed else None, stderr=np.nan_to_num(part.stderr), tare_stderr=tare_stderr,
+                index=np.flatnonzero(inside),
+            )  # fmt: skip
     return sides
 
 
@@ -211,6 +214,11 @@ class FormScore:
     @property
     def both_ways(self) -> tuple[Curve | None, Curve | None]:
         return self.curves.get("forward"), self.curves.get("backward")
+
+    @property
+    def error(self) -> float:
+        """Error [N] to tell: of a form that passes through each level that at levels left out."""
+        return self.between_rmse if self.form.interpolates and self.between_rmse is not None else self.rmse
 
     @property
     def parameters(self) -> int:

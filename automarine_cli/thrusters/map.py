@@ -63,7 +63,9 @@ class ThrusterFile(ResultRecord):
     full_scale_N: float | None = None
     chosen: str = field(default="", metadata=keyed("chosen/form"))
     r2: float | None = field(default=None, metadata=keyed("chosen/r2"))
-    rmse_percent: float | None = field(default=None, metadata=keyed("chosen/rmse_percent_of_full_scale"))
+    error_percent: float | None = field(
+        default=None, metadata=keyed("chosen/error_percent_of_full_scale", "chosen/rmse_percent_of_full_scale")
+    )
     voltage_range_V: tuple[float, float] | None = None
     voltage_exponent: Mapping[str, object] = field(default_factory=dict)
 
