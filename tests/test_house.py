@@ -31,10 +31,10 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 
 MAX_LINES = {
     "fits": 5312, "report": 4082, "logs": 3942, "diagnosis": 3708, "commands": 3319, "runs": 2691, "thrusters":
-    2828, "link": 2518, "control": 2074, "effects": 2016, "planning": 1836, "simulation": 1609, "exports": 1651,
+    2831, "link": 2518, "control": 2074, "effects": 2016, "planning": 1836, "simulation": 1609, "exports": 1651,
     "comparison": 1139, "models": 1130, "filters": 974, "pipeline": 800, "dofs": 480, "top": 295, "guide": 189,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 42593
+MAX_LINES_IN_ALL = 42596
 MAX_FILES = 213
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -261,10 +261,13 @@ def select_form(
             reach = [name]
     scores = {name: replace(score, within_reach=name in reach) for name, score in scores.items()}
     simplest = min((scores[name] for name in reach), key=lambda score: (score.parameters, score.cv_rmse))
+    chosen = scores[forced or simplest.form.name]
     because = f"The {forced} form was asked for (--form); cross-validation would choose {simplest.form.name}."
     if forced is None:
         because = _sentence(simplest, scores[best], full_scale)
-    return tuple(scores.values()), scores[forced or simplest.form.name], because
+    if chosen.form.interpolates:
+        because += f" Beyond its levels it is {chosen.form.beyond}."
+    return tuple(scores.values()), chosen, because
 
 
 def _losses(sides: Mapping[str, Side], form: Form) -> tuple[Floats, Floats]:
@@ -307,7 +310,7 @@ def _sentence(chosen: FormScore, best: FormScore, full_scale: float) -> str:
         return (
             f"The {chosen.form.name} form is chosen, a curve through the mean of each level: at levels left out "
             f"between others its error is {error} % of full scale, that of the best equation, {best.form.name} "
-            f"({best.parameters}), {least} %. Beyond its levels it is {chosen.form.beyond}."
+            f"({best.parameters}), {least} %."
         )
     parameters = f"{plural(chosen.parameters, 'parameter')} per direction"
     return (
