@@ -16,7 +16,7 @@ AUTO = "auto"
 
 
 def _forms() -> tuple[str, ...]:
-    from automarine_cli.thrusters.map import FORMS
+    from automarine_cli.thrusters.curves import FORMS
 
     return (AUTO, *FORMS)
 
@@ -40,7 +40,7 @@ class _Form(options.OneOf):
 )  # fmt: skip
 @option(
     "--form", type=_Form(_forms), default=AUTO, show_default=True, metavar="FORM",
-    help="Thrust curve of the map, such as square or dead-band-power-saturation. auto chooses by cross-validation.",
+    help="Thrust curve of the map, such as square, dead-band-power or spline. auto chooses by cross-validation.",
 )  # fmt: skip
 @options.ending(options.strict, options.jobs)
 def fit_thrusters(
@@ -49,8 +49,8 @@ def fit_thrusters(
 ) -> "ThrusterFit":  # fmt: skip
     """Make the map of one thruster, forward and backward, from bollard tests (columns n and force_N).
 
-    The square law F = a |n| n and seven other curves are fitted, and cross-validation chooses one. Raw load-cell
-    series are reduced to plateaus. A voltage column gives one map per voltage.
+    The square law F = a |n| n, seven other equations and a monotone spline are fitted, and cross-validation chooses
+    one. Raw load-cell series are reduced to plateaus. A voltage column gives one map per voltage.
 
     \b
     Example:

@@ -166,11 +166,11 @@ def of_model(file: ModelFile, models: Sequence[str]) -> Said:
 
 def of_thrusters(file: ThrusterFile, models: Sequence[str]) -> Said:
     yield "form", file.form, ""
-    yield "error of it [% of full scale]", file.rmse_percent, ""
+    yield "error of it [% of full scale]", file.error_percent, ""
     for side in ("forward", "backward"):
         yield f"a {side}, square law", getattr(file, f"a_{side}"), f"{side}.a"
         curve = getattr(file.parameters, side) if file.form != "square" else None
-        for name, value in vars(curve).items() if curve else ():
+        for name, value in curve.values.items() if curve else ():
             if value and (value.estimate or value.at_bound):  # else the form fixes it
                 yield f"{name} {side}, form {file.form}", value, ""
 

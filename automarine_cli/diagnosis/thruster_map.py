@@ -16,8 +16,9 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, runs_json
 from automarine_cli.thrusters import family
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
-from automarine_cli.thrusters.fit import parameters, parameters_json, sums_of
-from automarine_cli.thrusters.map import FORMS, SIDES, SQUARE, Curve, ThrusterMap
+from automarine_cli.thrusters.curves import FORMS
+from automarine_cli.thrusters.fit import curve_estimates, parameters_json, sums_of
+from automarine_cli.thrusters.map import SIDES, ThrusterMap
 
 WELL_ABOVE = 1.5
 """Residual over the noise level from which a map may lack something; the floor itself is known to some 20 %."""
@@ -71,12 +72,12 @@ class ThrusterDiagnosis(Shown):
     def extended_map(self) -> dict[str, object]:
         """Content of extended_model.json: a thruster map (schema automarine/thruster-map/1)."""
         final = self.final
-        form = family.form_of(frozenset().union(*(effects for _, effects in final.shape.curves))).name
-        result = ThrusterMap(form, *final.both_ways, self.data.n_unit, self.data.n_range).to_json()
+        form = final.shape.form
+        result = ThrusterMap(form.name, *final.both_ways, self.data.n_unit, self.data.n_range).to_json()
         estimates = _curve_parameters(final)
         if final.shape.tied:
             estimates = {name: estimates["both"] for name, _ in SIDES}
-        result["parameters"] = parameters_json(estimates)
+        result["parameters"] = parameters_json(estimates, final.both_ways)
         names = ", ".join(effect.name for effect in self.effects) if self.verdict == NAMED else ""
         notes = [f"The {self.given.form} map refitted" + (f", with {names} added." if names else ".")]
         if final.shape.voltage:
@@ -114,15 +115,10 @@ def start_shape(base: ThrusterMap, data: family.BollardData, voltage: bool = Fal
     """Make a shape of the base map in the directions measured, tied where both curves are equal, each with the effects
     that its curve makes use of: a map may have been extended in one direction only."""
 
-    def used(curve: Curve) -> frozenset[str]:
-        acting = (curve.n_0 > 0.0, curve.p != SQUARE, curve.n_sat is not None)
-        free = FORMS[base.form].mask[1:]
-        return frozenset(name for name, *on in zip(family.CURVE_EFFECTS, free, acting) if all(on))
-
     tied = base.forward == base.backward and len(data.sides) == 2
     curves = {"both": base.forward} if tied else {name: getattr(base, name) for name in data.sides}
-    shape = tuple((name, used(curve)) for name, curve in curves.items() if curve is not None)
-    return family.Shape(shape, voltage and data.step is not None)
+    forms = tuple((name, FORMS[base.form].used_by(curve)) for name, curve in curves.items() if curve is not None)
+    return family.Shape(forms, voltage and data.step is not None)
 
 
 def diagnose_thrusters(
@@ -221,8 +217,10 @@ def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
 def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
     effects = []
     for name, p_value in search.p_values.items():
-        against = search.alternatives.get(name, {}).values()
-        odds = [NamedRival(rival.effect, odd, _split_by(search, name, rival, floor)) for _, rival, odd in against]
+        odds = [
+            NamedRival(rival.candidate.effect, rival.odds, _split_by(search, name, rival.candidate, floor))
+            for rival in search.alternatives.get(name, {}).values()
+        ]
         weight, rivals = rules.listed_rivals(odds, 1.0 - p_value)
         values = effect_parameters(search.final, name, search.base)
         effects.append(NamedEffect(name, "", f"{SAYS[name]}.", values, weight, p_value, rivals))
@@ -260,18 +258,18 @@ def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> d
         relative = float(np.hypot(_stderr(fit, sides[0], None), _stderr(fit, sides[1], None)))
         dof = min(int(np.count_nonzero(side)) for side in sides) - 1
         return {"backward_over_forward": Estimate.from_log(float(abs(ends[1] / ends[0])), relative, dof, "1")}
-    before, values = dict(base.shape.curves), _curve_parameters(fit)
+    values = _curve_parameters(fit)
     return {
         PARAMETER[effect] + ("" if where == "both" else f"_{where}"): values[where][PARAMETER[effect]]
-        for where, effects in fit.shape.curves
-        if effect in effects and effect not in before.get(where, frozenset())
+        for where, form in fit.shape.forms
+        if effect in form.effects - dict(base.shape.forms).get(where, FORMS["square"]).effects
     }  # fmt: skip
 
 
 def _curve_parameters(fit: family.Fitted) -> dict[str, dict[str, Estimate | Given]]:
     """Estimates of every direction's curve ("both" where they share one), by parameter."""
     return {
-        name: parameters(side, form, fit.curves[name], fit.at_bound[name], fit.data.n_unit)
+        name: curve_estimates(side, form, fit.curves[name], fit.at_bound[name], fit.data.n_unit)
         for name, (side, form) in fit.sides.items()
     }
 

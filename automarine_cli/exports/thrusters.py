@@ -1,6 +1,6 @@
 """Thruster maps for simulators: constants of the square law, dead-band laws, tables.
 
-Ours: F = a max(min(|n|, n_sat) - n_0, 0)^p, forward and backward apart. Theirs:
+Ours: F = a max(min(|n|, n_sat) - n_0, 0)^p or a monotone spline, forward and backward apart. Theirs:
 - constants: F = k_pos n |n| ahead, k_neg n |n| astern, n within n_min and n_max, T_n n' = n_c - n: MSS,
   CRAFT/USV/models/otter.m, and its Python twin;
 - stonefish-deadband: F = forward (n|n| - upper) above, reverse (n|n| - lower) below, else 0, and stonefish-table,
@@ -20,7 +20,8 @@ import numpy as np
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import MapSubject, Target, Written, comment, filled, head, number, row
 from automarine_cli.quantities import Floats
-from automarine_cli.thrusters.map import Curve, ThrusterMap, thrust_both_ways
+from automarine_cli.thrusters.curves import Curve
+from automarine_cli.thrusters.map import ThrusterMap, thrust_both_ways
 
 GRID = 2001  # control signals at which a law is compared with the map
 CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells
@@ -116,7 +117,8 @@ class Side:
 
 
 def largest_signal(subject: MapSubject) -> float:
-    """The largest control signal: of the settings, else where the stronger direction reaches the full scale measured.
+    """The largest control signal: of the settings, else where the stronger direction reaches the full scale measured,
+    within what was measured.
 
     Raises SettingError without either."""
     if subject.settings.n_max is not None:
@@ -124,7 +126,8 @@ def largest_signal(subject: MapSubject) -> float:
     curves = [curve for curve in (subject.map.forward, subject.map.backward) if curve is not None]
     if subject.full_scale is None or subject.full_scale <= 0:
         raise SettingError(f"{subject.origin.file} does not tell how far the thruster was driven; give --n-max")
-    return min(min(curve.signal(subject.full_scale), curve.n_sat or np.inf) for curve in curves)
+    measured = max(map(abs, subject.map.n_range)) if subject.map.n_range else np.inf
+    return min(measured, *(min(curve.signal(subject.full_scale), curve.n_sat or np.inf) for curve in curves))
 
 
 def square_side(curve: Curve | None, n_max: float, *, with_dead_band: bool) -> Side:

@@ -65,14 +65,14 @@ def whole_run_problem(
     theta is (the model's parameters, the command delay [s] from half a sample interval before the middle of the one in
     which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on a lake
     thrusters lag; with a `logger_delay` [s], half an interval, neither they nor the delay may: an effect says more, and
-    where in them each switch was is a standard normal z (see `instant`). Run effects are start position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is false), log
-    gain of the moment delivered, where in its interval each change of command was, and a disturbance held over each
-    window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
-    in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle,
-    because positions integrate every disturbance. It is an acceleration, so that a common
-    gain scales inertia and drag and nothing else. Then come the biases of velocity sensors, and last the coefficients
-    of effects that vary from run to run, in the model's order, each effect's with a factor of its own on the largest
-    moment.
+    where in them each switch was is a standard normal z (see `instant`). Run effects are start position [base unit,
+    relative to the first sample], start velocity (only where `at_rest` (R,) is false), log gain of the moment
+    delivered, where in its interval each change of command was, and a disturbance held over each window of the batch:
+    wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero in a quiet pool, and without it
+    a minute of free running on a lake would say nothing of the vehicle, because positions integrate every disturbance.
+    It is an acceleration, so that a common gain scales inertia and drag and nothing else. Then come the biases of
+    velocity sensors, and last the coefficients of effects that vary from run to run, in the model's order, each
+    effect's with a factor of its own on the largest moment.
     """
     first = batch.position[:, :1]
     varying = varying_terms(model)
@@ -83,9 +83,9 @@ def whole_run_problem(
 
     def readings(theta: Floats, b: Floats) -> Floats:
         accelerations, delay = blocks.of(b, DISTURBANCE), theta[:, last, None, None]
-        of_run, common = blocks.of(b, SWITCHES), delay
+        of_run = blocks.of(b, SWITCHES)
         if logger_delay is not None:
-            of_run, common = batch.interval * instant(0.5 * delay / logger_delay, of_run), None
+            of_run = batch.interval * instant(0.5 * delay / logger_delay, of_run)
         start = Start(
             first[None, :, 0] + blocks.of(b, START_POSITION)[..., 0],
             blocks.of(b, START_VELOCITY)[..., 0],
@@ -93,7 +93,7 @@ def whole_run_problem(
             of_run,  # a step may run backwards
             theta[:, inertia, None, None] * accelerations if accelerations.any() else None,
             {name: blocks.of(b, name) for name in varying},
-            command_delay=common,
+            command_delay=delay if logger_delay is None else None,
         )
         trajectory = simulate(model, batch, theta[:, :last], start)
         if len(batch.channels) == 1:

@@ -31,7 +31,8 @@ from automarine_cli.simulation.specification import (
     time_to_turn,
 )
 from automarine_cli.thrusters.bollard_data import Series
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import Curve
+from automarine_cli.thrusters.map import ThrusterMap
 
 SCHEMA = "automarine/plan-limits/1"
 KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")

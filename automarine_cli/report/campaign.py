@@ -389,7 +389,7 @@ def _headline(result: StepResult, steps: Steps) -> str:
         case ThrusterFile():
             laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
             values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
-            error = f"R² {number(file.r2)}, error {number(file.rmse_percent, 2)} % of full scale"
+            error = f"R² {number(file.r2)}, error {number(file.error_percent, 2)} % of full scale"
             return f"{file.chosen or file.form} law{values}, {error}"
         case ModelFile():
             return _of_model(file, result.dof, steps)

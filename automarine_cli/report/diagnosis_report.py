@@ -24,6 +24,7 @@ from automarine_cli.report.tables import MISSING, Table, escape, number
 from automarine_cli.report.thruster_tables import cells, parameter_cell
 from automarine_cli.runs.run import command_warnings
 from automarine_cli.text import plural
+from automarine_cli.thrusters.curves import FORMS
 from automarine_cli.thrusters.family import ALPHA
 
 MORE = {"p_value": "p", "cv_rmse_N": "cross-validated error [N]"}  # of candidates
@@ -315,6 +316,8 @@ def _(result: ThrusterDiagnosis) -> Sections:
         f"Root mean square errors over levels. Before: the map's form refitted; as given it is "
         f"{number(result.given_rmse, 3)} N off on the fitted levels. The noise is read from {result.floor_from}."
     )
+    if FORMS[result.given.form].interpolates:
+        gap += " A spline follows any curve: only what differs between readings at one command can be missing."
     chance = (
         f", which chance reaches in {1000 * ALPHA:.0f} of 1000 maps without any effect. p is corrected for the number "
         "of candidates."

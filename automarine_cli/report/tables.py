@@ -32,6 +32,8 @@ def text_table(
     Cells are folded at blanks, the widest columns first, to the `width`, or that of a pipe. What is still too wide for
     a `width` is shown as several tables, each with the first column; unless `full`, a line names what is left out.
     """
+    if not grid[0]:
+        return []
     widths, limit = [max(map(len, column)) for column in zip(*grid)], width or PIPE
     words = [max(len(word) for cell in column for word in _words(cell)) for column in zip(*grid)]
     least = [min(wide, max(NARROW, word)) for word, wide in zip(words, widths)]

@@ -14,7 +14,8 @@ SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv ha
 
 @sections.register
 def _(fit: ThrusterFit) -> Sections:
-    maps, lines, analysis = tables(fit), sentences(fit), fit.analysis
+    lines, analysis, details = sentences(fit), fit.analysis, forms(fit)
+    maps = tables(fit, details)
     page = document("# Thruster map", "![Thrust of one thruster](thrusters.png)", *maps, bullets(map(escape, lines)))
     files: dict[str, Content] = {
         "thrusters.json": fit.to_json(), "thrusters.csv": points_csv(fit), "thrusters.md": page
@@ -29,9 +30,9 @@ def _(fit: ThrusterFit) -> Sections:
         )
         for (name, side), value in values.items()
     ]  # fmt: skip
-    printed = [table for table in maps if table != forms(fit)]
+    printed = [table for table in maps if table is not details]
     figures = {"thrusters": Drawing("parameters.thruster_figure", fit)}
-    return Sections([*lines, *printed], files, figures, rows=rows, details=[forms(fit)])
+    return Sections([*lines, *printed], files, figures, rows=rows, details=[details])
 
 
 def cells(value: Estimate | Given) -> dict[str, object]:
@@ -47,9 +48,9 @@ def parameter_cell(value: Estimate | Given) -> Estimate | str:
     return ", ".join(filter(None, (number(value.value), why))) if value.value is not None else why
 
 
-def tables(result: ThrusterFit) -> tuple[Table, ...]:
+def tables(result: ThrusterFit, details: Table) -> tuple[Table, ...]:
     """Make all tables that the result has something for, in the order of reading: the map that is used leads."""
-    maps = [coefficients(result), forms(result)]
+    maps = [coefficients(result), details]
     return (
         *([thrusters(result)] if result.parts else []),
         *(maps if _is_square(result.analysis) else [parameters(result), *reversed(maps)]),
@@ -108,10 +109,10 @@ def forms(result: ThrusterFit) -> Table:
     return Table.of("Forms side by side, cross-validated over levels (parameters in each direction; * chosen)", [
         {
             "form": score.form.name + " *" * (score.form.name == analysis.chosen.form.name),
-            "parameters": score.form.parameters, "cv rmse [N]": number(score.cv_rmse, 3),
+            "parameters": score.parameters, "cv rmse [N]": number(score.cv_rmse, 3),
             "cv [% of full scale]": number(analysis.percent(score.cv_rmse), 3), "rmse [N]": number(score.rmse, 3),
             "rmse [% of full scale]": number(analysis.percent(score.rmse), 3),
-            "within 1 s.e. of best": "yes" if score.within_reach else "no",
+            "within reach of best": "yes" if score.within_reach else "no",
             "at bound": "; ".join(f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at),
         }
         for score in analysis.scores
@@ -120,12 +121,17 @@ def forms(result: ThrusterFit) -> Table:
 
 def parameters(result: ThrusterFit) -> Table:
     analysis, chosen = result.analysis, result.analysis.chosen
-    rows = [
-        {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value), "unit": value.unit}
-        for (name, side), value in analysis.estimates.items()
-    ]
-    errors = [_errors(analysis, chosen, analysis.chosen_r2)]
-    return Table.of(f"Chosen form {chosen.form.name}: {chosen.form.equation}", rows, errors)
+    rows = []
+    for side, _ in SIDES:
+        names = [name for name, of in analysis.estimates if of == side]
+        for name in names[:: max(len(names) // SHOWN, 1)]:
+            value = analysis.estimates[name, side]
+            row = {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value)}
+            rows.append(row | {"unit": value.unit})
+    notes = [_errors(analysis, chosen, analysis.chosen_r2)]
+    if len(rows) < len(analysis.estimates):
+        notes.append(f"{len(rows)} of {len(analysis.estimates)} levels; thrusters.json has all.")
+    return Table.of(f"Chosen form {chosen.form.name}: {chosen.form.equation}", rows, notes)
 
 
 def _is_square(analysis: Analysis) -> bool:
@@ -152,7 +158,8 @@ def voltages(result: ThrusterFit) -> Table:
             "voltage [V]": volts, **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},
             "square law [%]": number(analysis.percent(analysis.law.rmse), 3),
             "chosen form": analysis.chosen.form.name,
-            "chosen form [%]": number(analysis.percent(analysis.chosen.rmse), 3), "full scale [N]": analysis.full_scale,
+            "chosen form [%]": number(analysis.percent(analysis.chosen.error), 3),
+            "full scale [N]": analysis.full_scale,
         }
         for volts, analysis in result.voltages
     ], [f"At one control signal thrust grows with voltage to the power {', '.join(powers) or MISSING}."])  # fmt: skip

@@ -149,7 +149,7 @@ def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, 
 Ints = NDArray[np.int64]
 
 SAME = 0.004  # commands within this share of full scale are one level
-MANY = 24  # more levels than this in a direction are left out in blocks of neighbours
+MANY = 24  # more levels than this in a direction are left out and counted several at once
 BLOCKS = 20
 STEP = 0.03  # voltages further apart than this share are two nominal steps
 MAX_STEPS = 12  # more voltage steps than this are a drifting supply, not steps
@@ -220,8 +220,17 @@ def levels_of(n: Floats) -> Ints:
     return level
 
 
+def folds_of(n: Floats) -> Ints:
+    """Number what cross-validation leaves out together: a level, shape (P,).
+
+    Closely spaced tables (over 24 levels in a direction) go in 20 folds, each of every twentieth level, so that a form
+    is judged between the levels that a map is used between."""
+    level = levels_of(n)
+    return level if int(level.max(initial=-1)) < MANY else level % BLOCKS
+
+
 def groups_of(n: Floats) -> Ints:
-    """What cross-validation leaves out together and what standard errors count as one: a level, shape (P,).
+    """What standard errors count as one: a level, shape (P,).
 
     Closely spaced tables (over 24 levels in a direction) go in 20 blocks of neighbouring levels: a misfit is alike in
     neighbours, so that one level of 100 is no independent witness."""

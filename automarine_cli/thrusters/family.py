@@ -17,10 +17,10 @@ from automarine_cli.fits.stepwise import Chance, Judge, stepwise_search
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters import bollard_data as bollard
 from automarine_cli.thrusters.bollard_data import Ints, Points, ThrusterLogs, left_out, levels_of, neighbour_weights
-from automarine_cli.thrusters.fit import OPPOSITE, Side, behind_of, best_curve, left_out_squares, sides_of, sums_of
-from automarine_cli.thrusters.map import FORMS, SIDES, Curve, Form, jacobian, thrust_both_ways
+from automarine_cli.thrusters.curves import CURVE_EFFECTS, Curve, Form
+from automarine_cli.thrusters.fit import OPPOSITE, Side, behind_of, left_out_squares, sides_of, sums_of
+from automarine_cli.thrusters.map import SIDES, thrust_both_ways
 
-CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
 ASYMMETRY, VOLTAGE, SAG = "thrust-asymmetry", "voltage-exponent", "battery-sag"
 MIN_LEVELS = 5  # levels in a direction from which a curve with a second parameter can be told from chance
 MIN_LEVELS_TO_HOLD_OUT = 10  # levels in a direction from which a quarter of them is held out
@@ -176,51 +176,63 @@ def _roughness(data: BollardData) -> float:
 
 @dataclass(frozen=True)
 class Shape:
-    """Which effects act where: `curves` pairs each direction ("both": one curve for both) with its effects.
+    """Which effects act where: `forms` pairs each direction ("both": one curve for both) with the form of its curve.
 
     `voltage`: thrust follows the voltage to a power; `sag`: it falls evenly with the run order."""
 
-    curves: tuple[tuple[str, frozenset[str]], ...]
+    forms: tuple[tuple[str, Form], ...]
     voltage: bool = False
     sag: bool = False
 
     @property
     def tied(self) -> bool:
-        return self.curves[0][0] == "both"
+        return self.forms[0][0] == "both"
+
+    @property
+    def form(self) -> Form:
+        """The form with the effects of all directions."""
+        form = self.forms[0][1]
+        return form.with_effects(frozenset().union(*(form.effects for _, form in self.forms)))
 
     @property
     def parameters(self) -> int:
-        return sum(1 + len(effects) for _, effects in self.curves) + self.voltage + self.sag
+        """Free parameters, those of a spline apart, to which no curve adds any."""
+        return sum(1 + len(form.effects) for _, form in self.forms) + self.voltage + self.sag
+
+    def effects_at(self, side: str) -> frozenset[str]:
+        """Return the effects of the curve of a direction."""
+        forms = dict(self.forms)
+        form = forms.get(side) or forms.get("both")
+        return form.effects if form else frozenset()
 
     def without(self, effect: str, base: "Shape") -> "Shape":
         """Return the shape with one effect taken back to what it is in `base`."""
         if effect in (VOLTAGE, SAG):
             return replace(self, voltage=base.voltage) if effect == VOLTAGE else replace(self, sag=base.sag)
         if effect == ASYMMETRY:
-            return replace(self, curves=(("both", self.curves[0][1]),))
-        before = dict(base.curves)
-        had = [{effect} & before.get(side, before.get("both", frozenset())) for side, _ in self.curves]
-        return replace(self, curves=tuple((side, (e - {effect}) | old) for (side, e), old in zip(self.curves, had)))
+            return replace(self, forms=(("both", self.forms[0][1]),))
+        forms = []
+        for side, form in self.forms:
+            forms.append((side, form.with_effects((form.effects - {effect}) | ({effect} & base.effects_at(side)))))
+        return replace(self, forms=tuple(forms))
 
     def additions(self, data: BollardData) -> Iterator[tuple[str, str, "Shape"]]:
         """List every effect that can be added once: name, where ("both", "forward", "backward"), and the new shape."""
         for effect in CURVE_EFFECTS:
-            free = tuple(name for name, effects in self.curves if effect not in effects)
-            for where, names in [*((name, (name,)) for name in free), *([("both", free)] * (len(free) > 1))]:
-                curves = tuple((s, e | {effect} if s in names else e) for s, e in self.curves)
-                yield effect, where, replace(self, curves=curves)
+            free = tuple(name for name, form in self.forms if form.can_add(effect))
+            targets: list[tuple[str, tuple[str, ...]]] = [(name, (name,)) for name in free]
+            if len(free) > 1:
+                targets.append(("both", free))
+            for where, names in targets:
+                forms = tuple((s, f.with_effects(f.effects | {effect}) if s in names else f) for s, f in self.forms)
+                yield effect, where, replace(self, forms=forms)
         if self.tied:
-            shared = self.curves[0][1]
-            yield ASYMMETRY, "both", replace(self, curves=(("forward", shared), ("backward", shared)))
+            shared = self.forms[0][1]
+            yield ASYMMETRY, "both", replace(self, forms=(("forward", shared), ("backward", shared)))
         if data.step is not None and not self.voltage:
             yield VOLTAGE, "both", replace(self, voltage=True)
         if not self.sag and data.order_is_free():
             yield SAG, "both", replace(self, sag=True)
-
-
-def form_of(effects: frozenset[str]) -> Form:
-    flags = tuple(effect in effects for effect in CURVE_EFFECTS)
-    return next(form for form in FORMS.values() if (form.dead_band, form.exponent, form.saturation) == flags)
 
 
 @dataclass(frozen=True)
@@ -246,8 +258,8 @@ class Fitted:
     @cached_property
     def sides(self) -> dict[str, tuple[Side, Form]]:
         """Of each direction, or of both as one: points without what multiplies the curve, and the curve's form."""
-        gain, effects, parts = self.gain(self.data), dict(self.shape.curves), self.data.parts(self.shape.tied)
-        return {name: (side.without(gain[side.index]), form_of(effects[name])) for name, side in parts.items()}
+        gain, forms, parts = self.gain(self.data), dict(self.shape.forms), self.data.parts(self.shape.tied)
+        return {name: (side.without(gain[side.index]), forms[name]) for name, side in parts.items()}
 
     @cached_property
     def predicted(self) -> Floats:
@@ -296,7 +308,7 @@ def fit_shape(data: BollardData, shape: Shape) -> Fitted:
     for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
         curves, at_bound = dict[str, Curve](), dict[str, tuple[str, ...]]()
         for name, (side, form) in fit.sides.items():
-            curves[name], at_bound[name] = best_curve(side, form)
+            curves[name], at_bound[name] = form.fit(side.magnitude, side.thrust, side.weight)
         fit = _with_multipliers(replace(fit, curves=curves, at_bound=at_bound))
     return fit
 
@@ -352,15 +364,24 @@ class SearchStep:
 
 
 @dataclass(frozen=True)
+class Rival:
+    """Something else that an effect could be: how far `behind` it is [N²], and the odds that this lead is chance."""
+
+    candidate: CandidateFit
+    behind: float
+    odds: float
+
+
+@dataclass(frozen=True)
 class MapSearch:
-    """The base, every step, the final map with its effects and their p-values in the order found; for each of these by
-    effect what else it could be: how far that is behind, its fit, and the odds that this lead is chance."""
+    """The base, every step, the final map with its effects and their p-values in the order of the search; for each of
+    these by effect what else it could be."""
 
     base: Fitted
     steps: tuple[SearchStep, ...]
     final: Fitted
     p_values: Mapping[str, float]
-    alternatives: Mapping[str, Mapping[str, tuple[float, CandidateFit, float]]]
+    alternatives: Mapping[str, Mapping[str, Rival]]
 
 
 def evidence(base: Fitted, fit: Fitted) -> float:
@@ -402,10 +423,9 @@ def _basis(fit: Fitted) -> Floats:
     data, gain = fit.data, fit.gain(fit.data)
     blocks = [multiplier_columns(fit, fit.shape.voltage, fit.shape.sag)]
     for name, (side, form) in fit.sides.items():
-        curve, scale = fit.curves[name], float(side.magnitude.max())
-        top = 1.0 if curve.n_sat is None else min(curve.n_sat / scale, 1.0)
-        values = np.array([[curve.a * (scale - curve.n_0) ** curve.p, curve.n_0 / scale, curve.p, top]])
-        slopes = jacobian(side.magnitude / scale, values)[0][:, form.mask]
+        curve = fit.curves[name]
+        by_name = curve.slopes(side.magnitude)
+        slopes = np.stack([by_name[parameter] for parameter in form.free(curve)], axis=1)
         block = np.zeros((len(gain), slopes.shape[1]))
         block[side.index] = (np.sign(data.n) * gain)[side.index, None] * slopes
         blocks.append(block[:, np.any(block != 0.0, axis=0)])
@@ -434,7 +454,7 @@ class _Levels(Judge[CandidateFit, SearchStep]):
         if np.sqrt(current.squares / len(data)) > ROUNDING * data.full_scale:
             for effect, where, shape in current.shape.additions(data):
                 parts = data.parts(shape.tied)
-                enough = all(parts[name].can_leave_out(form_of(effects)) for name, effects in shape.curves)
+                enough = all(parts[name].can_leave_out(form) for name, form in shape.forms)
                 if enough and (len(model.added) < MAX_EFFECTS or effect in model.added):
                     fits[effect, where] = self.fitted(shape)
         chance = evidence_by_chance(current, fits, self.random) if fits else Chance(np.zeros(1))
@@ -484,20 +504,23 @@ def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
     judge = _Levels(data, start, np.random.default_rng(seed))
     base = CandidateFit(judge.fitted(start))
     outcome = stepwise_search(judge, base)
-    final, alternatives = outcome.final, dict[str, dict[str, tuple[float, CandidateFit, float]]]()
+    final, alternatives = outcome.final, dict[str, dict[str, Rival]]()
     for name, step in outcome.around.items():
         rivals = alternatives.setdefault(name, {})
         for candidate in step.candidates:
-            behind, stderr = candidate.behind(final)
-            if (
-                candidate.effect in final.added
-                or behind > stderr
-                or behind >= rivals.get(candidate.effect, (np.inf,))[0]
-            ):
-                continue
-            tail = float(special.ndtr(-max(behind, 0.0) / stderr)) if stderr > 0.0 else 0.0
-            rivals[candidate.effect] = behind, candidate, tail / (1.0 - tail)
+            rival = _rival(candidate, final)
+            if rival and (candidate.effect not in rivals or rival.behind < rivals[candidate.effect].behind):
+                rivals[candidate.effect] = rival
     return MapSearch(base.fit, outcome.looks, final.fit, final.added, alternatives)
+
+
+def _rival(candidate: CandidateFit, final: CandidateFit) -> Rival | None:
+    """Return the candidate as what an effect of the final map could be, None where it is clearly behind."""
+    behind, stderr = candidate.behind(final)
+    if candidate.effect in final.added or behind > stderr:
+        return None
+    tail = float(special.ndtr(-max(behind, 0.0) / stderr)) if stderr > 0.0 else 0.0
+    return Rival(candidate, behind, tail / (1.0 - tail))
 
 
 def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: int) -> MapSearch:

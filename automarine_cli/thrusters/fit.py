@@ -1,6 +1,6 @@
 """Points of a bollard test -> square law (equation 2), the form chosen by cross-validation, its parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +10,13 @@ from automarine_cli.estimate import Estimate, Given
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import usual_neutral
 from automarine_cli.text import plural
-from automarine_cli.thrusters.bollard_data import Ints, Points, groups_of, levels_of
-from automarine_cli.thrusters.map import FORMS, SIDES, SQUARE, Curve, Form, ThrusterMap, fit_direction, thrust_both_ways
+from automarine_cli.thrusters.bollard_data import Ints, Points, folds_of, groups_of, levels_of
+from automarine_cli.thrusters.curves import FORMS, Curve, Form, amplitude_unit
+from automarine_cli.thrusters.map import SIDES, ThrusterMap, thrust_both_ways
 
 MIN_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
+ENOUGH_REPEATS = 6  # degrees of freedom among repeats from which their scatter does
 PLAIN, UNBIASED, JACKKNIFE = 0.0, 0.5, 1.0
 
 
@@ -41,8 +43,14 @@ class Side:
     def levels(self) -> int:
         return int(levels_of(self.magnitude).max()) + 1
 
+    @property
+    def is_between(self) -> Floats:
+        """1 for a point of any level but the highest, else 0, (P,)."""
+        level = levels_of(self.magnitude)
+        return np.asarray(level < level.max(), dtype=float)
+
     def can_leave_out(self, form: Form) -> bool:
-        return len(np.unique(self.group)) >= form.parameters + 2
+        return len(np.unique(self.group)) >= form.least_groups
 
     def without(self, gain: Floats) -> "Side":
         """The side as it would have been without what multiplies its thrust."""
@@ -57,9 +65,14 @@ def value_json(value: Estimate | Given) -> object:
     return nothing if value.at_bound else value.value
 
 
-def parameters_json(parameters: Mapping[str, Mapping[str, Estimate | Given]]) -> dict[str, object]:
-    by_side = {side: {name: value_json(value) for name, value in of.items()} for side, of in parameters.items()}
-    return {side: by_side.get(side) for side, _ in SIDES}
+def parameters_json(
+    parameters: Mapping[str, Mapping[str, Estimate | Given]], curves: Sequence[Curve | None]
+) -> dict[str, object]:
+    """Lay out the parameters of both directions, null for one without."""
+    return {
+        side: curve and curve.layout({name: value_json(value) for name, value in parameters[side].items()})
+        for (side, _), curve in zip(SIDES, curves)
+    }
 
 
 def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str, Side]:
@@ -72,8 +85,11 @@ def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str,
             group, record = groups_of(np.abs(part.n)), part.record if step is None else step[inside]
             levels = [len(np.unique(group[record == number])) for number in np.unique(record)]
             crossed = len(levels) > 1 and min(levels) >= MIN_LEVELS
-            values = (np.abs(part.n), sign * part.force, part.weight, group, record if crossed else None)
-            sides[name] = Side(name, sign, *values, np.nan_to_num(part.stderr), tare_stderr, np.flatnonzero(inside))
+            sides[name] = Side(
+                name, sign, magnitude=np.abs(part.n), thrust=sign * part.force, weight=part.weight, group=group,
+                record=record if crossed else None, stderr=np.nan_to_num(part.stderr), tare_stderr=tare_stderr,
+                index=np.flatnonzero(inside),
+            )  # fmt: skip
     return sides
 
 
@@ -84,46 +100,42 @@ def square_law(side: Side, unit: str) -> Estimate:
     return _estimates(side, x[:, None], side.thrust - value * x, np.array([value]), (unit,), UNBIASED)[0]
 
 
-def best_curve(side: Side, form: Form) -> tuple[Curve, tuple[str, ...]]:
-    """Least-squares curve of a form, and the names of its parameters that ended at a bound."""
-    fits = fit_direction(side.magnitude, side.thrust, side.weight[None, :], form)
-    return fits.curve, tuple(name for name, end in zip(form.free, fits.at_bound[form.mask]) if end and name != "a")
-
-
-def parameters(
+def curve_estimates(
     side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str
 ) -> dict[str, Estimate | Given]:
-    """Estimates of the form's parameters by name; one at its bound has no standard error and says so, one that the form
-    fixes is a plain number (None: no saturation)."""
-    above = np.minimum(side.magnitude, curve.n_sat or np.inf) - curve.n_0
-    on = above > 0.0
-    safe = np.where(on, above, 1.0)
-    slope = np.where(on, curve.a * curve.p * safe ** (curve.p - 1.0), 0.0)
-    derivative = {
-        "a": np.where(on, safe**curve.p, 0.0),
-        "p": np.where(on, curve.a * safe**curve.p * np.log(safe), 0.0),
-        "n_0": -slope,
-        "n_sat": np.where(side.magnitude >= (curve.n_sat or np.inf), slope, 0.0),
-    }
-    values = {"a": curve.a, "p": curve.p, "n_0": curve.n_0, "n_sat": curve.n_sat}
-    units = {"a": amplitude_unit(n_unit, curve.p), "p": "", "n_0": n_unit or "n", "n_sat": n_unit or "n"}
-    free = [name for name in form.free if name not in at_bound and np.any(derivative[name] != 0.0)]
-    matrix, fitted = np.stack([derivative[name] for name in free], axis=1), np.array([values[name] for name in free])
-    residual, freed_by = side.thrust - curve.thrust(side.magnitude), UNBIASED if free == ["a"] else JACKKNIFE
-    estimates = _estimates(side, matrix, residual, fitted, tuple(units[name] for name in free), freed_by)
+    """Return estimates of a curve's parameters by name; one at its bound has no standard error and says so, one that
+    the form fixes is a plain number (None: no saturation)."""
+    values, units, slopes = curve.values, curve.units(n_unit), curve.slopes(side.magnitude)
+    free = [name for name in form.free(curve) if name not in at_bound and np.any(slopes[name] != 0.0)]
+    matrix, fitted = np.stack([slopes[name] for name in free], axis=1), np.array([values[name] for name in free])
+    of_units = tuple(units[name] for name in free)
+    if form.interpolates:
+        estimates = _level_estimates(side, matrix, fitted, of_units, form)
+    else:
+        residual, freed_by = side.thrust - curve.thrust(side.magnitude), UNBIASED if free == ["a"] else JACKKNIFE
+        estimates = _estimates(side, matrix, residual, fitted, of_units, freed_by)
     result: dict[str, Estimate | Given] = {name: Given(value, unit=units[name]) for name, value in values.items()}
     result |= zip(free, estimates)
-    for name in set(form.free) - set(free):
+    for name in set(form.free(curve)) - set(free):
         why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
         result[name] = Given(values[name], unit=units[name], at_bound=why)
     return result
 
 
-def amplitude_unit(n_unit: str, power: float = SQUARE) -> str:
-    """Unit of the amplitude: N over the control signal's unit to the exponent."""
-    base = n_unit or "n"
-    base = f"({base})" if any(character in base for character in "/ ·") else base
-    return f"N/{base}²" if power == SQUARE else f"N/{base}^p"
+def _level_estimates(
+    side: Side, matrix: Floats, values: Floats, units: tuple[str, ...], form: Form
+) -> tuple[Estimate, ...]:
+    """Estimates of means of levels (K,); `matrix` (P, K) says whose a point is. Scatter is pooled over repeats at one
+    command, with too few of them over levels left out between others, which misses by the bend of the curve too."""
+    level = levels_of(side.magnitude)
+    mean = np.bincount(level, side.weight * side.thrust) / np.bincount(level, side.weight)
+    squares, dof = side.weight * (side.thrust - mean[level]) ** 2, len(level) - len(mean)
+    if dof < ENOUGH_REPEATS:
+        squares, dof = left_out_squares(side, form) * side.is_between, max(len(mean) - 1, 1)
+    variance = squares.sum() / dof / np.maximum(side.weight @ matrix, 1e-300)
+    variance = np.maximum(variance, (side.weight * side.stderr) ** 2 @ matrix / (side.weight @ matrix) ** 2)
+    stderr = np.sqrt(variance + side.tare_stderr**2)
+    return tuple(Estimate.from_stderr(value, error, dof, unit) for value, error, unit in zip(values, stderr, units))
 
 
 def _estimates(
@@ -183,71 +195,99 @@ def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed
 
 
 EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
+CLEAR = 4.0  # deviance from which a form is clearly behind: two standard errors, were the errors normal
 
 
 @dataclass(frozen=True)
 class FormScore:
-    """One form; errors [N] over all points, weighted as in the fit, `cv_rmse` None where a direction has few levels;
-    `behind` is the cross-validated mean square [N²] above the best form's, with its standard error over levels."""
+    """One form; errors [N] over all points, weighted as in the fit; `cv_rmse` at levels left out, `between_rmse` at
+    those between others, None where a direction has few levels; `within_reach`: no other form is clearly better."""
 
     form: Form
     curves: dict[str, Curve]
     at_bound: dict[str, tuple[str, ...]]
     rmse: float
     cv_rmse: float | None
-    behind: float = 0.0
-    behind_stderr: float = 0.0
+    between_rmse: float | None
+    within_reach: bool = False
 
     @property
     def both_ways(self) -> tuple[Curve | None, Curve | None]:
         return self.curves.get("forward"), self.curves.get("backward")
 
     @property
-    def within_reach(self) -> bool:
-        return self.cv_rmse is not None and self.behind <= self.behind_stderr
+    def error(self) -> float:
+        """Error [N] to tell: of a form that passes through each level that at levels left out."""
+        return self.between_rmse if self.form.interpolates and self.between_rmse is not None else self.rmse
+
+    @property
+    def parameters(self) -> int:
+        """Fitted parameters in a direction; of a spline in the one with more levels."""
+        return max(len(self.form.free(curve)) for curve in self.curves.values())
 
 
 def select_form(
     sides: dict[str, Side], zero_squares: float, total_weight: float, full_scale: float, forced: str | None = None
 ) -> tuple[tuple[FormScore, ...], FormScore, str]:
-    """All forms in the order of the family, the one that is chosen, and why in a sentence: the simplest within one
-    standard error of the best by leave-one-level-out cross-validation.
+    """All forms in the order of the family, the one that is chosen, and why in a sentence, by leave-one-level-out
+    cross-validation: the simplest equation that is not clearly behind the best; a spline only where the best is clearly
+    behind it, and by more than a standard error over levels (Breiman et al. 1984, section 3.4.3).
 
-    `zero_squares` [N^2] and `total_weight` carry the points at zero command, where every form says zero. Breiman et al.
-    1984, section 3.4.3 (the one-standard-error rule)."""
-    scores, losses = {}, {}
+    The spline is compared at levels between others: beyond its ends it cannot know more than a straight line.
+    `zero_squares` [N^2] and `total_weight` carry the points at zero command, where every form says zero."""
+    scores, every, inner = dict[str, FormScore](), dict[str, Floats](), dict[str, Floats]()
+    inner_weight = sum(float(side.weight @ side.is_between) for side in sides.values())
     for form in FORMS.values():
-        curves, bounds, squares, cross = {}, {}, zero_squares, None
+        curves, bounds, squares, cross, between = {}, {}, zero_squares, None, None
         for name, side in sides.items():
-            curves[name], bounds[name] = best_curve(side, form)
+            curves[name], bounds[name] = form.fit(side.magnitude, side.thrust, side.weight)
             squares += float(side.weight @ (side.thrust - curves[name].thrust(side.magnitude)) ** 2)
         if all(side.can_leave_out(form) for side in sides.values()):
-            by_side = [sums_of(left_out_squares(side, form), side.group) for side in sides.values()]
-            losses[form.name] = np.concatenate(by_side)
-            cross = float(np.sqrt((zero_squares + losses[form.name].sum()) / total_weight))
-        scores[form.name] = FormScore(form, curves, bounds, float(np.sqrt(squares / total_weight)), cross)
-    if not losses:
+            every[form.name], inner[form.name] = _losses(sides, form)
+            cross = float(np.sqrt((zero_squares + every[form.name].sum()) / total_weight))
+            between = float(np.sqrt(inner[form.name].sum() / inner_weight))
+        rmse = float(np.sqrt(squares / total_weight))
+        scores[form.name] = FormScore(form, curves, bounds, rmse, cross, between)
+    if not every:
         chosen = scores[forced or next(iter(scores))]
         return tuple(scores.values()), chosen, f"The {chosen.form.name} form is used: too few levels to leave one out."
-    best = min(losses, key=lambda name: (losses[name].sum(), FORMS[name].parameters))
-    for name, loss in losses.items():
-        behind, stderr = (size / total_weight for size in behind_of(loss, losses[best]))
-        scores[name] = replace(scores[name], behind=behind, behind_stderr=stderr + (EQUAL * full_scale) ** 2)
-    every = tuple(scores.values())
-    within = [score for score in every if score.within_reach]
-    simplest = min(within, key=lambda score: (score.form.parameters, score.cv_rmse))
-    if forced is None:
-        return every, simplest, _sentence(simplest, scores[best], full_scale)
+    rounding = total_weight * (EQUAL * full_scale) ** 2
+    equations = [name for name in every if not FORMS[name].interpolates]
+    best = min(equations, key=lambda name: (every[name].sum(), scores[name].parameters))
+    reach = [name for name in equations if _deviance(every[name], every[best], rounding) <= CLEAR]
+    for name in every.keys() - equations:
+        behind, stderr = behind_of(inner[best], inner[name])
+        if behind > stderr and _deviance(inner[best], inner[name], rounding) > CLEAR:
+            reach = [name]
+    scores = {name: replace(score, within_reach=name in reach) for name, score in scores.items()}
+    simplest = min((scores[name] for name in reach), key=lambda score: (score.parameters, score.cv_rmse))
+    chosen = scores[forced or simplest.form.name]
     because = f"The {forced} form was asked for (--form); cross-validation would choose {simplest.form.name}."
-    return every, scores[forced], because
+    if forced is None:
+        because = _sentence(simplest, scores[best], full_scale)
+    if chosen.form.interpolates:
+        because += f" Beyond its levels it is {chosen.form.beyond}."
+    return tuple(scores.values()), chosen, because
+
+
+def _losses(sides: Mapping[str, Side], form: Form) -> tuple[Floats, Floats]:
+    """Left-out squares [N²] by groups, (G,): of all levels, and of those between others."""
+    of_sides = [(side, left_out_squares(side, form)) for side in sides.values()]
+    every = np.concatenate([sums_of(squares, side.group) for side, squares in of_sides])
+    return every, np.concatenate([sums_of(squares * side.is_between, side.group) for side, squares in of_sides])
+
+
+def _deviance(loss: Floats, other: Floats, rounding: float) -> float:
+    """Deviance by which left-out squares of groups, (G,), are behind another form's; `rounding` [N²] is no evidence."""
+    return float(len(loss) * np.log((loss.sum() + rounding) / (other.sum() + rounding)))
 
 
 def left_out_squares(side: Side, form: Form) -> Floats:
-    """Weighted squared error [N²] of each point, (P,), predicted by a fit without its group."""
-    numbers, place = np.unique(side.group, return_inverse=True)
+    """Weighted squared error [N²] of each point, (P,), predicted by a fit without its fold."""
+    numbers, place = np.unique(folds_of(side.magnitude), return_inverse=True)
     weights = np.where(place == np.arange(len(numbers))[:, None], 0.0, side.weight)
-    fits = fit_direction(side.magnitude, side.thrust, weights, form)
-    return side.weight * (side.thrust - fits.thrust(side.magnitude)[place, np.arange(len(place))]) ** 2
+    predicted = form.predictions(side.magnitude, side.thrust, weights)
+    return side.weight * (side.thrust - predicted[place, np.arange(len(place))]) ** 2
 
 
 def sums_of(values: Floats, group: Ints) -> Floats:
@@ -262,11 +302,20 @@ def behind_of(loss: Floats, other: Floats) -> tuple[float, float]:
 
 
 def _sentence(chosen: FormScore, best: FormScore, full_scale: float) -> str:
-    form, (error, least) = chosen.form, (100.0 * (x.cv_rmse or 0.0) / full_scale for x in (chosen, best))
-    parameters = f"{plural(form.parameters, 'parameter')} per direction"
+    """Why a form is chosen; `best` is the best equation."""
+    spline = chosen.form.interpolates
+    errors = (score.between_rmse if spline else score.cv_rmse for score in (chosen, best))
+    error, least = (f"{100.0 * (value or 0.0) / full_scale:.3g}" for value in errors)
+    if spline:
+        return (
+            f"The {chosen.form.name} form is chosen, a curve through the mean of each level: at levels left out "
+            f"between others its error is {error} % of full scale, that of the best equation, {best.form.name} "
+            f"({best.parameters}), {least} %."
+        )
+    parameters = f"{plural(chosen.parameters, 'parameter')} per direction"
     return (
-        f"The {form.name} form is chosen: {parameters}, cross-validated error {error:.3g} % of full scale. It is the "
-        f"simplest within one standard error of the best, {best.form.name} ({best.form.parameters}, {least:.3g} %)."
+        f"The {chosen.form.name} form is chosen: {parameters}, cross-validated error {error} % of full scale. It is "
+        f"the simplest not clearly behind the best, {best.form.name} ({best.parameters}, {least} %)."
     )
 
 
@@ -308,7 +357,8 @@ class Analysis:
 
     @property
     def estimates(self) -> dict[tuple[str, str], Estimate | Given]:
-        return {(key, side): of[key] for side, of in self.parameters.items() for key in self.chosen.form.free}
+        free = {side: self.chosen.form.free(curve) for side, curve in self.chosen.curves.items()}
+        return {(key, side): of[key] for side, of in self.parameters.items() for key in free[side]}
 
     @property
     def map(self) -> ThrusterMap:
@@ -353,7 +403,7 @@ def analyse(
     total = float(used.weight.sum())
     scores, chosen, because = select_form(sides, zero_squares, total, full_scale, forced)
     estimates = {
-        name: parameters(side, chosen.form, chosen.curves[name], chosen.at_bound[name], n_unit)
+        name: curve_estimates(side, chosen.form, chosen.curves[name], chosen.at_bound[name], n_unit)
         for name, side in sides.items()
     }
     mean = float(used.weight @ used.force) / total

@@ -1,11 +1,5 @@
-"""The family of thrust curves, the fit of one direction by least squares, and `ThrusterMap`: control signal -> thrust
-of one thruster, forward and backward apart; plain data. Through a map the thruster commands of a log become a moment.
-
-Every form is a special case of `f(u) = a max(min(u, n_sat) - n_0, 0)^p` with `u = |n|`: the square law (the source
-paper's equation 2) has p = 2, no dead band (n_0 = 0) and no saturation; the others free one, two or three of them.
-
-Many sets of weights are fitted at once (levels left out weigh nothing): a grid over dead band, exponent and saturation
-with the amplitude solved for, then bounded Levenberg-Marquardt steps from its best points.
+"""`ThrusterMap`: control signal -> thrust of one thruster, forward and backward apart; plain data, written and read.
+Through a map the thruster commands of a log become a moment.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,226 +16,26 @@ from automarine_cli.errors import AutomarineError, ModelError, RunError, Setting
 from automarine_cli.estimate import Given
 from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.allocation import twin_forces
-from automarine_cli.models.store import number_at
 from automarine_cli.pipeline.parallel import Progress, silent
-from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, keyed, read_plain
+from automarine_cli.pipeline.records import ResultKind, ResultRecord, Source, keyed, read_plain
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import Campaign, load_runs, read_planar, require_usable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run
 from automarine_cli.simulation.specification import Bollard, levels_of, normal, uniform
-from automarine_cli.text import Place, format_value, printable
+from automarine_cli.text import format_value, printable
+from automarine_cli.thrusters.curves import FORMS, Curve, CurveEntry, PowerCurve
 
 SIDES = (("forward", 1.0), ("backward", -1.0))
-SQUARE = 2.0
-SUFFIX = "-saturation"
-
-
-@dataclass(frozen=True)
-class Form:
-    """One form of the family: which of dead band, exponent and saturation are free beside the amplitude."""
-
-    name: str
-    dead_band: bool
-    exponent: bool
-    saturation: bool
-
-    @property
-    def mask(self) -> np.ndarray:
-        """Which of amplitude, dead band, exponent and saturation are free, (4,)."""
-        return np.array([True, self.dead_band, self.exponent, self.saturation])
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        return tuple(name for name, on in zip(("a", "n_0", "p", "n_sat"), self.mask) if on)
-
-    @property
-    def parameters(self) -> int:
-        return len(self.free)
-
-    @property
-    def equation(self) -> str:
-        level = "min(|n|, n_sat)" if self.saturation else "|n|"
-        inner = f"max({level} - n_0, 0)" if self.dead_band else level
-        return f"|F| = a {inner}^{'p' if self.exponent else '2'}"
-
-
-_BASE = (("square", False, False), ("dead-band", True, False), ("power", False, True), ("dead-band-power", True, True))
-_ALL = (Form(name + end * SUFFIX, dead, power, end) for end in (False, True) for name, dead, power in _BASE)
-FORMS: dict[str, Form] = {form.name: form for form in _ALL}
-
-
-@dataclass(frozen=True)
-class Curve:
-    """Thrust in one direction: a [N/n^p], p [1], dead band n_0 and saturation n_sat [unit of n], None where none."""
-
-    a: float
-    p: float = SQUARE
-    n_0: float = 0.0
-    n_sat: float | None = None
-
-    def thrust(self, magnitude: Floats) -> Floats:
-        """Size of the thrust [N] for |n| of any shape."""
-        level = magnitude if self.n_sat is None else np.minimum(magnitude, self.n_sat)
-        return np.asarray(self.a * np.maximum(level - self.n_0, 0.0) ** self.p)
-
-    def signal(self, thrust: float) -> float:
-        """Return |n| that gives a thrust [N], if it does not saturate before."""
-        return float(self.n_0 + (thrust / self.a) ** (1.0 / self.p))
+FORCE_DECIMALS = 3
 
 
 def thrust_both_ways(forward: Curve | None, backward: Curve | None, n: Floats, unmeasured: float = np.nan) -> Floats:
-    """Thrust [N] at control signals n of any shape, `unmeasured` in a direction without a curve."""
+    """Return thrust [N] at control signals n of any shape, `unmeasured` in a direction without a curve."""
     total = np.zeros_like(n)
     for (_, sign), curve in zip(SIDES, (forward, backward)):
         mask = n * sign > 0
         total[mask] = unmeasured if curve is None else sign * curve.thrust(np.abs(n[mask]))
     return np.asarray(total + 0.0)  # no negative zero
-
-
-# Bounds of (amplitude, dead band, exponent, saturation), the second and fourth as shares of the largest command.
-LOW = np.array([0.0, 0.0, 0.3, 0.3])
-HIGH = np.array([np.inf, 0.8, 4.0, 1.0])
-AS_GOOD = 1e-6  # relative difference of sums of squares that counts as none
-STARTS = 5
-STEPS = 60
-SMALL = 1e-9
-
-
-@dataclass(frozen=True)
-class Fits:
-    """Parameters of B weighted fits, shape (B, 4): amplitude [N] at full command, dead band, exponent, saturation;
-    dead band and saturation are shares of the largest command `scale` [unit of n]."""
-
-    values: Floats
-    scale: float
-
-    @property
-    def curve(self) -> Curve:
-        """The first fit."""
-        amplitude, dead, power, top = map(float, self.values[0])
-        a = amplitude / ((1.0 - dead) * self.scale) ** power
-        return Curve(a, power, dead * self.scale, None if top >= HIGH[3] else top * self.scale)
-
-    @property
-    def at_bound(self) -> np.ndarray:
-        """Which parameters of the first fit ended at a bound, (4,)."""
-        return np.asarray((self.values[0] <= LOW + 1e-9) | (self.values[0] >= HIGH - 1e-9))
-
-    def thrust(self, magnitude: Floats) -> Floats:
-        """Size of the thrust [N], shape (B, N), at |n| of shape (N,)."""
-        return _curve(magnitude[None, :] / self.scale, self.values)
-
-
-def fit_direction(magnitude: Floats, thrust: Floats, weights: Floats, form: Form) -> Fits:
-    """Least squares of `thrust` [N] on |n|, both of shape (N,), for each row of `weights`, shape (B, N)."""
-    scale = float(np.max(magnitude))
-    x = magnitude / scale
-    starts = _starts(x, thrust, weights, form)  # (B, S, 4)
-    flat, repeated = starts.reshape(-1, 4), np.repeat(weights, starts.shape[1], axis=0)
-    if form.parameters > 1:
-        flat = _refine(x, thrust, repeated, flat, form.mask)
-    values, sse = flat.reshape(starts.shape), _sse(x, thrust, repeated, flat).reshape(starts.shape[:2])
-    # of those as good as the best the one with least dead band and saturation: levels left out may not show either
-    as_good = sse <= sse.min(axis=1, keepdims=True) * (1.0 + AS_GOOD)
-    best = np.argmax(np.where(as_good, values[:, :, 3] - values[:, :, 1], -np.inf), axis=1)
-    return Fits(values[np.arange(len(weights)), best], scale)
-
-
-def _level(x: Floats, values: Floats) -> Floats:
-    """Command above the dead band and below saturation, 1 at full command, shape (B, N)."""
-    dead, top = values[:, 1:2], values[:, 3:4]
-    return np.asarray(np.maximum(np.minimum(x, top) - dead, 0.0) / (1.0 - dead))
-
-
-def _curve(x: Floats, values: Floats) -> Floats:
-    return np.asarray(values[:, :1] * _level(x, values) ** values[:, 2:3])
-
-
-def _sse(x: Floats, y: Floats, weights: Floats, values: Floats) -> Floats:
-    return np.asarray(np.sum(weights * (y - _curve(x[None, :], values)) ** 2, axis=1))
-
-
-def _grid(x: Floats, form: Form) -> Floats:
-    """Grid of (1, dead band, exponent, saturation), shape (G, 4), for the parameters that are free."""
-    dead = np.linspace(0.0, min(0.6, 0.95 * float(np.sort(x)[-2])), 16) if form.dead_band else np.array([0.0])
-    power = np.array([0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 1.8, 2.0, 2.2, 2.6, 3.2]) if form.exponent else np.array([SQUARE])
-    top = np.linspace(0.35, 1.0, 14) if form.saturation else np.array([1.0])
-    mesh = np.stack(np.meshgrid([1.0], dead, power, top, indexing="ij"), axis=-1).reshape(-1, 4)
-    return mesh[mesh[:, 3] > mesh[:, 1] + 0.1]
-
-
-def _starts(x: Floats, y: Floats, weights: Floats, form: Form) -> Floats:
-    """Best grid points with their amplitudes, shape (B, S, 4), no two of them neighbours in everything."""
-    grid = _grid(x, form)
-    shape = _curve(x[None, :], grid)  # (G, N)
-    cross, square = (weights * y) @ shape.T, weights @ (shape**2).T  # (B, G)
-    amplitude = np.maximum(cross / np.maximum(square, 1e-300), SMALL)
-    sse = (weights @ y**2)[:, None] - 2.0 * amplitude * cross + amplitude**2 * square
-    order = np.argsort(sse, axis=1, kind="stable")[:, :STARTS]
-    starts = grid[order]
-    starts[:, :, 0] = np.take_along_axis(amplitude, order, axis=1)
-    return np.asarray(starts)
-
-
-def jacobian(x: Floats, values: Floats) -> Floats:
-    """Derivative of the thrust by the four parameters, shape (B, N, 4); x is |n| / scale, shape (N,)."""
-    amplitude, dead, power, top = (values[:, i : i + 1] for i in range(4))
-    level = _level(x[None, :], values)
-    on = level > 0.0
-    safe = np.where(on, level, 1.0)
-    unit = np.where(on, safe**power, 0.0)
-    slope = np.where(on, amplitude * power * np.maximum(safe, 1e-6) ** (power - 1.0), 0.0)
-    by_dead = slope * (np.minimum(x[None, :], top) - 1.0) / (1.0 - dead) ** 2
-    by_power = np.where(on, amplitude * unit * np.log(safe), 0.0)
-    by_top = np.where(x[None, :] >= top, slope / (1.0 - dead), 0.0)
-    return np.stack([unit, by_dead, by_power, by_top], axis=-1)
-
-
-def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndarray) -> Floats:
-    """Bounded Levenberg-Marquardt on all rows of `values`, (B, 4), at once; no step makes a fit worse."""
-    values = np.clip(values, LOW, HIGH)
-    sse = _sse(x, y, weights, values)
-    damping = np.full(len(values), 1e-3)
-    width = int(free.sum())
-    for _ in range(STEPS):
-        residual = y - _curve(x[None, :], values)
-        matrix = jacobian(x, values)[:, :, free]
-        weighted = weights[:, :, None] * matrix
-        gradient = np.einsum("bnk,bn->bk", weighted, residual)
-        at = values[:, free]
-        # A parameter that stands at its bound and is pushed outwards stays there.
-        fixed = ((at <= LOW[free]) & (gradient < 0)) | ((at >= HIGH[free]) & (gradient > 0))
-        gradient = np.where(fixed, 0.0, gradient)
-        normal = np.einsum("bnk,bnl->bkl", weighted, matrix)
-        normal = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, normal)
-        diagonal = np.einsum("bkk->bk", normal)
-        damped = damping[:, None] * diagonal + SMALL * diagonal.max(axis=1, keepdims=True) + 1e-300
-        normal = normal + np.eye(width) * damped[:, :, None]
-        step = np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
-        trial = values.copy()
-        trial[:, free] = np.clip(at + step, LOW[free], HIGH[free])
-        trial_sse = _sse(x, y, weights, trial)
-        better = trial_sse < sse
-        gain = np.where(better, sse - trial_sse, 0.0)
-        values = np.where(better[:, None], trial, values)
-        settled = np.all((gain <= 1e-12 * sse) & (better | (damping > 1e8)))
-        sse = np.where(better, trial_sse, sse)
-        damping = np.clip(np.where(better, damping / 5.0, damping * 4.0), 1e-12, 1e12)
-        if settled:
-            break
-    return values
-
-
-FORCE_DECIMALS = 3
-
-
-@dataclass(frozen=True)
-class CurveEntry:
-    unread: ClassVar[tuple[str, ...]] = ()
-    a: Given | None = None
-    p: Given | None = None
-    n_0: Given | None = None
-    n_sat: Given | None = None
 
 
 @dataclass(frozen=True)
@@ -257,7 +51,7 @@ class ThrusterFile(ResultRecord):
 
     unread: ClassVar[tuple[str, ...]] = (
         "per_test", "r2", "rmse_N", "rmse_all_points_N", "rmse_percent_of_full_scale", "cv_rmse_N", "forms",
-        "chosen_because", "tare", "flagged", "voltages", "notes", "points", "by",
+        "chosen_because", "beyond_n_range", "tare", "flagged", "voltages", "notes", "points", "by",
     )  # fmt: skip
     a_forward: Given | None = field(default=None, metadata=keyed("forward/a"))
     a_backward: Given | None = field(default=None, metadata=keyed("backward/a"))
@@ -269,7 +63,9 @@ class ThrusterFile(ResultRecord):
     full_scale_N: float | None = None
     chosen: str = field(default="", metadata=keyed("chosen/form"))
     r2: float | None = field(default=None, metadata=keyed("chosen/r2"))
-    rmse_percent: float | None = field(default=None, metadata=keyed("chosen/rmse_percent_of_full_scale"))
+    error_percent: float | None = field(
+        default=None, metadata=keyed("chosen/error_percent_of_full_scale", "chosen/rmse_percent_of_full_scale")
+    )
     voltage_range_V: tuple[float, float] | None = None
     voltage_exponent: Mapping[str, object] = field(default_factory=dict)
 
@@ -325,16 +121,16 @@ class ThrusterMap:
 
     def to_json(self) -> dict[str, object]:
         """The least that a map file holds; `a` of a direction is the square law's, null for another form."""
-        curves = {name: getattr(self, name) for name, _ in SIDES}
-        square = self.form == "square"
+        curves, square = {name: getattr(self, name) for name, _ in SIDES}, self.form == "square"
+
+        def laid_out(curve: Curve) -> object:
+            return curve.layout({key: value and {"value": value} for key, value in curve.values.items()})
+
         return {
             "schema": THRUSTER_MAP.schema,
             **{name: {"a": {"value": curve.a} if curve and square else None} for name, curve in curves.items()},
             "form": self.form,
-            "parameters": {
-                name: curve and {key: None if value is None else {"value": value} for key, value in vars(curve).items()}
-                for name, curve in curves.items()
-            },
+            "parameters": {name: curve and laid_out(curve) for name, curve in curves.items()},
             "n_unit": self.n_unit,
             **({} if self.n_range is None else {"n_range": list(self.n_range)}),
         }
@@ -349,7 +145,10 @@ class ThrusterMap:
         if not low < high:
             raise codec.refusal(("n_range",), f"found {low:g} and {high:g}, expected the lower one first")
         of = file.parameters
-        forward, backward = (_curve_from(getattr(of, side), codec, ("parameters", side)) for side, _ in SIDES)
+        forward, backward = (
+            FORMS[file.form].read(entry, codec, ("parameters", side)) if entry else None
+            for side, entry in (("forward", of.forward), ("backward", of.backward))
+        )
         if forward is None and backward is None:
             raise codec.refusal((), "parameters has neither a forward nor a backward direction; expected one or both")
         return cls(file.form, forward, backward, file.n_unit, file.n_range)
@@ -360,34 +159,11 @@ class ThrusterMap:
         return cls.from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 
 
-def _curve_from(entry: CurveEntry | None, codec: Codec, place: Place) -> Curve | None:
-    if entry is None:
-        return None
-    a = _positive(entry.a or Given(None), codec, (*place, "a"))
-    p = SQUARE if entry.p is None else _positive(entry.p, codec, (*place, "p"))
-    dead_band = 0.0 if entry.n_0 is None else number_at(entry.n_0, codec, (*place, "n_0"))
-    n_sat = None  # the fit found no saturation within the measured range
-    if entry.n_sat is not None and entry.n_sat.value is not None:
-        n_sat = _positive(entry.n_sat, codec, (*place, "n_sat"))
-    if dead_band < 0:
-        raise codec.refusal((*place, "n_0"), f"found {dead_band:g}, expected a dead band of zero or more")
-    if n_sat is not None and n_sat <= dead_band:
-        raise codec.refusal((*place, "n_sat"), f"found {n_sat:g}, expected more than the dead band, {dead_band:g}")
-    return Curve(a, p, dead_band, n_sat)
-
-
-def _positive(entry: Given, codec: Codec, place: Place) -> float:
-    value = number_at(entry, codec, place)
-    if value <= 0.0:
-        raise codec.refusal(place, f"found {value:g}, expected more than 0")
-    return value
-
-
 def bollard_columns(bollard: Bollard, seed: int) -> dict[str, Floats]:
     """`n` and `force_N` of all thrusters of a test together, shape (levels x repeats,), in random order."""
     levels = np.repeat(np.array(levels_of(bollard.levels)), bollard.repeats)
     order = np.argsort(uniform(len(levels), seed, bollard.file, "order"), kind="stable")
-    thrusters = ThrusterMap("square", Curve(bollard.a_f), Curve(bollard.a_b))
+    thrusters = ThrusterMap("square", PowerCurve(bollard.a_f), PowerCurve(bollard.a_b))
     pull = bollard.thrusters_per_test * thrusters.force(levels)
     measured = pull + bollard.noise_N * normal(len(levels), seed, bollard.file, "noise")
     return {"n": levels[order], "force_N": (np.round(measured, FORCE_DECIMALS) + 0.0)[order]}

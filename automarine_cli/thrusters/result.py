@@ -67,7 +67,7 @@ def compared(parts: Mapping[str, Analysis | str]) -> tuple[Compared, ...]:
         for side, law in part.square.items():
             if references := [theirs[side] for other, theirs in laws.items() if other != name and side in theirs]:
                 percent[side], chance[side] = _against(law, references)
-        differs, error = any(p < CHANCE / tests for p in chance.values()), float(part.percent(part.chosen.rmse) or 0.0)
+        differs, error = any(p < CHANCE / tests for p in chance.values()), float(part.percent(part.chosen.error) or 0.0)
         return Compared(name, len(part.points), part.square, percent, chance, differs, part.chosen.form.name, error)
 
     return tuple(against_others(name, part) for name, part in parts.items())
@@ -189,7 +189,7 @@ class ThrusterFit(Shown):
         result: dict[str, object] = {
             "schema": THRUSTER_MAP.schema,
             **_square_json(analysis),
-            "per_test": {side: {"a": law and law.to_json()} for side, law in together.items()},
+            "per_test": {side: {"a": json_or_none(law)} for side, law in together.items()},
             "thrusters_per_test": self.thrusters_per_test,
             **_scores_json(analysis),
             "n_unit": analysis.n_unit,
@@ -232,11 +232,15 @@ def scaled(estimate: Estimate | None, factor: float) -> Estimate | None:
     return Estimate(factor * estimate.value, factor * estimate.stderr, (factor * low, factor * high), estimate.unit)
 
 
+def json_or_none(estimate: Estimate | None) -> object:
+    return estimate.to_json() if estimate else None
+
+
 def _square_json(analysis: Analysis) -> dict[str, object]:
     """`forward` and `backward`: equation 2's coefficient; null with a why where not measured."""
     return {
         side: {
-            "a": (law := analysis.square.get(side)) and law.to_json(),
+            "a": json_or_none(analysis.square.get(side)),
             "points": int(np.count_nonzero(analysis.points.n * sign > 0)),
             "levels": analysis.levels.get(side, 0),
             **({"why": analysis.without[side]} if side in analysis.without else {}),
@@ -258,8 +262,9 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
     forms = [
         {
             "form": score.form.name, "equation": score.form.equation,
-            "parameters_per_direction": score.form.parameters, "cv_rmse_N": score.cv_rmse, "rmse_N": score.rmse,
-            "within_one_stderr_of_best": score.within_reach,
+            "parameters_per_direction": score.parameters, "cv_rmse_N": score.cv_rmse,
+            "cv_rmse_between_levels_N": score.between_rmse, "rmse_N": score.rmse,
+            "within_reach_of_best": score.within_reach,
             "at_bound": {name: list(bound) for name, bound in score.at_bound.items() if bound},
         }
         for score in analysis.scores
@@ -270,8 +275,13 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
         "forms": forms,
         "form": chosen.form.name,
         "chosen_because": analysis.because,
-        "chosen": {"form": chosen.form.name, **errors(chosen, analysis.chosen_r2)},
-        "parameters": parameters_json(analysis.parameters),
+        "chosen": {
+            "form": chosen.form.name,
+            **errors(chosen, analysis.chosen_r2),
+            "error_percent_of_full_scale": analysis.percent(chosen.error),
+        },
+        "parameters": parameters_json(analysis.parameters, chosen.both_ways),
+        "beyond_n_range": chosen.form.beyond,
     }
 
 

@@ -12,7 +12,8 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 
 from automarine_cli.commands.validate import validate
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap
 
 Run = Callable[..., Result]
 
@@ -27,7 +28,8 @@ def pool(tmp_path_factory: pytest.TempPathFactory) -> Path:
     written(sequence_run((-0.8,), rest=0, rate0=0.3, noise_deg=1.0), folder / "logs" / "moving.csv")
     (folder / "logs" / "broken.csv").write_text("time_s,heading_deg,tau\n0,1,0\n0.1,x,0\n")
     model_file(folder / "yaw_model.json")
-    (folder / "thrusters.json").write_text(json.dumps(ThrusterMap("square", Curve(1.0), Curve(1.0)).to_json()))
+    thrusters = ThrusterMap("square", PowerCurve(1.0), PowerCurve(1.0))
+    (folder / "thrusters.json").write_text(json.dumps(thrusters.to_json()))
     return folder
 
 

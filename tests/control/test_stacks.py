@@ -18,7 +18,8 @@ from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.targets.loops import low_pass, share
 from automarine_cli.control.vehicles import Spread, ThrustCurve, Vehicles, crowd
 from automarine_cli.errors import SettingError
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap
 
 BLUEROV = DATA / "ardusub" / "small.BIN"
 AT_REST = np.zeros((1, 1))
@@ -136,7 +137,7 @@ def test_what_is_not_uncertain_is_not_drawn() -> None:
     assert np.all(drawn.theta[:, ~fixed].std(axis=0) > 0)
 
 
-TWINS = ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06, 1.0), Curve(30.0, 2.0, 0.06, 1.0), "")
+TWINS = ThrusterMap("dead-band", PowerCurve(40.0, 2.0, 0.06, 1.0), PowerCurve(30.0, 2.0, 0.06, 1.0), "")
 
 
 def test_the_map_inverted_gives_back_the_share_across_its_dead_band() -> None:
@@ -186,9 +187,9 @@ def test_scores_of_a_known_response() -> None:
 @pytest.mark.parametrize(("unit", "reach"), [("us", 400.0), ("%", 100.0), ("", 1.0)])
 def test_the_whole_output_is_as_far_as_the_map_was_measured(unit: str, reach: float) -> None:
     """Pulses, percent and outputs of one thruster: the same moment, the same curve."""
-    curves = [Curve(a / reach**2, 2.0, 0.06 * reach) for a in (40.0, 30.0)]
+    curves = [PowerCurve(a / reach**2, 2.0, 0.06 * reach) for a in (40.0, 30.0)]
     known = ThrusterMap("dead-band", *curves, unit, (-reach, reach))
-    plain, most = turning(ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06), Curve(30.0, 2.0, 0.06)), 0.25)
+    plain, most = turning(ThrusterMap("dead-band", PowerCurve(40.0, 2.0, 0.06), PowerCurve(30.0, 2.0, 0.06)), 0.25)
     bend, found = turning(known, 0.25)
     assert found == pytest.approx(most, rel=1e-12)
     np.testing.assert_allclose(bend.share, plain.share, atol=1e-12)

@@ -18,7 +18,8 @@ from automarine_cli.control import tuning
 from automarine_cli.control.design import fly
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.pipeline.results_folder import MANIFEST
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap
 
 Run = Callable[..., Result]
 
@@ -65,7 +66,7 @@ def written(folder: Path, content: Mapping[str, Any], name: str = "model.json") 
 
 def twin_map(a: float, dead: float) -> dict[str, Any]:
     """Content of a map of thrusters alike both ways, with a dead-band, up to a control signal of 1."""
-    curve = Curve(a, 2.0, dead, 1.0)
+    curve = PowerCurve(a, 2.0, dead, 1.0)
     return ThrusterMap("dead-band-saturation", curve, curve, "").to_json()
 
 

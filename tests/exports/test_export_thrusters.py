@@ -18,16 +18,24 @@ from automarine_cli.commands.export import export
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import number
 from automarine_cli.exports.thrusters import table, top, worst
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve, SplineCurve
+from automarine_cli.thrusters.map import ThrusterMap
 
 Floats = NDArray[np.float64]
 FORMS = list(targets.get("thrusters").forms)
 N_MAX = 150.0
-SQUARE = ThrusterMap("square", Curve(2.6e-4), Curve(0.7e-4))
-EVEN = ThrusterMap("square", Curve(2.6e-4), Curve(2.6e-4))
-BANDED = ThrusterMap("dead-band", Curve(3.0e-4, n_0=12.0), Curve(1.0e-4, n_0=18.0))
-POWER = ThrusterMap("dead-band-power-saturation", Curve(3.0e-3, 1.5, 10.0, 120.0), Curve(1.1e-3, 1.6, 14.0, 120.0))
-AHEAD_ONLY = ThrusterMap("square", Curve(2.6e-4), None)
+SQUARE = ThrusterMap("square", PowerCurve(2.6e-4), PowerCurve(0.7e-4))
+EVEN = ThrusterMap("square", PowerCurve(2.6e-4), PowerCurve(2.6e-4))
+BANDED = ThrusterMap("dead-band", PowerCurve(3.0e-4, n_0=12.0), PowerCurve(1.0e-4, n_0=18.0))
+POWER = ThrusterMap(
+    "dead-band-power-saturation", PowerCurve(3.0e-3, 1.5, 10.0, 120.0), PowerCurve(1.1e-3, 1.6, 14.0, 120.0)
+)
+SPLINE = ThrusterMap(
+    "spline",
+    SplineCurve((0.0, 20.0, 60.0, 150.0), (0.0, 0.0, 2.0, 5.0)),
+    SplineCurve((0.0, 20.0, 150.0), (0.0, 0.0, 3.0)),
+)
+AHEAD_ONLY = ThrusterMap("square", PowerCurve(2.6e-4), None)
 
 
 def map_file(folder: Path, map_: ThrusterMap, full_scale: float | None = None) -> Path:
@@ -54,7 +62,7 @@ def test_a_square_map_is_exact_in_every_form_but_gazebos(tmp_path: Path, form: s
 
 
 @pytest.mark.parametrize("form", ["stonefish-table", "uuv-table"])
-@pytest.mark.parametrize("map_", [BANDED, POWER], ids=["dead-band", "power"])
+@pytest.mark.parametrize("map_", [BANDED, POWER, SPLINE], ids=["dead-band", "power", "spline"])
 def test_tables_follow_any_map(tmp_path: Path, form: str, map_: ThrusterMap) -> None:
     law = LAWS[form](export(map_file(tmp_path, map_), to="thrusters", form=form).text)
     expected = map_.force(signals())
@@ -67,7 +75,7 @@ def test_tables_follow_any_map(tmp_path: Path, form: str, map_: ThrusterMap) -> 
     n_max=st.floats(105.0, 1000.0),
 )  # fmt: skip
 def test_tables_are_sound_for_any_curve(a: float, p: float, n_0: float, limit: float, n_max: float) -> None:
-    map_ = ThrusterMap("dead-band-power-saturation", Curve(a, p, n_0, limit), Curve(a / 3, p, 0.0, None))
+    map_ = ThrusterMap("dead-band-power-saturation", PowerCurve(a, p, n_0, limit), PowerCurve(a / 3, p, 0.0, None))
     n, force = table(map_, n_max)
     assert np.all(np.diff(n) > 0) and n[0] == -n[-1] and 0.0 in n
     assert [float(number(x)) for x in n] == list(n)
@@ -105,7 +113,7 @@ def test_gazebo_is_symmetric_and_says_what_that_costs(tmp_path: Path) -> None:
 
 
 def test_saturation_is_a_limit_of_the_signal(tmp_path: Path) -> None:
-    limited = ThrusterMap("square-saturation", Curve(2.6e-4, n_sat=100.0), Curve(0.7e-4, n_sat=80.0))
+    limited = ThrusterMap("square-saturation", PowerCurve(2.6e-4, n_sat=100.0), PowerCurve(0.7e-4, n_sat=80.0))
     path = map_file(tmp_path, limited)
     for form in ("constants", "uuv-bessa"):
         law = LAWS[form](export(path, to="thrusters", form=form, n_max=N_MAX).text)

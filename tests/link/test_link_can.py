@@ -22,7 +22,7 @@ from automarine_cli.link.vehicles import can
 from automarine_cli.link.vehicles.can import CanBus
 from automarine_cli.logs import read_column_map
 from automarine_cli.planning.candidates import Drive
-from automarine_cli.thrusters.map import Curve
+from automarine_cli.thrusters.curves import PowerCurve
 
 Act = Callable[[Vessel, pytest.MonkeyPatch], None]
 SPEED = 20.0
@@ -142,7 +142,7 @@ def test_what_goes_wrong_on_the_bus_ends_the_campaign(
 
 
 def test_two_thrusters_get_pulses(tmp_path: Path) -> None:
-    curve = Curve(a=1e-3, n_0=0.0, p=2.0)
+    curve = PowerCurve(a=1e-3, n_0=0.0, p=2.0)
     drive = Drive(curve, curve, 0.1, 100.0, True, 1.0)
     campaign = replace(made_campaign(2), moment_unit="N m")
     steps = on(Vessel(SPEED), tmp_path, PULSES, drive).steps(campaign, campaign.runs[0])
@@ -177,7 +177,7 @@ def test_commands_beyond_the_signal_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingError, match=rf"run {large.name[:3]}.*2.5.*; plan smaller moments"):
         on(Vessel(SPEED), tmp_path).refuse(campaign)
     with pytest.raises(SettingError, match="plan for a model in N m, or leave --thrusters out"):
-        curve = Curve(a=1e-3, n_0=0.0, p=2.0)
+        curve = PowerCurve(a=1e-3, n_0=0.0, p=2.0)
         on(Vessel(SPEED), tmp_path, PULSES, Drive(curve, curve, 0.1, 100.0, True, 1.0)).refuse(made_campaign())
 
 

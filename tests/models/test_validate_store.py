@@ -17,7 +17,8 @@ from automarine_cli.errors import ModelError, RunError
 from automarine_cli.models.store import file_and_models, load_yaw_models
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.map import Curve, ThrusterMap, drive_run_by_thrusters
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap, drive_run_by_thrusters
 
 
 @pytest.fixture
@@ -93,7 +94,7 @@ def test_refusals_name_the_place(data: dict[str, Any], sentence: str) -> None:
 
 
 def test_runs_that_thrusters_cannot_drive() -> None:
-    ahead, n = ThrusterMap("square", Curve(0.02), None), np.ones(20)
+    ahead, n = ThrusterMap("square", PowerCurve(0.02), None), np.ones(20)
     with pytest.raises(RunError, match="run 'run': no thruster command n_port or n_stbd in the log"):
         drive_run_by_thrusters(step_run(0.5), ahead, 0.4)
     run = Run("a", "a.csv", np.arange(20.0), np.zeros(20), None, "", {"n_port": n, "n_stbd": -n}, dof=YAW)

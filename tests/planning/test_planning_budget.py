@@ -23,13 +23,14 @@ from automarine_cli.planning.candidates import (
     scheduled,
 )
 from automarine_cli.thrusters.bollard_data import Series
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap
 
 SUPPLY = Supply(idle=0.3, full=6.0, largest=1.0)
 STEP = Candidate("step", "step", ((1.0, 4.0),))
 SOFT = Candidate("step", "soft", ((-0.25, 8.0),))
 LIMITS = Limits(pool=Pool(minutes=10, runs=6, wait_s=57), battery=Battery(charge_Ah=2.0, reserve_percent=25))
-MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
+MAP = ThrusterMap("square", PowerCurve(2.6165e-4), PowerCurve(0.6640e-4))
 
 
 def test_costs_are_minutes_runs_motion_and_charge() -> None:
@@ -68,7 +69,7 @@ def test_commands_give_the_moment_through_the_map(equal_thrust: bool, moment: fl
 
 def test_a_map_of_one_direction_and_an_unknown_end_are_refused() -> None:
     with pytest.raises(SettingError, match="no backward direction"):
-        drive_of(ThrusterMap("square", Curve(1e-4), None), 0.1, 150.0, True, 1.0)
+        drive_of(ThrusterMap("square", PowerCurve(1e-4), None), 0.1, 150.0, True, 1.0)
     with pytest.raises(SettingError, match=r"thrusters\.largest_command"):
         drive_of(MAP, 0.1, None, True, 1.0)
 
@@ -108,7 +109,7 @@ def test_commands_are_written_as_the_logs_hold_them(way: int) -> None:
         "n_port": ColumnRule("port_us", subtract=1500.0), "n_stbd": ColumnRule("stbd %", sign=-1, scale=1.5),
         "tau": ColumnRule("moment", offset=0.05, sign_from=None),
     })  # fmt: skip
-    drive = drive_of(ThrusterMap("square", Curve(1e-3), Curve(1e-3)), 0.2, 100.0, True, 1.0)
+    drive = drive_of(ThrusterMap("square", PowerCurve(1e-3), PowerCurve(1e-3)), 0.2, 100.0, True, 1.0)
     plain = command_rows(step, 3.0, "nu", drive, ColumnMap())
     renamed = command_rows(step, 3.0, "nu", drive, names)
     assert renamed[0] == {"time_s": "0", "port_us": "1500", "stbd %": "0"}

@@ -14,9 +14,10 @@ from automarine_cli.runs.half_turn import find_steps, half_turns, released
 from automarine_cli.runs.load import find_glitches, load_runs, unwrap
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.specification import specification_from
-from automarine_cli.thrusters.map import Curve, ThrusterMap, drive_run_by_thrusters, moment_maker
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap, drive_run_by_thrusters, moment_maker
 
-MAP = ThrusterMap("square", Curve(0.002), Curve(0.001))
+MAP = ThrusterMap("square", PowerCurve(0.002), PowerCurve(0.001))
 HEAVE_SPEC = {
     "schema": "automarine/simulation/1",
     "vehicle": {"motion": "heave", "m_w": 26.0, "Z_ww": 45.0, "constant_force": -2.0, "force_unit": "N"},

@@ -10,7 +10,8 @@ from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis, diagnose_th
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.report.diagnosis_report import map_verdict
 from automarine_cli.thrusters.bollard_data import Series, ThrusterLogs
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap
 
 AHEAD, ASTERN = 40.0, 25.0  # N at full command
 NOISE = 0.2  # N
@@ -18,8 +19,8 @@ LEVELS = np.linspace(0.05, 1.0, 20)
 BOTH = np.concatenate([-LEVELS[::-1], LEVELS])
 SHUFFLED = np.random.default_rng(5).permutation(np.tile(BOTH, 2))
 FINE = np.concatenate([-np.linspace(1.0, 0.025, 40), np.linspace(0.025, 1.0, 40)])
-SQUARE = ThrusterMap("square", Curve(30.0), Curve(30.0 / 1.3))
-TIED = ThrusterMap("square", Curve(30.0), Curve(30.0))
+SQUARE = ThrusterMap("square", PowerCurve(30.0), PowerCurve(30.0 / 1.3))
+TIED = ThrusterMap("square", PowerCurve(30.0), PowerCurve(30.0))
 
 Truth = Callable[[np.ndarray], np.ndarray]
 
@@ -166,4 +167,4 @@ def test_what_cannot_be_diagnosed_is_refused() -> None:
     with pytest.raises(FitError, match="opposite sign"):
         diagnose_thrusters(logs(lambda n: -square(n)), SQUARE)
     with pytest.raises(RunError, match="control signal is in rev/s"):
-        diagnose_thrusters(logs(square), ThrusterMap("square", Curve(1.0), Curve(1.0), "rev/s"), n_unit="1")
+        diagnose_thrusters(logs(square), ThrusterMap("square", PowerCurve(1.0), PowerCurve(1.0), "rev/s"), n_unit="1")

@@ -27,10 +27,11 @@ from automarine_cli.runs.checks import within_limits
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import ASKED, Run
 from automarine_cli.simulation.specification import EffectSetting
-from automarine_cli.thrusters.map import Curve, ThrusterMap, drive_run_by_thrusters, parts_of
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap, drive_run_by_thrusters, parts_of
 
 Floats = NDArray[np.float64]
-MAP = ThrusterMap("square", Curve(4.0), Curve(2.5))
+MAP = ThrusterMap("square", PowerCurve(4.0), PowerCurve(2.5))
 ARM, INERTIA, K_RR = 0.25, 1.1, 1.3
 FINE, EVERY = 0.01, 10  # s, of the integrator; samples of it to one of the log
 NAMES = ("forward", "backward", "direction")

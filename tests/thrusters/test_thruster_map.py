@@ -11,10 +11,11 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.planning.candidates import drive_of
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.map import FORMS, Curve, ThrusterMap, drive_run_by_thrusters
+from automarine_cli.thrusters.curves import FORMS, PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap, drive_run_by_thrusters
 
-MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
-RANGE = ThrusterMap("square", Curve(2.0), Curve(1.0), "us", (-300.0, 400.0))
+MAP = ThrusterMap("square", PowerCurve(2.6165e-4), PowerCurve(0.6640e-4))
+RANGE = ThrusterMap("square", PowerCurve(2.0), PowerCurve(1.0), "us", (-300.0, 400.0))
 
 
 def test_force_and_moment_keep_shape_and_sign() -> None:
@@ -25,13 +26,14 @@ def test_force_and_moment_keep_shape_and_sign() -> None:
     extras = {"n_port": np.array([100.0, -100.0, 80.0]), "n_stbd": np.array([-100.0, 100.0, 80.0])}
     run = Run("a", "a.csv", np.arange(3.0), np.zeros(3), None, "", extras, dof=YAW)
     assert drive_run_by_thrusters(run, MAP, 0.5).command == pytest.approx(0.5 * np.array([3.2805, -3.2805, 0.0]))
-    curve = Curve(10.0, 1.5, 0.1, 0.6)
+    curve = PowerCurve(10.0, 1.5, 0.1, 0.6)
     assert curve.thrust(np.array([0.05, 0.1, 0.6, 1.0])) == pytest.approx([0.0, 0.0, 10 * 0.5**1.5, 10 * 0.5**1.5])
-    assert [form.parameters for form in FORMS.values()] == [1, 2, 2, 3, 2, 3, 3, 4]
+    assert [len(form.effects) for form in FORMS.values()] == [0, 1, 1, 2, 1, 2, 2, 3, 0]
 
 
 @pytest.mark.parametrize(
-    "thruster_map", [MAP, RANGE, ThrusterMap("dead-band-power-saturation", Curve(30.0, 1.4, 0.08, 0.7), None, "rev/s")]
+    "thruster_map",
+    [MAP, RANGE, ThrusterMap("dead-band-power-saturation", PowerCurve(30.0, 1.4, 0.08, 0.7), None, "rev/s")],
 )
 def test_json_there_and_back(thruster_map: ThrusterMap) -> None:
     text = json.dumps(thruster_map.to_json(), allow_nan=False)
@@ -82,7 +84,7 @@ def test_a_broken_map_is_refused_with_the_key(place: str, wrong: object, words: 
 
 
 def test_a_missing_direction_and_a_signal_that_is_not_finite_are_refused() -> None:
-    one_way = ThrusterMap("square", Curve(1.0), None)
+    one_way = ThrusterMap("square", PowerCurve(1.0), None)
     assert one_way.force(2.0) == pytest.approx(4.0)
     with pytest.raises(ModelError, match="no backward direction"):
         one_way.force(-1.0)

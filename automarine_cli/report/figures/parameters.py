@@ -7,8 +7,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from automarine_cli.comparison.side_by_side import Difference, Side
+from automarine_cli.estimate import Estimate
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, above_residuals, house_style, panels, shortened
 from automarine_cli.report.tables import interval, number
+from automarine_cli.thrusters.curves import SplineCurve
+from automarine_cli.thrusters.map import SIDES
 from automarine_cli.thrusters.result import ThrusterFit
 
 LONGEST_NAME, WIDEST_LABEL = 28, 40  # letters that have room beside and below a panel
@@ -35,15 +38,22 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     laws = {side[0]: law for side, law in pooled.square.items() if law is not None}
     sizes = "".join(f"\n$a_{name}$ {interval(law)} {law.unit.replace('us', 'µs')}" for name, law in laws.items())
     chosen, along = pooled.chosen.form.name, np.linspace(min(0.0, *n), max(0.0, *n), 801)
+    law, where = ("", " at levels left out") if pooled.chosen.form.interpolates else (" law", "")
     for square in (True, False) if chosen != "square" else (False,):
         colour = COLOURS["vermilion" if square else "blue"]
-        label, line = ("square law", "--") if square else (f"chosen: {chosen} law", "-")
+        label, line = ("square law", "--") if square else (f"chosen: {chosen}{law}", "-")
         label += sizes * (square or chosen == "square")
         thrust.plot(along, pooled.fitted(along, square=square), color=colour, ls=line, label=label, zorder=3)
         residual = force - pooled.fitted(n, square=square)
         residuals.plot(n, residual, "o", color=colour, mfc="none" if square else colour)
-    error = number(pooled.percent(pooled.chosen.rmse), 2)
-    thrust.set_title(f"{chosen.capitalize()} law: R² {pooled.chosen_r2:.4f}, error {error} % of full scale", loc="left")
+    for side, sign in SIDES:
+        if isinstance(curve := pooled.chosen.curves.get(side), SplineCurve):
+            values = pooled.parameters[side].values()
+            low, high = sign * np.array([value.ci95 for value in values if isinstance(value, Estimate)]).T
+            thrust.fill_between(sign * np.array(curve.n[1:]), low, high, color=COLOURS["blue"], alpha=0.25, lw=0)
+    error = number(pooled.percent(pooled.chosen.error), 2)
+    title = f"{chosen.capitalize()}{law}: R² {pooled.chosen_r2:.4f}, error {error} % of full scale{where}"
+    thrust.set_title(title, loc="left")
     thrust.legend(loc="upper left")
     return figure
 

@@ -13,7 +13,8 @@ from fake_ardusub import FakeSub, Tank, campaign_of, flown
 from automarine_cli.link.vehicles.ardusub.packets import Heard
 from automarine_cli.link.vehicles.ardusub.preflight import Stick, authority
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
-from automarine_cli.thrusters.map import Curve, ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap
 
 TOLD = [
     ({}, 1.0), ({}, 0.2), ({"ACRO_YAW_P": 1.7}, 0.7), ({"RC4_REVERSED": 1.0}, 0.5),
@@ -119,7 +120,7 @@ def test_moments_become_outputs_and_outputs_moments(tmp_path: Path) -> None:
     whole = authority(campaign_of(0.5), 2.0, None, None)
     assert whole.full == 2.0 and whole.inverse(np.array(-0.25)) == whole.of(np.array(-0.25)) == -0.25
     file = tmp_path / "thrusters.json"
-    map_ = ThrusterMap("square", Curve(8.0, 2.0, 0.05, None), Curve(6.0, 2.0, 0.05, None), "", (-1.0, 1.0))
+    map_ = ThrusterMap("square", PowerCurve(8.0, 2.0, 0.05, None), PowerCurve(6.0, 2.0, 0.05, None), "", (-1.0, 1.0))
     file.write_text(json.dumps(map_.to_json()))
     bent = authority(replace(campaign_of(0.5), moment_unit="N m"), None, file, 0.2)
     assert bent.full == pytest.approx(0.2 * 14.0 * 0.95**2)

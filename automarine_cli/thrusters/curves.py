@@ -1,0 +1,424 @@
+"""Curves of thrust in one direction against |n|, and their forms: which are fitted, written and read.
+
+Eight forms are special cases of `f(u) = a max(min(u, n_sat) - n_0, 0)^p` with `u = |n|`: the square law (the source
+paper's equation 2) has p = 2, no dead band (n_0 = 0) and no saturation; the others free one, two or three of them. The
+ninth is a monotone spline through the mean of each level, for curves that no equation of these follows.
+
+A further form is a class like `SplineForm` with a curve like `SplineCurve`, in `Form`, `Curve` and `FORMS`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from automarine_cli.estimate import Given
+from automarine_cli.models.store import number_at
+from automarine_cli.pipeline.records import Codec
+from automarine_cli.quantities import Floats
+from automarine_cli.text import Place
+from automarine_cli.thrusters.bollard_data import levels_of
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
+
+SQUARE = 2.0
+CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
+
+
+@dataclass(frozen=True)
+class LevelEntry:
+    unread: ClassVar[tuple[str, ...]] = ()
+    n: float
+    thrust_N: Given
+
+
+@dataclass(frozen=True)
+class CurveEntry:
+    """A curve as a file has it: the parameters of an equation, or the levels of a spline."""
+
+    unread: ClassVar[tuple[str, ...]] = ()
+    a: Given | None = None
+    p: Given | None = None
+    n_0: Given | None = None
+    n_sat: Given | None = None
+    levels: tuple[LevelEntry, ...] = ()
+
+    @property
+    def values(self) -> dict[str, Given | None]:
+        equation = {"a": self.a, "p": self.p, "n_0": self.n_0, "n_sat": self.n_sat}
+        return equation | {at_level(level.n): level.thrust_N for level in self.levels}
+
+
+@dataclass(frozen=True)
+class PowerCurve:
+    """F = a max(min(|n|, n_sat) - n_0, 0)^p: a [N/n^p], p [1], n_0 and n_sat [unit of n]."""
+
+    a: float
+    p: float = SQUARE
+    n_0: float = 0.0
+    n_sat: float | None = None
+
+    @property
+    def values(self) -> dict[str, float | None]:
+        """Values of all parameters by name."""
+        return {"a": self.a, "p": self.p, "n_0": self.n_0, "n_sat": self.n_sat}
+
+    def units(self, n_unit: str) -> dict[str, str]:
+        """Return the units of all parameters for a control signal in `n_unit`."""
+        return {"a": amplitude_unit(n_unit, self.p), "p": "", "n_0": n_unit or "n", "n_sat": n_unit or "n"}
+
+    def _above(self, magnitude: Floats) -> Floats:
+        level = magnitude if self.n_sat is None else np.minimum(magnitude, self.n_sat)
+        return np.asarray(np.maximum(level - self.n_0, 0.0))
+
+    def thrust(self, magnitude: Floats) -> Floats:
+        """Return the size of the thrust [N] for |n| of any shape."""
+        return np.asarray(self.a * self._above(magnitude) ** self.p)
+
+    def signal(self, thrust: float) -> float:
+        """Return |n| that gives a thrust [N], if it does not saturate before; the edge of the dead band for none."""
+        return float(self.n_0 + (thrust / self.a) ** (1.0 / self.p))
+
+    def slopes(self, magnitude: Floats) -> dict[str, Floats]:
+        """Return the derivative of the thrust by each parameter at |n| of shape (N,)."""
+        above = self._above(magnitude)
+        on = above > 0.0
+        safe = np.where(on, above, 1.0)
+        unit, slope = np.where(on, safe**self.p, 0.0), np.where(on, self.a * self.p * safe ** (self.p - 1.0), 0.0)
+        by_top = np.where(magnitude >= (self.n_sat or np.inf), slope, 0.0)
+        return {"a": unit, "p": self.a * unit * np.log(safe), "n_0": -slope, "n_sat": by_top}
+
+    def layout(self, values: Mapping[str, object]) -> object:
+        """Lay out what a file says of each parameter, by name."""
+        return dict(values)
+
+
+@dataclass(frozen=True)
+class SplineCurve:
+    """Monotone cubic spline (Fritsch & Butland 1984, SIAM J. Sci. Stat. Comput. 5:300) through |n| of levels `n` (K,)
+    and their thrust `force` [N] (K,), which begin at 0 and never fall; straight on beyond the highest level."""
+
+    n: tuple[float, ...]
+    force: tuple[float, ...]
+
+    @cached_property
+    def _spline(self) -> "PchipInterpolator":
+        from scipy.interpolate import PchipInterpolator  # takes long to import: only where a map has a spline
+
+        return PchipInterpolator(self.n, self.force)
+
+    @property
+    def n_0(self) -> float:
+        return self.n[sum(force <= 0.0 for force in self.force) - 1]
+
+    @property
+    def n_sat(self) -> float | None:
+        first = self.force.index(self.force[-1])
+        return self.n[first] if first < len(self.n) - 1 else None
+
+    @property
+    def values(self) -> dict[str, float | None]:
+        return {at_level(n): force for n, force in zip(self.n[1:], self.force[1:])}
+
+    def units(self, n_unit: str) -> dict[str, str]:
+        return dict.fromkeys(self.values, "N")
+
+    def thrust(self, magnitude: Floats) -> Floats:
+        highest = self.n[-1]
+        beyond = self._spline(highest, 1) * np.maximum(magnitude - highest, 0.0)
+        return np.asarray(np.maximum(self._spline(np.minimum(magnitude, highest)), 0.0) + beyond)
+
+    def signal(self, thrust: float) -> float:
+        from scipy.optimize import brentq
+
+        above = int(np.searchsorted(self.force, thrust))
+        if above == 0:
+            return self.n_0
+        if above == len(self.n):
+            slope = float(self._spline(self.n[-1], 1))
+            return self.n[-1] + (thrust - self.force[-1]) / slope if slope > 0.0 else self.n_sat or self.n[-1]
+        ends = self.n[above - 1], self.n[above]
+        return float(brentq(lambda n: float(self._spline(n)) - thrust, *ends, xtol=1e-12 * self.n[-1]))
+
+    def slopes(self, magnitude: Floats) -> dict[str, Floats]:
+        nearest = np.argmin(np.abs(magnitude[:, None] - np.array(self.n[1:])), axis=1)
+        return {name: np.asarray(nearest == k, dtype=float) for k, name in enumerate(self.values)}
+
+    def layout(self, values: Mapping[str, object]) -> object:
+        return {"levels": [{"n": n, "thrust_N": value} for n, value in zip(self.n[1:], values.values())]}
+
+
+Curve = PowerCurve | SplineCurve
+
+
+def at_level(n: float) -> str:
+    """Name the thrust at a level, a parameter of a spline."""
+    return f"F({n:.6g})"
+
+
+def amplitude_unit(n_unit: str, power: float = SQUARE) -> str:
+    """Return the unit of the amplitude: N over the control signal's unit to the exponent."""
+    base = n_unit or "n"
+    base = f"({base})" if any(character in base for character in "/ ·") else base
+    return f"N/{base}²" if power == SQUARE else f"N/{base}^p"
+
+
+# Bounds of (amplitude, dead band, exponent, saturation), the second and fourth as shares of the largest command.
+LOW = np.array([0.0, 0.0, 0.3, 0.3])
+HIGH = np.array([np.inf, 0.8, 4.0, 1.0])
+LOW_BEYOND_DEAD_BAND = np.array([0.0, 0.0, 1.0, 0.3])
+"""Thrust that begins with a jump (p < 1) where no level shows it is no dead band, but a curve that bends."""
+AS_GOOD = 1e-6  # relative difference of sums of squares that counts as none
+STARTS = 5
+STEPS = 60
+SMALL = 1e-9
+
+
+@dataclass(frozen=True)
+class PowerForm:
+    """Which of dead band, exponent and saturation are free beside the amplitude, in the order of CURVE_EFFECTS."""
+
+    name: str
+    effects: frozenset[str]
+    interpolates: ClassVar[bool] = False  # true of a form that passes through each level: only left out do they err
+    beyond: ClassVar[str] = "its equation"  # what it is beyond the highest level
+
+    @property
+    def mask(self) -> np.ndarray:
+        """Which of amplitude, dead band, exponent and saturation are free, (4,)."""
+        return np.array([True, *(effect in self.effects for effect in CURVE_EFFECTS)])
+
+    @property
+    def lowest(self) -> Floats:
+        """Lower bounds of the four parameters, (4,)."""
+        return LOW_BEYOND_DEAD_BAND if {"dead-band", "thrust-exponent"} <= self.effects else LOW
+
+    @property
+    def least_groups(self) -> int:
+        """Groups of levels from which one can be left out."""
+        return len(self.effects) + 3
+
+    @property
+    def equation(self) -> str:
+        level = "min(|n|, n_sat)" if "saturation" in self.effects else "|n|"
+        inner = f"max({level} - n_0, 0)" if "dead-band" in self.effects else level
+        return f"|F| = a {inner}^{'p' if 'thrust-exponent' in self.effects else '2'}"
+
+    def free(self, curve: Curve | None = None) -> tuple[str, ...]:
+        """Return the names of the parameters that are fitted."""
+        return tuple(name for name, on in zip(("a", "n_0", "p", "n_sat"), self.mask) if on)
+
+    def with_effects(self, effects: frozenset[str]) -> "Form":
+        """Return the form with exactly these effects."""
+        return next(form for form in EQUATIONS if form.effects == effects)
+
+    def can_add(self, effect: str) -> bool:
+        return effect not in self.effects
+
+    def used_by(self, curve: Curve) -> "Form":
+        """Return the form without the effects that a curve makes no use of."""
+        values = curve.values
+        acting = (values["n_0"] != 0.0, values["p"] != SQUARE, values["n_sat"] is not None)
+        return self.with_effects(self.effects & {effect for effect, acts in zip(CURVE_EFFECTS, acting) if acts})
+
+    def fit(self, magnitude: Floats, thrust: Floats, weights: Floats) -> tuple[Curve, tuple[str, ...]]:
+        """Return the curve by weighted least squares of `thrust` [N] on |n|, all of shape (N,), and the names of its
+        parameters that ended at a bound."""
+        scale, values = float(np.max(magnitude)), self._fits(magnitude, thrust, weights[None, :])[0]
+        amplitude, dead, power, top = map(float, values)
+        a, n_sat = amplitude / ((1.0 - dead) * scale) ** power, None if top >= HIGH[3] else top * scale
+        at_bound = ((values <= self.lowest + 1e-9) | (values >= HIGH - 1e-9))[self.mask]
+        names = tuple(name for name, end in zip(self.free(), at_bound) if end and name != "a")
+        return PowerCurve(a, power, dead * scale, n_sat), names
+
+    def predictions(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
+        """Return the thrust [N] at |n|, (N,), by a fit with each row of `weights`; both of shape (B, N)."""
+        return _curve(magnitude[None, :] / np.max(magnitude), self._fits(magnitude, thrust, weights))
+
+    def _fits(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
+        """Parameters of B weighted fits, (B, 4): amplitude [N] at full command, dead band, exponent, saturation; dead
+        band and saturation as shares of the largest command.
+
+        A grid over dead band, exponent and saturation with the amplitude solved for, then bounded Levenberg-Marquardt
+        steps from its best points."""
+        x = magnitude / np.max(magnitude)
+        starts = self._starts(x, thrust, weights)  # (B, S, 4)
+        flat, repeated = starts.reshape(-1, 4), np.repeat(weights, starts.shape[1], axis=0)
+        if self.effects:
+            flat = _refine(x, thrust, repeated, flat, self.mask, self.lowest)
+        values, sse = flat.reshape(starts.shape), _sse(x, thrust, repeated, flat).reshape(starts.shape[:2])
+        # of those as good as the best the one with least dead band and saturation: levels left out may not show either
+        as_good = sse <= sse.min(axis=1, keepdims=True) * (1.0 + AS_GOOD)
+        best = np.argmax(np.where(as_good, values[:, :, 3] - values[:, :, 1], -np.inf), axis=1)
+        return np.asarray(values[np.arange(len(weights)), best])
+
+    def _starts(self, x: Floats, y: Floats, weights: Floats) -> Floats:
+        """Best grid points with their amplitudes, shape (B, S, 4), no two of them neighbours in everything."""
+        _, has_dead_band, has_power, has_top = self.mask
+        dead = np.linspace(0.0, min(0.6, 0.95 * float(np.sort(x)[-2])), 16) if has_dead_band else np.array([0.0])
+        power = np.array([0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 1.8, 2.0, 2.2, 2.6, 3.2] if has_power else [SQUARE])
+        top = np.linspace(0.35, 1.0, 14) if has_top else np.array([1.0])
+        power = power[power >= self.lowest[2]]
+        grid = np.stack(np.meshgrid([1.0], dead, power, top, indexing="ij"), axis=-1).reshape(-1, 4)
+        grid = grid[grid[:, 3] > grid[:, 1] + 0.1]
+        shape = _curve(x[None, :], grid)  # (G, N)
+        cross, square = (weights * y) @ shape.T, weights @ (shape**2).T  # (B, G)
+        amplitude = np.maximum(cross / np.maximum(square, 1e-300), SMALL)
+        sse = (weights @ y**2)[:, None] - 2.0 * amplitude * cross + amplitude**2 * square
+        order = np.argsort(sse, axis=1, kind="stable")[:, :STARTS]
+        starts = grid[order]
+        starts[:, :, 0] = np.take_along_axis(amplitude, order, axis=1)
+        return np.asarray(starts)
+
+    def read(self, entry: CurveEntry, codec: Codec, place: Place) -> Curve:
+        """Return the curve that a file holds. Raises the codec's refusal with the key that is wrong."""
+        a = _positive(entry.a or Given(None), codec, (*place, "a"))
+        p = SQUARE if entry.p is None else _positive(entry.p, codec, (*place, "p"))
+        dead_band = 0.0 if entry.n_0 is None else number_at(entry.n_0, codec, (*place, "n_0"))
+        n_sat = None  # the fit found no saturation within the measured range
+        if entry.n_sat is not None and entry.n_sat.value is not None:
+            n_sat = _positive(entry.n_sat, codec, (*place, "n_sat"))
+        if dead_band < 0:
+            raise codec.refusal((*place, "n_0"), f"found {dead_band:g}, expected a dead band of zero or more")
+        if n_sat is not None and n_sat <= dead_band:
+            raise codec.refusal((*place, "n_sat"), f"found {n_sat:g}, expected more than the dead band, {dead_band:g}")
+        return PowerCurve(a, p, dead_band, n_sat)
+
+
+def _positive(entry: Given, codec: Codec, place: Place) -> float:
+    value = number_at(entry, codec, place)
+    if value <= 0.0:
+        raise codec.refusal(place, f"found {value:g}, expected more than 0")
+    return value
+
+
+def _level(x: Floats, values: Floats) -> Floats:
+    """Command above the dead band and below saturation, 1 at full command, shape (B, N)."""
+    dead, top = values[:, 1:2], values[:, 3:4]
+    return np.asarray(np.maximum(np.minimum(x, top) - dead, 0.0) / (1.0 - dead))
+
+
+def _curve(x: Floats, values: Floats) -> Floats:
+    return np.asarray(values[:, :1] * _level(x, values) ** values[:, 2:3])
+
+
+def _sse(x: Floats, y: Floats, weights: Floats, values: Floats) -> Floats:
+    return np.asarray(np.sum(weights * (y - _curve(x[None, :], values)) ** 2, axis=1))
+
+
+def _jacobian(x: Floats, values: Floats) -> Floats:
+    """Derivative of the thrust by the four parameters, shape (B, N, 4); x is |n| / scale, shape (N,)."""
+    amplitude, dead, power, top = (values[:, i : i + 1] for i in range(4))
+    level = _level(x[None, :], values)
+    on = level > 0.0
+    safe = np.where(on, level, 1.0)
+    unit = np.where(on, safe**power, 0.0)
+    slope = np.where(on, amplitude * power * np.maximum(safe, 1e-6) ** (power - 1.0), 0.0)
+    by_dead = slope * (np.minimum(x[None, :], top) - 1.0) / (1.0 - dead) ** 2
+    by_power = np.where(on, amplitude * unit * np.log(safe), 0.0)
+    by_top = np.where(x[None, :] >= top, slope / (1.0 - dead), 0.0)
+    return np.stack([unit, by_dead, by_power, by_top], axis=-1)
+
+
+def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndarray, lowest: Floats) -> Floats:
+    """Bounded Levenberg-Marquardt on all rows of `values`, (B, 4), at once; no step makes a fit worse."""
+    values = np.clip(values, lowest, HIGH)
+    sse = _sse(x, y, weights, values)
+    damping = np.full(len(values), 1e-3)
+    width, low, high = int(free.sum()), lowest[free], HIGH[free]
+    for _ in range(STEPS):
+        residual = y - _curve(x[None, :], values)
+        matrix = _jacobian(x, values)[:, :, free]
+        weighted = weights[:, :, None] * matrix
+        gradient = np.einsum("bnk,bn->bk", weighted, residual)
+        at = values[:, free]
+        # A parameter that stands at its bound and is pushed outwards stays there.
+        fixed = ((at <= low) & (gradient < 0)) | ((at >= high) & (gradient > 0))
+        gradient = np.where(fixed, 0.0, gradient)
+        normal = np.einsum("bnk,bnl->bkl", weighted, matrix)
+        normal = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, normal)
+        diagonal = np.einsum("bkk->bk", normal)
+        damped = damping[:, None] * diagonal + SMALL * diagonal.max(axis=1, keepdims=True) + 1e-300
+        normal = normal + np.eye(width) * damped[:, :, None]
+        step = np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
+        trial = values.copy()
+        trial[:, free] = np.clip(at + step, low, high)
+        trial_sse = _sse(x, y, weights, trial)
+        better = trial_sse < sse
+        gain = np.where(better, sse - trial_sse, 0.0)
+        values = np.where(better[:, None], trial, values)
+        settled = np.all((gain <= 1e-12 * sse) & (better | (damping > 1e8)))
+        sse = np.where(better, trial_sse, sse)
+        damping = np.clip(np.where(better, damping / 5.0, damping * 4.0), 1e-12, 1e12)
+        if settled:
+            break
+    return values
+
+
+TRUSTED = 0.5  # weight of a level, of the usual level's, below which the spline passes it by: it is an outlier
+
+
+@dataclass(frozen=True)
+class SplineForm:
+    """A monotone spline through the mean of each level, and through zero at rest; neighbours whose means fall share
+    theirs (isotonic regression). A diagnosis can add nothing to it that it does not follow by itself."""
+
+    name: str = "spline"
+    effects: frozenset[str] = frozenset()
+    equation: ClassVar[str] = "|F| a monotone cubic spline through the mean of each level"
+    least_groups: ClassVar[int] = 5
+    interpolates: ClassVar[bool] = True
+    beyond: ClassVar[str] = "a straight line with the slope at the highest"
+
+    def with_effects(self, effects: frozenset[str]) -> "Form":
+        return self
+
+    def can_add(self, effect: str) -> bool:
+        return False
+
+    def used_by(self, curve: Curve) -> "Form":
+        return self
+
+    def fit(self, magnitude: Floats, thrust: Floats, weights: Floats) -> tuple[Curve, tuple[str, ...]]:
+        return _through_levels(levels_of(magnitude), magnitude, thrust, weights), ()
+
+    def predictions(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
+        level = levels_of(magnitude)
+        return np.stack([_through_levels(level, magnitude, thrust, row).thrust(magnitude) for row in weights])
+
+    def free(self, curve: Curve) -> tuple[str, ...]:
+        return tuple(curve.values)
+
+    def read(self, entry: CurveEntry, codec: Codec, place: Place) -> Curve:
+        place = (*place, "levels")
+        n = (0.0, *(level.n for level in entry.levels))
+        force = (0.0, *(number_at(level.thrust_N, codec, (*place, i)) for i, level in enumerate(entry.levels)))
+        if np.any(np.diff(n) <= 0.0) or np.any(np.diff(force) < 0.0) or force[-1] <= 0.0:
+            raise codec.refusal(place, "expected levels of rising n > 0 with a thrust_N that never falls")
+        return SplineCurve(n, force)
+
+
+def _through_levels(level: np.ndarray, magnitude: Floats, thrust: Floats, weights: Floats) -> SplineCurve:
+    from scipy.optimize import isotonic_regression
+
+    total = np.bincount(level, weights)
+    usual = total / np.bincount(level)
+    there = usual >= TRUSTED * np.median(usual[usual > 0.0])
+    n, force = (np.bincount(level, weights * x)[there] / total[there] for x in (magnitude, thrust))
+    force = isotonic_regression(np.maximum(force, 0.0), weights=total[there]).x
+    return SplineCurve((0.0, *n.tolist()), (0.0, *force.tolist()))
+
+
+Form = PowerForm | SplineForm
+_BASE: dict[str, set[str]] = {
+    "square": set(), "dead-band": {"dead-band"}, "power": {"thrust-exponent"},
+    "dead-band-power": {"dead-band", "thrust-exponent"},
+}  # fmt: skip
+EQUATIONS = (
+    *(PowerForm(name, frozenset(effects)) for name, effects in _BASE.items()),
+    *(PowerForm(f"{name}-saturation", frozenset(effects | {"saturation"})) for name, effects in _BASE.items()),
+)
+FORMS: dict[str, Form] = {form.name: form for form in EQUATIONS} | {"spline": SplineForm()}
