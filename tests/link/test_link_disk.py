@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from fake_ardusub import FakeSub, Tank, campaign_of
-from link_requests import logs_in
-from made_link import MODEL, TOKEN, expected_logs, handed_over, made_campaign
+from link_requests import collected, logs_in
+from made_link import MODEL, TOKEN, expected_logs, handed_over, made_campaign, vehicle_at
 
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.link import store as store_module
@@ -76,6 +76,21 @@ def test_a_full_disk_arms_nothing_and_can_be_stopped(small_disk: Path) -> None:
     assert (first.over, first.played) == (True, 0) and first.why_stopped is not None
     assert "cannot be logged (No space left on device); make room on the vehicle's disk" in first.why_stopped
     assert (second.over, second.why_stopped) == (True, "somebody had a reason")
+
+
+def test_a_disk_without_room_for_a_campaign_is_the_vehicle_s_and_nothing_is_left_on_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        monkeypatch.setattr(os, "fsync", full)
+        with pytest.raises(
+            SettingError, match=r"the vehicle's disk does not take the campaign \(No space left on device"
+        ):
+            collected(vehicle.url, tmp_path / "pool", CAMPAIGN)
+        assert list(vehicle.store.campaigns.iterdir()) == []
 
 
 def test_a_run_that_has_its_room_is_logged_on_a_full_disk(small_disk: Path) -> None:

@@ -117,6 +117,20 @@ def test_a_stop_is_neutral_then_silence(tmp_path: Path) -> None:
     assert rows[-1]["stick"] == "0"
 
 
+@pytest.mark.parametrize("pattern", ["*.json", "*.ready", "*"])
+def test_a_campaign_that_is_gone_is_neutral_then_silence(tmp_path: Path, pattern: str) -> None:
+    vehicle, store, marks, looks = FakeSub(), handed_over(tmp_path, LONG), list[float](), iter(range(9))
+
+    def delete(_: FakeSub) -> None:
+        for file in store.campaigns.glob(pattern):
+            file.unlink()
+
+    clock = Tank(vehicle, [in_the_run(vehicle, delete, marks)])
+    Player(store, ArduSub(vehicle.address, clock=clock), 1e3, lambda: store.is_playing() or any(looks)).play()
+    assert_quiet_since(vehicle, marks[0])
+    assert [log.name for log in store.listing().runs] == [f"{NAME}_stopped.csv"]
+
+
 def test_a_lost_lease_is_neutral_then_silence(tmp_path: Path) -> None:
     vehicle = FakeSub()
     played = Played(tmp_path, vehicle, lambda played: setattr(played, "lives", False))
