@@ -173,29 +173,32 @@ def bit(log: Path) -> None:
     log.write_bytes(content[:100] + bytes([content[100] ^ 1]) + content[101:])
 
 
-@pytest.mark.parametrize(
-    "damage", [bit, lambda log: os.truncate(log, 90), lambda log: os.truncate(log, 0), "unreadable"]
-)
+def cut(log: Path) -> None:
+    os.truncate(log, 90)
+
+
+def empty(log: Path) -> None:
+    os.truncate(log, 0)
+
+
+@pytest.mark.parametrize("damage", [bit, cut, empty, None])
 def test_a_damaged_log_keeps_no_other_from_being_fetched(
-    damage: Callable[[Path], None] | str, tmp_path: Path, run: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+    damage: Callable[[Path], None] | None, tmp_path: Path, run: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     campaign = made_campaign(3)
     with vehicle_at(tmp_path / "vehicle") as vehicle:
         collected(vehicle.url, tmp_path / "first", campaign)
         name, *others = expected_logs(campaign)
-        if callable(damage):
+        if damage is not None:
             damage(vehicle.store.runs / name)
         else:
-            monkeypatch.setattr(
-                Store, "open_log", lambda store, log: Unreadable() if log == name else opened(store, log)
-            )
+            opened = Store.open_log
+            monkeypatch.setattr(Store, "open_log", lambda at, log: Unreadable() if log == name else opened(at, log))
+            monkeypatch.setattr(collector_module.DamagedLogError, "tries", 3)
         fetched = run("collect", vehicle.url, "--token", TOKEN, "-o", str(tmp_path / "pool"))
     assert fetched.exit_code == 1 and sorted(logs_in(tmp_path / "pool")) == others
     assert f"Error: the vehicle lists {name}" in fetched.stderr or f"Error: {name} came 3 times" in fetched.stderr
     assert "2 logs fetched" in fetched.stdout and "vehicle's disk" in fetched.stderr
-
-
-opened = Store.open_log
 
 
 class Unreadable(io.BytesIO):
