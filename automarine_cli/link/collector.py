@@ -309,7 +309,7 @@ class Collector:
         if TRIES in wrong.values():
             blame = "always the same, so that its file on the vehicle is damaged; check the vehicle's disk"
         else:
-            blame = "now this and now that, so that the link spoils it; look at the link, then run the same command again"
+            blame = "never the same, so that the link spoils it; look at the link, then run the same command again"
         times = f"{wrong.total()} times with another SHA-256 than it was closed with"
         raise DamagedLogError(f"{target.name} came {times}, {blame}")
 
