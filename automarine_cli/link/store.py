@@ -246,6 +246,9 @@ class Store:
         documents, names = self._documents(), self._names()
         campaigns = (self._state_of(item) if isinstance(item, LinkCampaign) else item for item in documents)
         odd = [item for item in documents if isinstance(item, str)]
+        documented = {path.stem.rpartition("_")[2] for path in self.campaigns.glob("*.json")}
+        stopped = {path.stem for path in self.campaigns.glob("*.stopped")}
+        odd += [f"the document of campaign {name[: wire.SHORT]} is gone" for name in sorted(stopped - documented)]
         gone = [place.name for place in (self.campaigns, self.runs) if not place.is_dir()]
         odd += [f"{name}/ is gone, and nothing is driven; start `automarine serve` again" for name in gone]
         for name, is_file in sorted(names.items()):

@@ -169,7 +169,8 @@ def test_a_campaign_that_is_damaged_while_it_plays_is_over(fault: str, says_stop
         else:
             FAULTS[fault](vehicle.store)
         until(lambda: not part.exists())
-        assert ask(vehicle.port, "GET", "/state")[0] == 200
+        status, answer = ask(vehicle.port, "GET", "/state")
+        assert status == 200 and (says_stop or json.loads(answer)["troubles"])
         if vehicle.store.campaigns.is_dir():
             (vehicle.store.campaigns / f"0001_{LONG.id}.json").write_text(text)  # as it was accepted
         vehicle.store.prepare()
