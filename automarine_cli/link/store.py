@@ -125,9 +125,6 @@ class Store:
                     ready.replace(ready.with_suffix(".stopped"))
         sync_folder(self.campaigns)
 
-    def is_stopped(self, campaign: LinkCampaign) -> bool:
-        return self._records(campaign.id)[1].exists()
-
     def bar(self, campaign: LinkCampaign, number: int) -> str:
         """Say what on the disk forbids to drive a run: its campaign is not intact, or was stopped, or the run ended.
 

@@ -96,7 +96,7 @@ def test_a_stop_between_two_runs_leaves_no_log(tmp_path: Path) -> None:
 
     campaign = made_campaign(2)
     store = handed_over(tmp_path, campaign, StoppedAtTheLastMoment)
-    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: not store.is_stopped(campaign)).play()
+    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: not store.bar(campaign, 0)).play()
     assert list(store.runs.iterdir()) == [] and store.state().campaigns[0].over
 
 

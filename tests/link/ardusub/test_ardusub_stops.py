@@ -103,7 +103,7 @@ class Played:
         self.logs = [log.name for log in self.store.listing().runs]
 
     def _lives(self) -> bool:
-        return self.lives and (not self.store.is_stopped(LONG) or self.store.is_playing())
+        return self.lives and (not self.store.bar(LONG, 0) or self.store.is_playing())
 
 
 def test_a_stop_is_neutral_then_silence(tmp_path: Path) -> None:
@@ -150,8 +150,8 @@ def test_a_stop_at_any_command_leaves_it_disarmed(tmp_path: Path, number: int) -
 
     vehicle.heard = heard  # type: ignore[method-assign]
     sub = ArduSub(vehicle.address, clock=Tank(vehicle))
-    Player(store, sub, 1e3, lambda: not store.is_stopped(LONG)).play()
-    assert store.is_stopped(LONG) and list(store.runs.iterdir()) == []
+    Player(store, sub, 1e3, lambda: not store.bar(LONG, 0)).play()
+    assert store.bar(LONG, 0) and list(store.runs.iterdir()) == []
     vehicle.advance(2.0)
     assert not vehicle.armed and not vehicle.disarmed_by and not vehicle.commanded()
 
