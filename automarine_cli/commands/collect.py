@@ -102,10 +102,17 @@ def _analysed(folder: Path, logs: Iterable[str], overwrite: bool, jobs: int, pro
 def _finish(ctx: click.Context, result: "Collected") -> None:
     if result.analysis is not None:
         end_with(ctx, list(result.analysis.refused))
-    if result.ended_early:
-        click.echo(f"Error: {result.ended_early}", err=True)
+    errors = [*result.damaged, *filter(None, [result.ended_early])]
+    for error in errors:
+        click.echo(f"Error: {error}", err=True)
+    if errors:
         ctx.exit(1)
 
 
-collect.finish = _finish
-collect.then = lambda result: "automarine init {out}" if result.analysis is None else "open {out}/analysis/report.html"
+def _then(result: "Collected") -> str:
+    if result.analysis is not None:
+        return "open {out}/analysis/report.html"
+    return "automarine init {out}" if result.logs else ""
+
+
+collect.finish, collect.then = _finish, _then

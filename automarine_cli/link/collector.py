@@ -4,16 +4,19 @@ own; what is cut is asked for again, and goes on where it was."""
 import hashlib
 import http.client
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
 from http import HTTPStatus
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 from urllib.parse import quote, urlsplit
 
 from automarine_cli.errors import SettingError, one_sentence
 from automarine_cli.link.document import SHORT, LinkCampaign, Listing, Log, State
-from automarine_cli.link.store import sync_folder
+from automarine_cli.link.store import HeldElsewhereError, held, sync_folder
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, json_text, read_plain
 from automarine_cli.pipeline.results_folder import sha256, write_whole
@@ -34,6 +37,10 @@ class WrongAnswer(SettingError):
     """An answer that makes no sense: it is believed after so many `tries` in a row, for a link may spoil or cut it."""
 
     tries = 20
+
+
+class DamagedLogError(WrongAnswer):
+    """A log that does not come as it was closed; others may."""
 
 
 class Refusal(WrongAnswer):
@@ -75,8 +82,8 @@ class Client:
         return codec.read(Listing, self._json("GET", "/runs"))
 
     def stop(self, ids: Sequence[str]) -> bool:
-        """Stop some campaigns; whether it is silent. Raises LinkCut, WrongAnswer."""
-        return self._json("POST", f"/stop/{','.join(ids)}").get("quiet") is True
+        """Stop some campaigns, without `ids` all; whether it is silent. Raises LinkCut, WrongAnswer."""
+        return self._json("POST", f"/stop/{','.join(ids)}".removesuffix("/")).get("quiet") is True
 
     def put_campaign(self, name: str, content: bytes) -> None:
         """Hand it a campaign; twice is as good as once. Raises LinkCut, WrongAnswer with the vehicle's refusal."""
@@ -87,7 +94,8 @@ class Client:
         headers = {"Range": f"bytes={first}-{min(first + PIECE, size) - 1}"}
         answer = self._ask("GET", f"/runs/{quote(name)}", None, headers)
         if answer.status != HTTPStatus.PARTIAL_CONTENT or not answer.content:
-            raise WrongAnswer(f"the vehicle lists {name} and does not hand it out (status {answer.status})")
+            why = f"and does not hand it out (status {answer.status}); check the vehicle's disk"
+            raise DamagedLogError(f"the vehicle lists {name} {why}")
         return answer.content
 
     def _json(self, method: str, path: str, body: bytes | None = None) -> dict[str, object]:
@@ -143,7 +151,7 @@ def _whole_or_part(answer: http.client.HTTPResponse) -> bytes:
 LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"
 POLL_S = 1.0
 TRIES = 3
-"""How often a log with a wrong hash is fetched again."""
+"""A log that comes so often with the same wrong hash is damaged where it comes from."""
 
 Answer = TypeVar("Answer")
 
@@ -151,8 +159,8 @@ Answer = TypeVar("Answer")
 @dataclass(frozen=True)
 class Collected:
     """The vehicle's last state, name and SHA-256 of every log that is here, how many came now, bytes and cuts; how the
-    campaign that was handed over ended, if that was before its last run; what `run` made of the logs, or why there is
-    no analysis yet, if one was asked for."""
+    campaign that was handed over ended, if that was before its last run; which logs could not be fetched, and why; what
+    `run` made of the logs, or why there is no analysis yet, if one was asked for."""
 
     state: State
     logs: dict[str, str]
@@ -160,6 +168,7 @@ class Collected:
     bytes_in: int
     cuts: int
     ended_early: str = ""
+    damaged: tuple[str, ...] = ()
     analysis: Any = None
     no_analysis: str = ""
 
@@ -172,10 +181,10 @@ class Collected:
             return "a campaign is still played; run the same command again when it is over"
         if self.state.campaigns[-1].why_stopped:
             return "the last campaign was stopped; analyse what there is with `automarine init` and `automarine run`"
-        return ""
+        return "a log could not be fetched; run the same command again when its cause is mended" if self.damaged else ""
 
     def to_json(self) -> dict[str, Any]:
-        counts = {"new": self.new, "bytes": self.bytes_in, "cuts": self.cuts}
+        counts = {"new": self.new, "bytes": self.bytes_in, "cuts": self.cuts, "damaged": [*self.damaged]}
         analysis = None if self.analysis is None else self.analysis.to_json()
         state = {"schema": "automarine/collected/1", "state": asdict(self.state), "logs": self.logs}
         return state | counts | {"analysis": analysis}
@@ -196,34 +205,39 @@ class Collector:
     poll_s: float = POLL_S
     cuts: int = 0
     bytes_in: int = 0
+    damaged: list[str] = field(default_factory=list)
 
     def collected(self, campaign: LinkCampaign | None, stop: bool) -> Collected:
         before = len(self.ledger())
         state = self.collect(campaign, stop)
         logs, last = self.ledger(), None if campaign is None else state.of(campaign.id)
         early = printable(last.says) if last is not None and last.played < last.runs else ""
-        return Collected(state, logs, len(logs) - before, self.bytes_in, self.cuts, early)
+        return Collected(state, logs, len(logs) - before, self.bytes_in, self.cuts, early, tuple(self.damaged))
 
     def collect(self, campaign: LinkCampaign | None, stop: bool) -> State:
         """The vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
 
-        Raises SettingError for no contact, a wrong token, a refused campaign, an answer that makes no sense and a log
-        that is not what it was closed as, OutputError for a folder that cannot be written."""
+        A log that is not what it was closed as keeps no other from being fetched; `damaged` says why. Raises
+        SettingError for no contact, a wrong token, a refused campaign and an answer that makes no sense, OutputError
+        for a folder that cannot be written."""
         with one_sentence(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-        going = [campaign.id for campaign in self._until_done(self.client.state).campaigns if not campaign.over]
-        if stop and going and not self._until_done(lambda: self.client.stop(going)):
+        before = self._until_done(self.client.state)
+        going = [campaign.id for campaign in before.campaigns if not campaign.over]
+        if before.playing is not None and not any(before.playing.startswith(name[:SHORT]) for name in going):
+            going = []  # its campaign is damaged, so that all are stopped
+        if stop and (going or before.playing) and not self._until_done(lambda: self.client.stop(going)):
             remedy = "check the vehicle, and stop it by hand"
             raise SettingError(f"the vehicle has stopped its campaigns but is not silent yet; {remedy}")
         if campaign is not None:
             content = campaign.text.encode()
             self._until_done(lambda: self.client.put_campaign(campaign.id, content))
-        ledger, fetched = self.ledger(), set[Log]()
+        fetched = set[Log]()
         while True:
             state = self._until_done(self.client.state)
             logs = {log for log in self._until_done(self.client.listing).runs if log.closed}
-            for log in sorted(logs - fetched, key=lambda log: log.name):
-                self._fetch(log, ledger)
+            if new := sorted(logs - fetched, key=lambda log: log.name):
+                self._fetch_all(new)
             fetched |= logs
             if campaign is None:
                 return state
@@ -246,15 +260,34 @@ class Collector:
             raise SettingError(f"{LEDGER}: no table of runs; rename the file, and the logs are looked at again")
         return {str(name): str(digest) for name, digest in data.items()}
 
+    def _fetch_all(self, logs: Sequence[Log]) -> None:
+        """Fetch logs, while no other `collect` writes to this folder; what is `damaged` comes after all others."""
+        with ExitStack() as stack:
+            for tries in count():
+                try:
+                    with one_sentence(self.folder):
+                        stack.enter_context(held(self.folder / ".collect"))
+                    break
+                except HeldElsewhereError:
+                    if not tries:
+                        self.progress(f"another collect writes to {self.folder}, and is waited for", 0, 0)
+                    time.sleep(self.poll_s)
+            ledger = self.ledger()
+            for log in logs:
+                try:
+                    self._fetch(log, ledger)
+                except DamagedLogError as why:
+                    self.damaged.append(str(why))
+
     def _fetch(self, log: Log, ledger: dict[str, str]) -> None:
         """One log, whole and with its hash, under its name; nothing to do where it is here."""
         name, digest, target = log.name, str(log.sha256), self.folder / log.name
         if ledger.get(name, digest) != digest:
             why = "compare both, for logs never change"
-            raise SettingError(f"{name} is another log now than when it was fetched; {why}")
+            raise DamagedLogError(f"{name} is another log now than when it was fetched; {why}")
         changed = target.exists() and sha256(target) != digest
         if changed and not self.overwrite:
-            raise SettingError(f"{name} was changed here since it was fetched; move it away, or give --overwrite")
+            raise DamagedLogError(f"{name} was changed here since it was fetched; move it away, or give --overwrite")
         if changed or not target.exists():
             self._fetch_whole(target, log.size, digest)
         if name not in ledger:
@@ -263,19 +296,22 @@ class Collector:
             write_whole(self.folder / LEDGER, json_text({"schema": LEDGER_SCHEMA, "runs": runs}))
 
     def _fetch_whole(self, target: Path, size: int, digest: str) -> None:
-        part = self.folder / f".{target.name}.part"
-        for _ in range(TRIES):
+        part, wrong = self.folder / f".{target.name}.part", Counter[str]()
+        while wrong.total() < WrongAnswer.tries and TRIES not in wrong.values():
             self._fetch_rest(part, target.name, size)
-            if sha256(part) == digest:
+            if (came := sha256(part)) == digest:
                 with one_sentence(self.folder):
                     part.replace(target)
                     sync_folder(self.folder)
                 return
+            wrong[came] += 1
             part.unlink()
-        raise SettingError(
-            f"{target.name} came {TRIES} times with another SHA-256 than it was closed with; its file on the vehicle "
-            "is damaged, or it is not the vehicle that answers: check its disk, and the address"
-        )
+        if TRIES in wrong.values():
+            blame = "always the same, so that its file on the vehicle is damaged; check the vehicle's disk"
+        else:
+            blame = "never the same, so that the link spoils it; look at the link, then run the same command again"
+        times = f"{wrong.total()} times with another SHA-256 than it was closed with"
+        raise DamagedLogError(f"{target.name} came {times}, {blame}")
 
     def _fetch_rest(self, part: Path, name: str, size: int) -> None:
         """What is missing of a log, piece by piece; what came stays, whatever happens."""

@@ -165,7 +165,8 @@ class CampaignState:
 
 @dataclass(frozen=True)
 class State:
-    """What the vehicle is at: the open log, every campaign, and sentences on what in its folder is not right."""
+    """What the vehicle is at: the open log, every campaign, and sentences on what in its folder is not right, or is
+    driven without being sent anew."""
 
     schema: Literal["automarine/link-state/1"]
     campaigns: tuple[CampaignState, ...]

@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import hmac
 import json
+import math
 import multiprocessing
 import os
 import re
@@ -120,19 +121,25 @@ class Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, f"the log has {log.size} bytes")
             return
         with self.server.store.open_log(name) as file:
+            file.seek(first)
+            remaining = last + 1 - first
+            try:
+                block = file.read(min(BLOCK, remaining))
+            except OSError as problem:  # or a disk that fails looks like a link that is cut, for ever
+                self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, f"{name} cannot be read ({problem.strerror})")
+                return
             self.send_response(HTTPStatus.PARTIAL_CONTENT if byte_range else HTTPStatus.OK)
             self.send_header("Content-Type", "text/csv; charset=utf-8")
             self.send_header("Accept-Ranges", "bytes")
             self.send_header("ETag", f'"{log.sha256}"')
             if byte_range:
                 self.send_header("Content-Range", f"bytes {first}-{last}/{log.size}")
-            self.send_header("Content-Length", str(last + 1 - first))
+            self.send_header("Content-Length", str(remaining))
             self.end_headers()
-            file.seek(first)
-            remaining = last + 1 - first
-            while remaining and (block := file.read(min(BLOCK, remaining))):
+            while block:
                 self.wfile.write(block)
                 remaining -= len(block)
+                block = file.read(min(BLOCK, remaining))
 
     def _refuse(self, status: HTTPStatus, why: str) -> None:
         self.close_connection = True
@@ -151,7 +158,8 @@ class Handler(BaseHTTPRequestHandler):
 class LinkServer(ThreadingHTTPServer):
     """Answers requests on one address, each in a thread; `tell` hears what it accepts and refuses.
 
-    Where the disk refuses to keep a stop, `silenced` says so, and nothing is driven any more."""
+    `resumed` says which campaigns go on by themselves. Where the disk refuses to keep a stop, `silenced` says so, and
+    nothing is driven any more."""
 
     daemon_threads = True
     request_queue_size = MAX_STRANGERS
@@ -163,17 +171,21 @@ class LinkServer(ThreadingHTTPServer):
         self.address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
         super().__init__(address, Handler)
         self.store, self.vehicle, self.token, self.silenced = store, vehicle, token, ""
+        self.resumed, self._stopped = store.resumed(), -math.inf
         self._one_at_a_time, self._door = threading.Lock(), threading.Lock()
         self._strangers: dict[socket.socket, float] = {}
         self._tell, self._refused = tell, ""
 
     def accept(self, content: bytes, name: str) -> bool:
-        """Keep a campaign that the vehicle can drive; False where it is here already. Raises AutomarineError."""
+        """Keep a campaign that the vehicle can drive; False where it is here already. Raises AutomarineError.
+
+        One that waits here while all are stopped is stopped too."""
+        came = time.monotonic()
         with self._one_at_a_time:
             try:
                 if self.silenced:
                     raise SettingError(self.silenced)
-                is_new = self.store.accept(content, name, self.vehicle.refuse)
+                is_new = self.store.accept(content, name, self.vehicle.refuse, lambda: came <= self._stopped)
             except AutomarineError as problem:
                 if self._refused != (refusal := f"campaign {name[:SHORT]} is refused: {problem}"):  # it is sent again
                     self._tell(refusal)
@@ -184,12 +196,15 @@ class LinkServer(ThreadingHTTPServer):
             return is_new
 
     def stop(self, only: list[str] | None = None) -> bool:
-        """Stop all campaigns, or `only` those with some ids; whether the vehicle is silent."""
-        with self._one_at_a_time:
-            try:
-                self.store.stop(ASKED, only)
-            except (OSError, OutputError) as problem:
-                self.silence(problem)
+        """Stop all campaigns, or `only` those with some ids; whether the vehicle is silent.
+
+        It waits for no campaign that is just looked at."""
+        if only is None:
+            self._stopped = time.monotonic()
+        try:
+            self.store.stop(ASKED, only)
+        except OSError as problem:
+            self.silence(problem)
         ends = time.monotonic() + QUIET_S
         while self.store.is_playing() and time.monotonic() < ends:
             time.sleep(0.02)
@@ -203,7 +218,7 @@ class LinkServer(ThreadingHTTPServer):
 
     def state(self) -> State:
         state = self.store.state()
-        return replace(state, troubles=(*state.troubles, self.silenced)) if self.silenced else state
+        return replace(state, troubles=(*state.troubles, *self.resumed, *filter(None, [self.silenced])))
 
     def know(self, connection: socket.socket) -> None:
         with self._door:

@@ -1,8 +1,9 @@
 """The vehicle's folder: campaigns that were accepted, logs that were closed, and the marks between its two processes.
 
-Nothing here is ever changed once it has its name: a file is written beside its place, sent to the disk, and
-renamed. What is known of a campaign is told by which logs there are, so a power cut loses no count. What must work
-on a full disk is a rename. Links are not followed, and what is none of ours is passed over, and told.
+Documents and logs never change once they have their names: a file is written beside its place, sent to the disk, and
+renamed. What became of each run stands in its campaign's record, apart from the logs, which may be moved away. What
+must work on a full disk is a rename, or a byte written over another. Links are not followed, and what is none of ours
+is passed over, and told.
 """
 
 import ctypes
@@ -15,21 +16,33 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.link import document as wire
 from automarine_cli.link.document import CampaignState, LinkCampaign, Listing, Log, State
-from automarine_cli.pipeline.results_folder import write_whole
+from automarine_cli.pipeline.results_folder import put_whole, write_whole
 from automarine_cli.text import printable
 
 ASKED = "asked to stop"
 LONGEST_WHY = 1000
-"""Bytes that a campaign's reason to stop has room for from the beginning."""
+"""Bytes of a campaign's record that its reason to stop has room for; a mark for each run follows them."""
 DEATHS = 3
 """So often may the player's process end before a run's log has a line; after that the run is not begun again."""
+NEW, DRIVEN = "0123456789"[: DEATHS + 1], "d"
+"""Marks of a run that was never commanded, by its deaths, and of one from before its first command until it ends."""
+MARKS = {wire.WHOLE: "w", wire.STOPPED: "s", wire.INTERRUPTED: "i"}
+"""Marks of runs that ended, by what the names of their logs end with."""
+ENDS = {mark: end for end, mark in MARKS.items()} | {DRIVEN: wire.INTERRUPTED}
 NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
 KEEP_SIZE = 1  # Linux, linux/falloc.h
+
+
+class Record(NamedTuple):
+    """Why a campaign was stopped (None: it was not), and a mark for each of its runs."""
+
+    why_stopped: str | None
+    marks: str
 
 
 @dataclass(frozen=True)
@@ -62,8 +75,11 @@ class Store:
     def accepted(self) -> list[LinkCampaign]:
         return [document for document in self._documents() if isinstance(document, LinkCampaign)]
 
-    def accept(self, content: bytes, name: str, refuse: Callable[[LinkCampaign], object] = lambda _: None) -> bool:
-        """Keep a campaign whose document has the hash `name`; False where it is here already.
+    def accept(
+        self, content: bytes, name: str, refuse: Callable[[LinkCampaign], object] = lambda _: None,
+        is_late: Callable[[], bool] = lambda: False,
+    ) -> bool:  # fmt: skip
+        """Keep a campaign whose document has the hash `name`, stopped if it `is_late`; False where it is here already.
 
         For one caller at a time. Raises SettingError for another hash, a document that is none, a campaign that
         the battery does not carry, and what `refuse` does; OutputError where there is no room for it."""
@@ -79,57 +95,81 @@ class Store:
         campaign.refuse_beyond_reserve()
         if any(other[: wire.SHORT] == name[: wire.SHORT] for other in there):
             raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
-        write_whole(self._ready(campaign), " " * LONGEST_WHY)
+        ready, stopped = self._records(name)
+        is_new = not (ready.exists() or stopped.exists())  # that of a document which was deleted stays in force
         document = self.campaigns / f"{len(there) + 1:04d}_{name}.json"
-        write_whole(document, campaign.text)
-        sync_folder(self.campaigns)
+        try:
+            if is_new:
+                put_whole(ready, " " * LONGEST_WHY + NEW[0] * len(campaign.runs))
+            if is_late():
+                self.stop(ASKED, [name])
+            put_whole(document, campaign.text)
+            sync_folder(self.campaigns)
+        except OSError as problem:
+            if is_new:
+                ready.unlink(missing_ok=True)
+            disk = f"the vehicle's disk does not take the campaign ({problem.strerror})"
+            raise OutputError(f"{disk}; make room on that disk, then send it again") from None
         self._memory[_key(document.name, document.lstat())] = campaign
         return True
 
     def stop(self, why: str = ASKED, only: Collection[str] | None = None) -> None:
-        """Mark every campaign here, or `only` those with some ids, as stopped, for good.
+        """Mark every campaign here, or `only` those with some ids, as stopped, for good, whatever its document is like.
 
-        That is a rename of a file that was made with the campaign. Raises OSError, OutputError where the disk refuses
-        even that."""
-        for campaign in self.accepted():
-            if (only is None or campaign.id in only) and not self.is_stopped(campaign):
-                ready, mark = self._ready(campaign), self._stop_mark(campaign)
-                with suppress(OSError), _opened(ready, os.O_WRONLY) as file:
-                    file.write(why.encode()[:LONGEST_WHY].ljust(LONGEST_WHY))
-                    file.flush()
-                    os.fsync(file.fileno())
-                try:
-                    ready.replace(mark)
-                except FileNotFoundError:  # the other process has just stopped it, or it came without one
-                    write_whole(mark, why)
+        That is a rename of its record. Raises OSError where the disk refuses even that."""
+        for ready in sorted(self.campaigns.glob("*.ready")):
+            if only is None or ready.stem in only:
+                with suppress(OSError):
+                    _overwrite(ready, 0, why.encode()[:LONGEST_WHY].ljust(LONGEST_WHY))
+                with suppress(FileNotFoundError):  # the other process has just stopped it
+                    ready.replace(ready.with_suffix(".stopped"))
         sync_folder(self.campaigns)
 
-    def is_stopped(self, campaign: LinkCampaign) -> bool:
-        return self._stop_mark(campaign).exists()
+    def bar(self, campaign: LinkCampaign, number: int) -> str:
+        """Say what on the disk forbids to drive a run: its campaign is not intact, or was stopped, or the run ended.
+
+        Empty where nothing does."""
+        document, record = next(self.campaigns.glob(f"*_{campaign.id}.json"), None), self._record(campaign)
+        try:
+            intact = document is not None and isinstance(self._read(document, document.lstat()), LinkCampaign)
+        except OSError:
+            intact = False
+        if not intact or record is None:
+            return "its document or its record in campaigns/ is damaged or gone; make a plan with another seed"
+        if record.why_stopped is not None:
+            return record.why_stopped
+        return f"run {campaign.runs[number].name} was driven before" if record.marks[number] in MARKS.values() else ""
 
     def next_run(self, campaign: LinkCampaign) -> int | None:
-        """Which run is the first without a closed log; None after the last."""
-        names, logs = self._names(), enumerate(map(campaign.log_name, campaign.runs))
-        return next((number for number, log in logs if _end_of(log, names) is None), None)
+        """Which run is the first that did not end; None after the last."""
+        record = self._record(campaign)
+        ends = [] if record is None else _ends(campaign, record, self._names())
+        return ends.index(None) if None in ends else None
 
-    def waiting(self) -> Iterator[tuple[LinkCampaign, int]]:
-        """Campaign and number of the run that is to be played next, as long as there is something."""
+    def resumed(self) -> tuple[str, ...]:
+        """Say which campaigns are not over, for a new player goes on with them at once."""
+        says = list[str]()
         for campaign in self.accepted():
-            while not self.is_stopped(campaign) and (number := self.next_run(campaign)) is not None:
-                yield campaign, number
+            record = self._record(campaign)
+            left = 0 if record is None or record.why_stopped is not None else sum(mark in NEW for mark in record.marks)
+            if left:
+                goes_on = f"it goes on with the last {left} of its {len(campaign.runs)} runs"
+                says.append(f"campaign {campaign.id[: wire.SHORT]} was not over when serve started: {goes_on}")
+        return tuple(says)
 
     def part(self, name: str) -> Path:
         return self.runs / f"{name}.part"
 
     def begin(self, name: str, room: int) -> int:
-        """Open a run's log with room for so many bytes, known to the disk before anything is commanded: the run will
-        never be begun again. Raises OutputError where that cannot be, or where players died before this log began."""
-        if _deaths(name, self._names()) >= DEATHS:
-            raise OutputError(
-                f"the driving process ended {DEATHS} times before {name} had a line in its log; look at the vehicle's "
-                "computer and its supply"
-            )
+        """Open a run's log with room for so many bytes, known to the disk before anything is commanded.
+
+        Raises OutputError where that cannot be, or where players died before this log had a line."""
         with _one_sentence(name):
+            if self._place(name)[2] == NEW[-1]:
+                raise OutputError(
+                    f"the driving process ended {DEATHS} times before {name} had a line in its log; look at the "
+                    "vehicle's computer and its supply"
+                )
             number = os.open(self.part(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
             try:
                 _reserve(number, room)
@@ -141,39 +181,45 @@ class Store:
         return number
 
     def write(self, number: int, name: str, line: str) -> None:
-        content = line.encode()
+        """Add a line to a run's log. Before the first the run is marked as driven: it will never be begun again."""
+        content, status = line.encode(), os.fstat(number)
         with _one_sentence(name):
+            if not status.st_nlink:
+                raise FileNotFoundError(errno.ENOENT, "its file was deleted")
+            if not status.st_size:
+                self._mark(name, DRIVEN)
             if os.write(number, content) < len(content):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    def close(self, name: str, mark: str) -> None:
-        """Close a run's log: its hash beside it, then its name, which nothing changes after that.
+    def close(self, name: str, end: str) -> None:
+        """Close a run's log: its hash beside it, the run's mark, then its name, which nothing changes after that.
 
         A run that was cut before its log had a line is forgotten: nothing was commanded. Raises OSError."""
-        part, log = self.part(name), self.runs / f"{name}{mark}.csv"
+        part, log = self.part(name), self.runs / f"{name}{end}.csv"
         with _opened(part, os.O_RDWR) as file:
             content = file.read()
             complete = content[: content.rfind(b"\n") + 1]  # a power cut may leave half a line
             file.truncate(len(complete))  # also gives back the room that was not needed
             os.fsync(file.fileno())
-        if mark and not content:
+        if end and not content:
             part.unlink()
         else:
             with suppress(OutputError):  # without room for it the hash is worked out when it is asked for
                 write_whole(_hash_file(log), f"{hashlib.sha256(complete).hexdigest()}  {log.name}\n")
+            with suppress(FileNotFoundError):  # where the campaign is gone, nothing drives its runs
+                self._mark(name, MARKS[end])
             part.replace(log)
         sync_folder(self.runs)
 
     def close_leftovers(self) -> None:
         """Close what a player that was killed, or a power cut, left open; for who alone plays.
 
-        An empty log is put aside, and counts as a death."""
-        while (name := _playing(names := self._names())) is not None:
-            if self.part(name).stat().st_size:
-                self.close(name, wire.INTERRUPTED)
-            else:
-                self.part(name).replace(self.runs / f"{name}.died{_deaths(name, names) + 1}")
-                sync_folder(self.runs)
+        An empty log counts as a death."""
+        while (name := _playing(self._names())) is not None:
+            if not self.part(name).stat().st_size:
+                with suppress(FileNotFoundError, ValueError):  # a run whose first line was lost stays driven
+                    self._mark(name, NEW[NEW.index(self._place(name)[2]) + 1])
+            self.close(name, wire.INTERRUPTED)
 
     def log(self, name: str) -> Log | None:
         """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
@@ -191,12 +237,17 @@ class Store:
         return _opened(self.runs / name)
 
     def is_playing(self) -> bool:
-        return _playing(self._names()) is not None
+        return not self.runs.is_dir() or _playing(self._names()) is not None
 
     def state(self) -> State:
         documents, names = self._documents(), self._names()
         campaigns = (self._state_of(item) if isinstance(item, LinkCampaign) else item for item in documents)
         odd = [item for item in documents if isinstance(item, str)]
+        documented = {path.stem.rpartition("_")[2] for path in self.campaigns.glob("*.json")}
+        stopped = {path.stem for path in self.campaigns.glob("*.stopped")}
+        odd += [f"the document of campaign {name[: wire.SHORT]} is gone" for name in sorted(stopped - documented)]
+        gone = [place.name for place in (self.campaigns, self.runs) if not place.is_dir()]
+        odd += [f"{name}/ is gone, and nothing is driven; start `automarine serve` again" for name in gone]
         for name, is_file in sorted(names.items()):
             if name.endswith((".csv", ".part")) and not (is_file and wire.LOG_NAME.fullmatch(name)):
                 odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")
@@ -206,47 +257,77 @@ class Store:
     def _documents(self) -> list[LinkCampaign | CampaignState | str]:
         """Each campaign; of one that is over its last state, of a document that is none a sentence."""
         documents = list[LinkCampaign | CampaignState | str]()
-        with os.scandir(self.campaigns) as entries:
-            files = sorted((file for file in entries if file.name.endswith(".json")), key=lambda file: file.name)
-        for entry in files:
+        for path in sorted(self.campaigns.glob("*.json")):
             try:
-                status = entry.stat(follow_symlinks=False)
-                key = _key(entry.name, status)
-                document = self._memory.get(key) or _campaign_at(Path(entry), status)
-                if isinstance(document, LinkCampaign) and (state := self._state_of(document)).over:
-                    document = state
-                self._memory[key] = document
+                status = path.lstat()
+                document = self._read(path, status)
+                if isinstance(document, LinkCampaign):
+                    if (state := self._state_of(document)) is None:
+                        document = _passed_over(path, "its record is missing or damaged")
+                    elif state.over:
+                        document = self._memory[_key(path.name, status)] = state
             except FileNotFoundError:
                 continue
             except OSError as problem:  # may be over soon
-                document = f"campaigns/{printable(entry.name)} cannot be read ({problem.strerror or problem})"
+                document = f"campaigns/{printable(path.name)} cannot be read ({problem.strerror or problem})"
             documents.append(document)
         return documents
 
-    def _state_of(self, campaign: LinkCampaign) -> CampaignState:
-        why = None
-        if self.is_stopped(campaign):
-            why = ASKED
-            with suppress(OSError), _opened(self._stop_mark(campaign)) as file:
-                why = file.read(LONGEST_WHY).decode("utf-8", "replace").strip() or ASKED
-        names = self._names()  # after the mark: what is begun after it commands nothing
-        logs = [campaign.log_name(run) for run in campaign.runs]
-        ends = [_end_of(log, names) for log in logs]
+    def _read(self, path: Path, status: os.stat_result) -> LinkCampaign | CampaignState | str:
+        """What a document was read as. Raises OSError."""
+        key = _key(path.name, status)
+        if key not in self._memory:
+            self._memory[key] = _campaign_at(path, status)
+        return self._memory[key]
+
+    def _state_of(self, campaign: LinkCampaign) -> CampaignState | None:
+        """How far a campaign is; None where its record is missing or damaged."""
+        if (record := self._record(campaign)) is None:
+            return None
+        names = self._names()  # after the record: what is begun after a stop commands nothing
+        ends, why = _ends(campaign, record, names), record.why_stopped
         played = sum(end is not None for end in ends)
-        over = played == len(ends) or (why is not None and not any(f"{log}.part" in names for log in logs))
+        is_open = any(f"{campaign.log_name(run)}.part" in names for run in campaign.runs)
+        over = played == len(ends) or (why is not None and not is_open)
         battery = round(campaign.charge(played), 3) if played else campaign.battery.charge_Ah
         return CampaignState(campaign.id, len(ends), played, ends.count(wire.INTERRUPTED), over, battery, why)
 
     def _names(self) -> dict[str, bool]:
-        with os.scandir(self.runs) as entries:
+        with suppress(FileNotFoundError), os.scandir(self.runs) as entries:
             return {entry.name: entry.is_file(follow_symlinks=False) for entry in entries}
+        return {}
 
-    def _stop_mark(self, campaign: LinkCampaign) -> Path:
-        return self.campaigns / f"{campaign.id}.stopped"
+    def _records(self, campaign_id: str) -> tuple[Path, Path]:
+        """Where a campaign's record is, before and after it is stopped."""
+        return self.campaigns / f"{campaign_id}.ready", self.campaigns / f"{campaign_id}.stopped"
 
-    def _ready(self, campaign: LinkCampaign) -> Path:
-        """What becomes the mark, with room for a reason."""
-        return self.campaigns / f"{campaign.id}.ready"
+    def _record(self, campaign: LinkCampaign) -> Record | None:
+        """What a campaign's record says; None where it is missing or damaged."""
+        ready, stopped = self._records(campaign.id)
+        for path in (ready, stopped):  # in this order: it may be renamed in between
+            with suppress(OSError), _opened(path) as file:
+                why, marks = file.read(LONGEST_WHY), file.read().decode("ascii", "replace")
+                if len(marks) != len(campaign.runs) or not {*marks} <= {*NEW, *ENDS}:
+                    return None
+                return Record(None if path == ready else why.decode("utf-8", "replace").strip() or ASKED, marks)
+        return None
+
+    def _place(self, name: str) -> tuple[LinkCampaign, int, str]:
+        """Campaign, number and mark of the run that a log is of. Raises FileNotFoundError where nobody knows."""
+        for campaign in self.accepted():
+            for number, run in enumerate(campaign.runs):
+                if campaign.log_name(run) == name and (record := self._record(campaign)) is not None:
+                    return campaign, number, record.marks[number]
+        raise FileNotFoundError(errno.ENOENT, "its campaign is damaged or gone")
+
+    def _mark(self, name: str, mark: str) -> None:
+        """Keep what became of a run, on the disk itself. Raises OSError."""
+        campaign, number, _ = self._place(name)
+        ready, stopped = self._records(campaign.id)
+        try:
+            _overwrite(ready, LONGEST_WHY + number, mark.encode())
+        except FileNotFoundError:
+            _overwrite(stopped, LONGEST_WHY + number, mark.encode())
 
     def _hash_of(self, log: Path, status: os.stat_result) -> str:
         key = _key(log.name, status)
@@ -262,7 +343,7 @@ class Store:
 
 
 def _key(name: str, status: os.stat_result) -> tuple[str, int, int]:
-    return name, status.st_mtime_ns, status.st_size
+    return name, status.st_ctime_ns, status.st_size
 
 
 def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
@@ -277,16 +358,21 @@ def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
             why = "its bytes are not those that it was accepted with"
         except SettingError as problem:
             why = str(problem)
+    return _passed_over(path, why)
+
+
+def _passed_over(path: Path, why: str) -> str:
     return f"campaigns/{printable(path.name)} is passed over ({why[:300]}); move it away"
 
 
-def _end_of(name: str, names: Collection[str]) -> str | None:
-    """How a run ended, its mark; None where it was not played, or is being played."""
-    return next((mark for mark in wire.ENDS if f"{name}{mark}.csv" in names), None)
-
-
-def _deaths(name: str, names: Collection[str]) -> int:
-    return sum(other.startswith(f"{name}.died") for other in names)
+def _ends(campaign: LinkCampaign, record: Record, names: Collection[str]) -> list[str | None]:
+    """How each run ended, by its mark or its log among `names`; None where it was not driven yet, or is just driven."""
+    ends = list[str | None]()
+    for run, mark in zip(campaign.runs, record.marks):
+        log = campaign.log_name(run)
+        of_log = next((end for end in wire.ENDS if f"{log}{end}.csv" in names), None)
+        ends.append(None if f"{log}.part" in names else ENDS.get(mark, of_log))
+    return ends
 
 
 def _playing(names: Mapping[str, bool]) -> str | None:
@@ -302,6 +388,15 @@ def _opened(path: Path, flags: int = os.O_RDONLY) -> BinaryIO:
     """A file that is there, and no link."""
     number = os.open(path, flags | NO_LINKS | getattr(os, "O_BINARY", 0))
     return os.fdopen(number, "rb" if flags == os.O_RDONLY else "wb" if flags == os.O_WRONLY else "r+b")
+
+
+def _overwrite(path: Path, at: int, content: bytes) -> None:
+    """Put bytes over those in a file, on the disk itself, for which it has room. Raises OSError."""
+    with _opened(path, os.O_WRONLY) as file:
+        file.seek(at)
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 @contextmanager

@@ -277,12 +277,22 @@ def refuse_existing(target: Path, *, overwrite: bool) -> None:
 
 
 def write_whole(target: Path, text: str) -> None:
-    """Write one file that stands alone beside its place, to the disk itself, then put it there. Raises OutputError."""
-    new = target.with_name(f".{target.name}.automarine-new")
+    """Write one file that stands alone, whole or not at all. Raises OutputError."""
     with one_sentence(target.parent):
-        target.parent.mkdir(parents=True, exist_ok=True)
+        put_whole(target, text)
+
+
+def put_whole(target: Path, text: str) -> None:
+    """Write a file beside its place, to the disk itself, then put it there. Raises OSError, and leaves nothing then."""
+    new = target.with_name(f".{target.name}.automarine-new")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
         with new.open("wb") as file:
             file.write(text.encode("utf-8"))
             file.flush()
             os.fsync(file.fileno())
         new.replace(target)
+    except OSError:
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
+        raise

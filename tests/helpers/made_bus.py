@@ -5,13 +5,14 @@ import math
 import threading
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import can
 import cantools
+from can.interfaces.virtual import VirtualBus
 
 DBC = """VERSION ""
 NS_ :
@@ -46,6 +47,37 @@ def column_map(folder: Path, text: str = MOMENT) -> Path:
     (folder / "bus.dbc").write_text(DBC)
     (folder / "columns.toml").write_text(text)
     return folder / "columns.toml"
+
+
+class FaultyBus(VirtualBus):
+    """An interface of python-can whose calls do what `faults` has for them first; commands that left are `sent`."""
+
+    faults: ClassVar[dict[str, Callable[["FaultyBus"], object]]] = {}
+    sent: ClassVar[list[float]] = []
+    last: ClassVar[list["FaultyBus"]] = []
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self.is_down = threading.Event()
+        self.last[:] = [self]
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._fail("send")
+        self.sent.append(time.monotonic())
+        super().send(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self._fail("recv")
+        return super()._recv_internal(timeout)
+
+    def shutdown(self) -> None:
+        self.is_down.set()
+        super().shutdown()
+        self._fail("shutdown")
+
+    def _fail(self, call: str) -> None:
+        if call in self.faults:
+            self.faults[call](self)
 
 
 @dataclass

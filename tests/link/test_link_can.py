@@ -3,22 +3,25 @@
 import csv
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from can import CanOperationError
+from can import CanOperationError, interfaces, util
 from click.testing import Result
 from link_requests import ask, collected, logs_in, put, until
-from made_bus import COLUMNS, MOMENT, PULSES, Vessel, column_map
-from made_link import MODEL_FILE, made_campaign, vehicle_at
+from made_bus import COLUMNS, MOMENT, PULSES, FaultyBus, Vessel, column_map
+from made_link import MODEL_FILE, handed_over, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link import server
+from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.player import Player
+from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles import can
+from automarine_cli.link.vehicles.base import StuckError
 from automarine_cli.link.vehicles.can import CanBus
 from automarine_cli.logs import read_column_map
 from automarine_cli.planning.candidates import Drive
@@ -33,6 +36,7 @@ PATIENCE_S = 60.0  # of this clock, for what comes soon where nobody else needs 
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A compass whose thread waits for the machine is not taken for one that fell silent."""
     monkeypatch.setattr(can, "SILENT_S", SPEED * PATIENCE_S)
+    monkeypatch.setattr(can, "SEND_S", PATIENCE_S)
     monkeypatch.setattr(server, "QUIET_S", PATIENCE_S)
 
 
@@ -71,11 +75,11 @@ def test_frames_come_at_a_steady_rate_and_end_with_neutral(tmp_path: Path) -> No
     with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
         collected(vehicle.url, tmp_path / "pool", campaign)
         per_run = 10 * (1 + 10 + 1) + 1
-        until(lambda: len(vessel.heard) >= 2 * (per_run + 3))
+        until(lambda: len(vessel.heard) >= 2 * (per_run + can.NEUTRALS))
         time.sleep(0.2)
-        assert len(vessel.heard) == 2 * (per_run + 3)  # silence
+        assert len(vessel.heard) == 2 * (per_run + can.NEUTRALS)  # silence
     assert vessel.moments()[-4:] == [0.0] * 4
-    for first, right in ((0, 0.4), (per_run + 3, -0.65)):
+    for first, right in ((0, 0.4), (per_run + can.NEUTRALS, -0.65)):
         moments = np.round(vessel.moments()[first : first + per_run], 3)
         assert np.array_equal(moments, np.repeat([0.0, right, 0.0], [10, 100, 11]))
 
@@ -87,9 +91,9 @@ def test_nothing_but_neutral_after_a_stop(tmp_path: Path) -> None:
         until(lambda: any(vessel.moments()[-1:]))
         assert ask(vehicle.port, "POST", "/stop")[0] == 200
         before = len(vessel.heard)
-        until(lambda: vessel.moments()[-3:] == [0.0] * 3)
+        until(lambda: vessel.moments()[-can.NEUTRALS :] == [0.0] * can.NEUTRALS)
         time.sleep(0.3)
-        assert not any(vessel.moments()[before:]) and vessel.moments()[-3:] == [0.0] * 3
+        assert not any(vessel.moments()[before:]) and vessel.moments()[-can.NEUTRALS :] == [0.0] * can.NEUTRALS
     ((name, log),) = logs_in(vehicle.store.runs).items()
     assert name.endswith("_stopped.csv") and float(rows_of(log)[-1]["tau"]) == 0.0
 
@@ -103,21 +107,9 @@ def intrude(vessel: Vessel, patch: pytest.MonkeyPatch) -> None:
     vessel.intrudes = True
 
 
-def fail_once(vessel: Vessel, patch: pytest.MonkeyPatch) -> None:
-    send, failures = can._send, iter([CanOperationError("Network is down"), CanOperationError("Network is down")])
-
-    def failing(bus: Any, step: can.Step) -> None:
-        for failure in failures:
-            raise failure
-        send(bus, step)
-
-    patch.setattr(can, "_send", failing)
-
-
 @pytest.mark.parametrize(
     ("speaks", "act", "why"),
     [
-        (True, fail_once, "the bus virtual:bus-"),
         (True, fall_silent, "the compass fell silent; look at it before the next campaign"),
         (False, fall_silent, "no heading came from the bus; look at the compass"),
         (True, intrude, "somebody else sends 0x124, by which the run is driven; make that sender stop"),
@@ -139,6 +131,108 @@ def test_what_goes_wrong_on_the_bus_ends_the_campaign(
         assert (
             marks == ["stopped.csv"] * speaks == ["stopped.csv"] * any(vessel.moments())
         )  # without a compass: nothing
+
+
+CALLS: dict[str, tuple[str, Exception, str]] = {
+    "send, CanError": ("send", CanOperationError("Network is down"), "CanOperationError: Network is down"),
+    "send, OSError": ("send", OSError(), "OSError"),
+    "send, its own": ("send", RuntimeError("no such handle"), "RuntimeError: no such handle"),
+    "receive, spoilt line": ("recv", ValueError("invalid literal for int()"), "ValueError: invalid literal"),
+    "receive, unplugged": ("recv", OSError(19, "No such device"), "OSError: [Errno 19] No such device"),
+    "shutdown": ("shutdown", RuntimeError("already closed"), "RuntimeError: already closed"),
+}
+
+
+@pytest.fixture
+def faults(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Callable[[FaultyBus], object]]]:
+    """What the calls of a bus `faulty:CHANNEL` do; none once the test is over."""
+    monkeypatch.setitem(interfaces.BACKENDS, "faulty", ("made_bus", "FaultyBus"))
+    monkeypatch.setattr(util, "VALID_INTERFACES", {*interfaces.BACKENDS})
+    yield FaultyBus.faults
+    FaultyBus.faults.clear()
+    FaultyBus.sent.clear()
+
+
+def play(vessel: Vessel, folder: Path, campaign: LinkCampaign) -> Store:
+    """Play a campaign over a faulty bus until it is over."""
+    store = handed_over(folder / "v", campaign)
+    bus = replace(on(vessel, folder), place=f"faulty:{vessel.channel}")
+    Player(store, bus, vessel.speed, lambda: bool(store.accepted())).play()
+    return store
+
+
+def whenever_driven(vessel: Vessel, act: Callable[[FaultyBus], object]) -> Callable[[FaultyBus], None]:
+    """Do something from the first command that is not neutral on."""
+
+    def act_then(bus: FaultyBus) -> None:
+        if any(vessel.moments()):
+            act(bus)
+
+    return act_then
+
+
+@pytest.mark.parametrize("case", CALLS)
+def test_whatever_a_call_to_the_bus_raises_is_a_bus_that_failed(
+    case: str, tmp_path: Path, faults: dict[str, Callable[[FaultyBus], object]]
+) -> None:
+    """Neutral is sent where that goes, the campaign is over with its reason, and the next run is not driven."""
+    call, problem, says = CALLS[case]
+    failures = iter([problem, problem])
+
+    def fail(bus: FaultyBus) -> None:
+        for failure in failures:
+            raise failure
+
+    vessel = Vessel(SPEED)
+    faults[call] = whenever_driven(vessel, fail)
+    with vessel.afloat():
+        store = play(vessel, tmp_path, made_campaign(2, seconds=300.0 if call != "shutdown" else 4.0))
+        (state,) = store.state().campaigns
+        until(lambda: vessel.moments()[-2:] == [0.0] * 2, 5)
+    assert (state.over, state.played) == (True, 1) and str(state.why_stopped).startswith("the bus faulty:bus-")
+    assert f"failed ({says}" in str(state.why_stopped) and "look at its cable and adapter" in str(state.why_stopped)
+    assert [name.rpartition("_")[2] for name in logs_in(store.runs)] == ["stopped.csv"]
+
+
+def test_neutral_comes_for_a_while(tmp_path: Path, faults: dict[str, Callable[[FaultyBus], object]]) -> None:
+    """A plug that is loose for a moment does not swallow every frame of neutral."""
+    with Vessel(1.0).afloat() as vessel:
+        play(vessel, tmp_path, replace(made_campaign(1, seconds=0.2), rest_s=0.1))
+        neutral = FaultyBus.sent[-can.NEUTRALS :]
+        assert vessel.moments()[-can.NEUTRALS :] == [0.0] * can.NEUTRALS and neutral[-1] - neutral[0] > 0.3
+
+
+def test_a_command_that_hangs_never_leaves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faults: dict[str, Callable[[FaultyBus], object]]
+) -> None:
+    def hang(bus: FaultyBus) -> None:
+        assert bus.is_down.wait(PATIENCE_S)
+        raise OSError("closed")
+
+    monkeypatch.setattr(can, "SEND_S", 0.5)
+    vessel, campaign = Vessel(SPEED), made_campaign(2, seconds=300.0)
+    faults["send"] = whenever_driven(vessel, hang)
+    with vessel.afloat():
+        with pytest.raises(StuckError, match=r"faulty:bus-.* did not take a command in .* s; look at its cable"):
+            play(vessel, tmp_path, campaign)
+        store, count = Store(tmp_path / "v"), len(FaultyBus.sent)
+        (state,) = store.state().campaigns
+        assert (state.over, state.played) == (True, 1) and "did not take a command" in str(state.why_stopped)
+        time.sleep(0.2)
+        assert FaultyBus.last[0].is_down.is_set() and len(FaultyBus.sent) == count
+
+
+def test_a_bus_that_hung_is_sent_nothing_that_was_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faults: dict[str, Callable[[FaultyBus], object]]
+) -> None:
+    vessel = Vessel(SPEED)
+    monkeypatch.setattr(can, "SILENT_S", 0.3 * SPEED)
+    hangs = iter([0.5])
+    faults["recv"] = whenever_driven(vessel, lambda bus: time.sleep(next(hangs, 0.0)))
+    with vessel.afloat():
+        store = play(vessel, tmp_path, made_campaign(2, seconds=300.0))
+    (state,) = store.state().campaigns
+    assert state.over and state.played == 1 and (" hung for " in state.says or "fell silent" in state.says)
 
 
 def test_two_thrusters_get_pulses(tmp_path: Path) -> None:

@@ -81,8 +81,9 @@ def test_collect_brings_the_same_names_and_bytes(run: Run, tmp_path: Path) -> No
     campaign = made_campaign(2)
     with vehicle_at(tmp_path / "vehicle") as vehicle:
         asked = ["collect", vehicle.url, "--token", TOKEN, "-o", str(tmp_path / "pool")]
+        assert "Next" not in run(*asked).stdout  # nothing is here
         collected = run(*asked, *written(tmp_path, campaign))
-        assert collected.exit_code == 0, collected.stderr
+        assert collected.exit_code == 0 and "Next: automarine init" in collected.stdout, collected.stderr
         assert "2 logs fetched" in collected.stdout and "2 of 2" in collected.stdout
         again = json.loads(run(*asked, "--json").stdout)
         assert (again["schema"], again["new"], again["bytes"]) == ("automarine/collected/1", 0, 0)

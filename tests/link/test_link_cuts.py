@@ -2,18 +2,23 @@
 
 import csv
 import hashlib
+import io
 import json
 import os
+import random
 import socket
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 from link_requests import ask, collected, logs_in, put, until
 from made_link import MODEL, TOKEN, CuttingProxy, expected_logs, handed_over, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
+from automarine_cli.link import collector as collector_module
 from automarine_cli.link import server
 from automarine_cli.link.collector import Client, Collector
 from automarine_cli.link.player import Player
@@ -91,7 +96,7 @@ def test_a_stop_between_two_runs_leaves_no_log(tmp_path: Path) -> None:
 
     campaign = made_campaign(2)
     store = handed_over(tmp_path, campaign, StoppedAtTheLastMoment)
-    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: not store.is_stopped(campaign)).play()
+    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: not store.bar(campaign, 0)).play()
     assert list(store.runs.iterdir()) == [] and store.state().campaigns[0].over
 
 
@@ -153,12 +158,87 @@ def test_a_log_that_is_not_what_it_was_closed_as_is_refused(tmp_path: Path) -> N
         collected(vehicle.url, tmp_path / "pool", campaign)
         (log,) = vehicle.store.runs.glob("*.csv")
         log.write_bytes(log.read_bytes().replace(b"0.5", b"0.6", 1)[:-1] + b"9")
-        with pytest.raises(SettingError, match="came 3 times with another SHA-256"):
-            collected(vehicle.url, tmp_path / "other")
+        other = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "other")
+        other.collect(None, stop=False)
+        assert "came 3 times with another SHA-256 than it was closed with, always the same" in other.damaged[0]
         assert logs_in(tmp_path / "other") == {} and logs_in(tmp_path / "pool") == expected_logs(campaign)
         (tmp_path / "pool" / log.name).write_text("changed")
-        with pytest.raises(SettingError, match="was changed here since it was fetched"):
-            collected(vehicle.url, tmp_path / "pool")
+        pool = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool")
+        pool.collect(None, stop=False)
+        assert "was changed here since it was fetched" in pool.damaged[0]
+
+
+def bit(log: Path) -> None:
+    content = log.read_bytes()
+    log.write_bytes(content[:100] + bytes([content[100] ^ 1]) + content[101:])
+
+
+def cut(log: Path) -> None:
+    os.truncate(log, 90)
+
+
+def empty(log: Path) -> None:
+    os.truncate(log, 0)
+
+
+@pytest.mark.parametrize("damage", [bit, cut, empty, None])
+def test_a_damaged_log_keeps_no_other_from_being_fetched(
+    damage: Callable[[Path], None] | None, tmp_path: Path, run: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = made_campaign(3)
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        collected(vehicle.url, tmp_path / "first", campaign)
+        name, *others = expected_logs(campaign)
+        if damage is not None:
+            damage(vehicle.store.runs / name)
+        else:
+            opened = Store.open_log
+            monkeypatch.setattr(Store, "open_log", lambda at, log: Unreadable() if log == name else opened(at, log))
+            monkeypatch.setattr(collector_module.DamagedLogError, "tries", 3)
+        fetched = run("collect", vehicle.url, "--token", TOKEN, "-o", str(tmp_path / "pool"))
+    assert fetched.exit_code == 1 and sorted(logs_in(tmp_path / "pool")) == others
+    assert f"Error: the vehicle lists {name}" in fetched.stderr or f"Error: {name} came 3 times" in fetched.stderr
+    assert "2 logs fetched" in fetched.stdout and "vehicle's disk" in fetched.stderr
+
+
+class Unreadable(io.BytesIO):
+    """A file on a disk that fails."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        raise OSError(5, os.strerror(5))
+
+
+def test_a_link_that_spoils_logs_is_not_taken_for_a_damaged_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = random.Random(1)
+
+    class Spoiling(Client):
+        def piece(self, name: str, first: int, size: int) -> bytes:
+            content, at = super().piece(name, first, size), drawn.randrange(size)
+            return content[:at] + bytes([content[at] ^ drawn.randrange(1, 256)]) + content[at + 1 :]
+
+    campaign = made_campaign(1)
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        collected(vehicle.url, tmp_path / "pool", campaign)
+        other = Collector(Spoiling("127.0.0.1", vehicle.port, TOKEN), tmp_path / "other", poll_s=0.001)
+        other.collect(None, stop=False)
+    assert "came 20 times with another SHA-256" in other.damaged[0] and "the link spoils it" in other.damaged[0]
+
+
+def test_two_collects_into_one_folder_fetch_every_log_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign, logs = made_campaign(4, seconds=20.0), expected_logs(made_campaign(4, seconds=20.0))
+    monkeypatch.setattr(collector_module, "PIECE", 500)
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        collected(vehicle.url, tmp_path / "first", campaign)
+        both = [Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", poll_s=0.02) for _ in range(2)]
+        threads = [threading.Thread(target=each.collect, args=(None, False)) for each in both]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert logs_in(tmp_path / "pool") == logs and both[0].damaged == both[1].damaged == []
+    assert sum(each.bytes_in for each in both) == sum(map(len, logs.values()))
 
 
 def test_no_contact_ends_after_the_time_given(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from fake_ardusub import FakeSub, Tank, campaign_of
-from link_requests import logs_in
-from made_link import MODEL, TOKEN, expected_logs, handed_over, made_campaign
+from link_requests import collected, logs_in
+from made_link import MODEL, TOKEN, expected_logs, handed_over, made_campaign, vehicle_at
 
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.link import store as store_module
@@ -76,6 +76,19 @@ def test_a_full_disk_arms_nothing_and_can_be_stopped(small_disk: Path) -> None:
     assert (first.over, first.played) == (True, 0) and first.why_stopped is not None
     assert "cannot be logged (No space left on device); make room on the vehicle's disk" in first.why_stopped
     assert (second.over, second.why_stopped) == (True, "somebody had a reason")
+
+
+def test_a_disk_without_room_for_a_campaign_is_the_vehicle_s_and_nothing_is_left_on_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        monkeypatch.setattr(os, "fsync", full)
+        with pytest.raises(SettingError, match=r"the vehicle's disk does not take the campaign .No space left on"):
+            collected(vehicle.url, tmp_path / "pool", CAMPAIGN)
+        assert list(vehicle.store.campaigns.iterdir()) == []
 
 
 def test_a_run_that_has_its_room_is_logged_on_a_full_disk(small_disk: Path) -> None:
@@ -153,13 +166,14 @@ def test_neither_a_stop_nor_a_hash_needs_room(tmp_path: Path, monkeypatch: pytes
 @pytest.mark.skipif(sys.platform != "linux", reason="needs fallocate")
 def test_room_is_kept_out_of_sight_and_given_back(tmp_path: Path) -> None:
     store = handed_over(tmp_path, CAMPAIGN)
-    number = store.begin("log", 1_000_000)
-    store.write(number, "log", "time_s\n")
+    name = CAMPAIGN.log_name(CAMPAIGN.runs[0])
+    number = store.begin(name, 1_000_000)
+    store.write(number, name, "time_s\n")
     held = os.fstat(number)
     os.close(number)
-    assert held.st_size == 7 and store.part("log").read_bytes() == b"time_s\n"
-    store.close("log", "")
-    assert held.st_blocks * 512 >= 1_000_000 > 65536 > (store.runs / "log.csv").stat().st_blocks * 512
+    assert held.st_size == 7 and store.part(name).read_bytes() == b"time_s\n"
+    store.close(name, "")
+    assert held.st_blocks * 512 >= 1_000_000 > 65536 > (store.runs / f"{name}.csv").stat().st_blocks * 512
 
 
 def test_a_disk_that_keeps_no_stop_ends_the_lease(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +187,7 @@ def test_a_disk_that_keeps_no_stop_ends_the_lease(tmp_path: Path, monkeypatch: p
     with LinkServer(("127.0.0.1", 0), store, Simulated(MODEL), TOKEN) as server:
         monkeypatch.setattr(Path, "replace", refused)
         assert server.stop() and not store.lease.exists()
-        (trouble,) = server.state().troubles
+        _, trouble = server.state().troubles  # the first says that the campaign goes on
         assert "nothing is driven until `automarine serve` is started again" in trouble and "Read-only" in trouble
         with pytest.raises(SettingError, match="nothing is driven until"):
             server.accept(b"", "0" * 64)

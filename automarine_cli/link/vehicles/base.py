@@ -5,14 +5,21 @@ was sent; before every command it asks `halted`, and then sends none but neutral
 command: a log without a line is one of a run that never began.
 """
 
+import _thread
 import time
 from collections.abc import Callable, Generator
-from typing import Protocol
+from concurrent.futures import Future
+from typing import Protocol, TypeVar
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 
 Halted = Callable[[], bool]
+Answer = TypeVar("Answer")
+
+
+class StuckError(SettingError):
+    """A call to the actuator that did not return: what it was to do may still come, unless its process ends."""
 
 
 class Vehicle(Protocol):
@@ -24,7 +31,7 @@ class Vehicle(Protocol):
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log, header first; ends early when `halted`, after neutral.
 
-        Raises AutomarineError where the vehicle cannot be driven (any further): the campaign is then stopped."""
+        Whatever it raises says that the vehicle cannot be driven (any further): the campaign is then stopped."""
 
 
 def refuse_beyond(campaign: LinkCampaign, full: float) -> None:
@@ -35,6 +42,25 @@ def refuse_beyond(campaign: LinkCampaign, full: float) -> None:
                 f"run {run.name} asks for a moment of {largest:g} {campaign.moment_unit}, and the whole output gives "
                 f"{full:g}; plan with moments.largest = {full:g} in the limits, or correct --full"
             )
+
+
+def in_time(call: Callable[[], Answer], seconds: float, name: str) -> Answer:
+    """Return what a call to the actuator `name` returns. Raises what it raises, and StuckError for none in time."""
+    answer = Future[Answer]()
+
+    def work() -> None:
+        try:
+            answer.set_result(call())
+        except Exception as problem:
+            answer.set_exception(problem)
+
+    _thread.start_new_thread(work, ())  # for a command that is late by no more than a switch; nobody waits for its end
+    try:
+        return answer.result(seconds)
+    except TimeoutError:
+        if answer.done():  # it is the call's own
+            raise
+    raise StuckError(f"{name} did not take a command in {seconds:g} s; look at its cable and adapter")
 
 
 class Pace:

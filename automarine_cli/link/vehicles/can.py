@@ -14,7 +14,7 @@ from typing import Any
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
-from automarine_cli.link.vehicles.base import Halted, Pace
+from automarine_cli.link.vehicles.base import Halted, Pace, StuckError, in_time
 from automarine_cli.logs import ColumnMap, ColumnRule, given_columns
 from automarine_cli.logs.can import messages_of
 from automarine_cli.logs.columns import CANONICAL, LABELS
@@ -27,8 +27,10 @@ LISTEN_S = 0.5
 """So long a run listens before it sends, to a compass that speaks; to one that does not, `SILENT_S`."""
 SILENT_S = 2.0
 """A compass that has not been heard of for so long is gone."""
-NEUTRALS = 3
-"""Frames of neutral that end a run which is cut short."""
+NEUTRALS, NEUTRALS_S = 5, 0.1
+"""How often, and after what time, neutral is sent at the end of a run: a plug may be loose for a moment."""
+SEND_S = 0.5
+"""A command that has not left after this is none any more."""
 HEADINGS = tuple(name for name, column in CANONICAL.items() if column.quantity == YAW.position)
 
 
@@ -117,17 +119,17 @@ class CanBus:
             pace, tick, now = Pace(self.speed), 0, steps[0]
             try:
                 while (since := tick / campaign.rate_hz) <= ends and not halted():
+                    if (late := -pace.left(since)) > SILENT_S / self.speed:  # what was missed is not sent in a burst
+                        raise SettingError(f"the bus {self.place} hung for {late:.1f} s; look at its adapter")
                     now = next(step for step in reversed(steps) if step.at <= since + 1e-9)
-                    _send(bus, now)
+                    bus.send(now)
                     tick += 1
                     while (wait := pace.left(min(tick / campaign.rate_hz, ends + 1e-9))) > 0:
                         if (heard := ear.heard(wait)) is not None:
                             yield f"{begins + pace.passed:.3f},{heard},{','.join(now.readings)}\n"
                     ear.refuse_silence(SILENT_S / self.speed)
             finally:
-                for left in reversed(range(NEUTRALS)):  # one that fails keeps no other from being sent
-                    with contextlib.suppress(*[_library().CanError] * bool(left)):
-                        _send(bus, steps[0])
+                bus.rest(steps[0], NEUTRALS_S / self.speed)
             if halted() and ear.last:
                 yield f"{begins + pace.passed:.3f},{ear.last},{','.join(steps[0].readings)}\n"
 
@@ -135,7 +137,7 @@ class CanBus:
         return command_table(run.candidate, campaign.rest_s, campaign.moment_unit, self.drive_by, self.names)
 
     @contextlib.contextmanager
-    def _opened(self) -> Iterator[Any]:
+    def _opened(self) -> Iterator["_Bus"]:
         kind, _, address = self.place.partition(":")
         channel, _, bitrate = address.partition("@")
         if not kind or not channel or (bitrate and not bitrate.isdigit()):
@@ -146,12 +148,54 @@ class CanBus:
         except Exception as problem:  # each interface raises its own
             why = f"{str(problem).partition(chr(10))[0]}); look at the adapter and its settings"
             raise SettingError(f"the bus {self.place} cannot be opened ({why}") from None
+        with contextlib.closing(_Bus(f"the bus {self.place}", bus)) as named:
+            yield named
+
+
+class _Bus:
+    """A bus of python-can, of any interface: its trouble is a SettingError, and commands leave in time or never."""
+
+    def __init__(self, name: str, bus: Any) -> None:
+        self._name, self._bus, self._stuck = name, bus, ""
+
+    def send(self, step: Step) -> None:
+        """Send the frames of a step. Raises SettingError, and StuckError from the first time on that it hangs."""
+        if self._stuck:
+            raise StuckError(self._stuck)
         try:
-            yield bus
-        except _library().CanError as problem:
-            raise SettingError(f"the bus {self.place} failed ({problem}); look at its cable and adapter") from None
-        finally:
-            bus.shutdown()
+            with self._trouble():
+                in_time(lambda: [self._bus.send(frame, SEND_S) for frame in step.frames], 2 * SEND_S, self._name)
+        except StuckError as hangs:
+            self._stuck = str(hangs)
+            raise
+
+    def rest(self, neutral: Step, pause: float) -> None:
+        """Send neutral several times; one that fails keeps no other from being sent. Raises what the last raises."""
+        for left in reversed(range(NEUTRALS)):
+            try:
+                self.send(neutral)
+            except SettingError:
+                if not left or self._stuck:
+                    raise
+            time.sleep(pause)
+
+    def recv(self, seconds: float) -> Any:
+        with self._trouble():
+            return self._bus.recv(seconds)
+
+    def close(self) -> None:
+        with self._trouble():
+            in_time(self._bus.shutdown, 2 * SEND_S, self._name)
+
+    @contextlib.contextmanager
+    def _trouble(self) -> Iterator[None]:
+        try:
+            yield
+        except StuckError:
+            raise
+        except Exception as problem:  # each interface raises its own
+            why = f"{type(problem).__name__}: {problem}".rstrip(": ")
+            raise SettingError(f"{self._name} failed ({why}); look at its cable and adapter") from None
 
 
 def _step(messages: Mapping[str, Any], table: CommandTable, at: float, values: list[float], run: str) -> Step:
@@ -195,7 +239,7 @@ def _message(messages: Mapping[str, Any], name: str, signals: Mapping[str, float
 
 
 class _Ear:
-    def __init__(self, vehicle: CanBus, bus: Any, driven_ids: set[int]) -> None:
+    def __init__(self, vehicle: CanBus, bus: "_Bus", driven_ids: set[int]) -> None:
         self._bus, self._driven_ids, self._rules = bus, driven_ids, vehicle.received()
         self._values = dict.fromkeys(self._rules, "")
         names = {rule.source.partition(".")[0] for rule in self._rules.values()}
@@ -241,11 +285,6 @@ class _Ear:
     def refuse_silence(self, seconds: float) -> None:
         if time.monotonic() - self._when > seconds:
             raise SettingError("the compass fell silent; look at it before the next campaign")
-
-
-def _send(bus: Any, step: Step) -> None:
-    for frame in step.frames:
-        bus.send(frame)
 
 
 def _library() -> Any:

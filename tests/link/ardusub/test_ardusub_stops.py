@@ -103,7 +103,7 @@ class Played:
         self.logs = [log.name for log in self.store.listing().runs]
 
     def _lives(self) -> bool:
-        return self.lives and (not self.store.is_stopped(LONG) or self.store.is_playing())
+        return self.lives and (not self.store.bar(LONG, 0) or self.store.is_playing())
 
 
 def test_a_stop_is_neutral_then_silence(tmp_path: Path) -> None:
@@ -115,6 +115,20 @@ def test_a_stop_is_neutral_then_silence(tmp_path: Path) -> None:
     rows = list(csv.DictReader((played.store.runs / played.logs[0]).read_text().splitlines()[1:]))
     assert {float(row["tau"]) for row in rows} == {0.0, 0.6} and float(rows[-1]["tau"]) == 0.0
     assert rows[-1]["stick"] == "0"
+
+
+@pytest.mark.parametrize("pattern", ["*.json", "*.ready", "*"])
+def test_a_campaign_that_is_gone_is_neutral_then_silence(tmp_path: Path, pattern: str) -> None:
+    vehicle, store, marks, looks = FakeSub(), handed_over(tmp_path, LONG), list[float](), iter(range(9))
+
+    def delete(_: FakeSub) -> None:
+        for file in store.campaigns.glob(pattern):
+            file.unlink()
+
+    clock = Tank(vehicle, [in_the_run(vehicle, delete, marks)])
+    Player(store, ArduSub(vehicle.address, clock=clock), 1e3, lambda: store.is_playing() or any(looks)).play()
+    assert_quiet_since(vehicle, marks[0])
+    assert [log.name for log in store.listing().runs] == [f"{NAME}_stopped.csv"]
 
 
 def test_a_lost_lease_is_neutral_then_silence(tmp_path: Path) -> None:
@@ -136,8 +150,8 @@ def test_a_stop_at_any_command_leaves_it_disarmed(tmp_path: Path, number: int) -
 
     vehicle.heard = heard  # type: ignore[method-assign]
     sub = ArduSub(vehicle.address, clock=Tank(vehicle))
-    Player(store, sub, 1e3, lambda: not store.is_stopped(LONG)).play()
-    assert store.is_stopped(LONG) and list(store.runs.iterdir()) == []
+    Player(store, sub, 1e3, lambda: not store.bar(LONG, 0)).play()
+    assert store.bar(LONG, 0) and list(store.runs.iterdir()) == []
     vehicle.advance(2.0)
     assert not vehicle.armed and not vehicle.disarmed_by and not vehicle.commanded()
 

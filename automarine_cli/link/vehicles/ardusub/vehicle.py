@@ -117,7 +117,8 @@ class RunSession:
         """Sticks in the middle, and disarm; where that is not heard, the dead-man does it in the silence after it."""
         self._link.halted = lambda: False
         if self._is_armed:
-            self._still(NEUTRALS / STICK_HZ, checked=False)
+            with suppress(SettingError):  # what is not heard any more may still hear the word to disarm
+                self._still(NEUTRALS / STICK_HZ, checked=False)
             self._link.steady = False
             self._link.command(ARM_DISARM, 0.0)
 
