@@ -305,6 +305,7 @@ def _(fit: PlanarFit) -> Sections:
 
 def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
+    yield f"Commands act {interval(fit.found.delay)} s after the middle of the sample interval in which they changed."
     yield from fit.prior.sentences(units(fit.model), fit.model.parameter_names)
     yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
     noises = fit.found.fit.noise_of
