@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     metavar="PERCENT", help="Load to hold against, in percent of the whole output.",
 )  # fmt: skip
 @option(
+    "--load-recovery", type=options.Finite(min=1, max=600), metavar="SECONDS",
+    help="Time in which the load is to be rejected.  [default: four settling times]",
+)  # fmt: skip
+@option(
     "--margin", type=options.Finite(min=0, max=2, min_open=True, max_open=True), default=0.75, show_default=True,
     metavar="M", help="Disk margin to keep.",
 )  # fmt: skip
@@ -45,7 +49,7 @@ if TYPE_CHECKING:
     "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
     help="Time between two loops of a pid.",
 )  # fmt: skip
-@option("--beyond-range", is_flag=True, help="Allow gains beyond the firmware's documented ranges.")
+@option("--beyond-range", is_flag=True, help="Allow gains beyond the firmware's documented ranges, up to ten times.")
 @option(
     "--check", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role="log",
     help="Check a log flown with the gains of MODEL.json, a tuning.json; may be repeated.",
