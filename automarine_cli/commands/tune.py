@@ -45,10 +45,7 @@ if TYPE_CHECKING:
     "--present", type=options.FILE, metavar="FILE", reads="file",
     help="The vehicle's .param file.  [default: the firmware's defaults]",
 )  # fmt: skip
-@option(
-    "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
-    help="Time between two loops of a pid.",
-)  # fmt: skip
+@option("--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS", help="Time between loops of a pid.")
 @option("--beyond-range", is_flag=True, help="Allow gains beyond the firmware's documented ranges, up to ten times.")
 @option(
     "--check", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role="log",
@@ -73,12 +70,10 @@ def tune(*, check: Any, reference: str | None, progress: Progress, **settings: A
       automarine tune out/yaw/yaw_model.json --for ardusub --full 1.2 \\
         --delay 0.1 -o out/tuning
     """
+    from automarine_cli.control.tuning import check_tuning, make_tuning
+
     if check:
-        from automarine_cli.control.tuning import check_tuning
-
         return check_tuning(settings["model"], check, reference, settings["columns"], progress)
-    from automarine_cli.control.tuning import make_tuning
-
     return make_tuning(**settings)
 
 

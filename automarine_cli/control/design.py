@@ -88,13 +88,15 @@ def fly(
 @dataclass(frozen=True)
 class Scores:
     """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (infinite where it never does), `rms`
-    from then on and `error` of the load [base units], and what is `left` of the latter after the time of recovery."""
+    from then on, `error` of the load [base units], what is `left` of the latter after the time of recovery, and the
+    largest `swing` [base units] about the reference in the second half of the flight."""
 
     overshoot: Floats
     settling: Floats
     rms: Floats
     error: Floats
     left: Floats
+    swing: Floats
 
     @property
     def settles(self) -> NDArray[np.bool_]:
@@ -118,9 +120,9 @@ def scores(flight: ClosedLoopRun, step: float, band: float, recovery: float = np
     overshoot, settling, rms = step_scores(flight.time, flight.position[:, 0], step, band)
     pushed = np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6)
     last = max(10, int(np.searchsorted(flight.time, recovery)))
-    return Scores(
-        overshoot, settling, rms, np.abs(pushed).max(axis=1), np.abs(pushed[:, last - 10 : last].mean(axis=1))
-    )
+    left = np.abs(pushed[:, last - 10 : last].mean(axis=1))
+    late = np.nan_to_num(flight.position[:, 0, len(flight.time) // 2 :], nan=1e6, posinf=1e6, neginf=1e6)
+    return Scores(overshoot, settling, rms, np.abs(pushed).max(axis=1), left, np.abs(late - step).max(axis=1))
 
 
 def step_scores(time: Floats, position: Floats, step: float, band: float) -> tuple[Floats, Floats, Floats]:
@@ -221,6 +223,7 @@ RECOVERY, SHORTEST = 4.0, 20.0
 """Settling times after which a load is to be rejected where nobody sets a time, and at least [s]: loads that stay, of a
 current or a tether, build up slowly."""
 EXPLORED = (0.0, 0.3, 3.0)  # further weights of a load that is not rejected, for what may lead to better gains
+HUNTS = 2.0  # bands by which a vehicle that rests is off at most, in the second half of its flight: noise moves it less
 NEVER = 1e6  # what not settling costs, in lengths of a flight
 WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
 ROUGH, LONGEST = 0.1, 0.02
@@ -449,9 +452,10 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
 
 
 def keeps(result: Outcome, problem: Problem) -> bool:
-    """Whether every explanation's vehicles keep the margin and settle, all but a twentieth, and then rest for as long:
-    in a dead-band a loop may swing out again."""
-    good = (result.margins.disk >= problem.task.margin) & (result.scores.settling <= 0.5 * problem.task.seconds)
+    """Whether every explanation's vehicles keep the margin, settle and then rest, all but a twentieth: in a dead-band a
+    loop may hunt for ever, in swings with long rests between."""
+    task, found = problem.task, result.scores
+    good = (result.margins.disk >= task.margin) & found.settles & (found.swing <= HUNTS * task.band)
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 

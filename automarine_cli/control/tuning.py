@@ -250,7 +250,7 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
     if dear is not None:
         return _reached(problem, "cannot-promise", *dear, old=old)
     if chosen is None:
-        why = f"No gains{_within(target)} keep a disk margin of {task.margin:g} for {design.SHARE:.0%} of the vehicles"
+        why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {design.SHARE:.0%} of the vehicles"
         why = f"{why} that the model allows. {_more(target)}"
         return _reached(problem, "cannot-promise", why, old=old, beyond=_beyond(short, some))
     new = design.outcome(problem, chosen)
@@ -296,23 +296,16 @@ def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, s
             continue
         gains = problem.target.propose(alone, problem.nominal)
         sets = {name: np.append(value, [] if chosen is None else chosen[name]) for name, value in gains.items()}
-        quick = problem.limit_rate(design.ROUGH)
-        settling = design.flown(quick, sets, part.pick(slice(0, 1)), problem.task).settling[:, 0]
-        mine, common = settling[0], np.inf if chosen is None else settling[1]
-        if common > DEAREST * mine:
-            settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")
-            instead = "no gains" if not np.isfinite(common) else f"gains that settle in {common:.1f} s"
-            open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
-            return (
-                f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there "
-                f"are {instead} for everything that the logs allow; {open_still} is not known well enough.",
-                settled,
-            )
+        quick, first = problem.limit_rate(design.ROUGH), part.pick(slice(0, 1))
+        mine, *common = design.flown(quick, sets, first, problem.task).settling[:, 0].tolist()
+        if max(common, default=math.inf) <= DEAREST * mine:
+            continue
+        settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")
+        instead = f"gains that settle in {common[0]:.1f} s" if math.isfinite(sum(common) or math.inf) else "no gains"
+        open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
+        why = f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there are"
+        return f"{why} {instead} for everything that the logs allow; {open_still} is not known well enough.", settled
     return None
-
-
-def _within(target: Target) -> str:
-    return " within the documented ranges" if target.ranged else ""
 
 
 def _more(target: Target) -> str:
@@ -381,7 +374,7 @@ def headlines(tuning: Tuning) -> list[str]:
         said.append(f"{label[0].upper()}{label[1:]}: {values}.")
     if new is None:
         return said
-    verb = "They reject" if new.rejects(task) else f"No gains{_within(tuning.target)} reject"
+    verb = "They reject" if new.rejects(task) else f"No gains{tuning.target.within} reject"
     band = f"{dof.shown(task.band):g} {dof.units.shown}"
     said.append(f"{verb} a load of {100 * task.load:g} % to within {band} in {task.recovery:g} s.")
     if ends := tuning.target.at_ends(new.gains):

@@ -177,13 +177,16 @@ def stack(seed: int, out: Path) -> dict[str, Any]:
     """One vehicle: identified, diagnosed and tuned; the truth with the gains, and with the best of random ones."""
     truth = Truth.limited(seed)
     row: dict[str, Any] = {"seed": seed, "hidden": dict(truth.hidden), "inertia": truth.inertia}
-    place, curve = out / "limited" / f"{seed:02}", {1: ",dead-band", 2: ",thrust-exponent"}.get(seed % 4, "")
-    if not (place / "model" / "yaw_model.json").is_file():
+    place = out / "limited" / f"{seed:02}"
+    source = place / "model" / "yaw_model.json"
+    if seed % 4 == 2:  # a curve of the thrust is a diagnosis's to name
+        source = identified(truth, seed, place, steps=False)
+    elif not source.is_file():
         write_logs(truth, place / "logs", np.random.default_rng([seed, 22]), NOISE_DEG)
-        effects = "input-delay,thruster-lag" + curve
-        am.fit_yaw([str(place / "logs")], with_effects=effects, out=place / "model", overwrite=True)
+        effects = "input-delay,thruster-lag" + (",dead-band" if seed % 4 == 1 else "")
+        am.fit_yaw([str(place / "logs")], with_effects=effects, out=source.parent, overwrite=True)
     begun = time.process_time()
-    tuned = am.tune(place / "model" / "yaw_model.json", target="ardusub", full=1.0).to_json()
+    tuned = am.tune(source, target="ardusub", full=1.0).to_json()
     row |= {"seconds": time.process_time() - begun, "verdict": tuned["verdict"], "why": tuned["why"]}
     row["ends"], recovery = tuned["at_end_of_range"], tuned["load_recovery_s"] or 40.0
     if tuned["verdict"] == "cannot-promise":

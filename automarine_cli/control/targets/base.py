@@ -87,6 +87,10 @@ class Target(ABC):
         return bool(self.firmware) and not self.beyond
 
     @property
+    def within(self) -> str:
+        return " within the documented ranges" if self.ranged else ""
+
+    @property
     def has_defaults(self) -> bool:
         return len(self.defaults) == len(self.parameters)
 
