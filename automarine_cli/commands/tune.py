@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     metavar="PERCENT", help="Load to hold against, in percent of the whole output.",
 )  # fmt: skip
 @option(
+    "--load-recovery", type=options.Finite(min=1, max=600), metavar="SECONDS",
+    help="Time in which the load is to be rejected.  [default: four settling times]",
+)  # fmt: skip
+@option(
     "--margin", type=options.Finite(min=0, max=2, min_open=True, max_open=True), default=0.75, show_default=True,
     metavar="M", help="Disk margin to keep.",
 )  # fmt: skip
@@ -41,11 +45,8 @@ if TYPE_CHECKING:
     "--present", type=options.FILE, metavar="FILE", reads="file",
     help="The vehicle's .param file.  [default: the firmware's defaults]",
 )  # fmt: skip
-@option(
-    "--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS",
-    help="Time between two loops of a pid.",
-)  # fmt: skip
-@option("--beyond-range", is_flag=True, help="Allow gains beyond the firmware's documented ranges.")
+@option("--sample-time", type=options.Finite(min=0.001, max=1), metavar="SECONDS", help="Time between loops of a pid.")
+@option("--beyond-range", is_flag=True, help="Allow gains beyond the firmware's documented ranges, up to ten times.")
 @option(
     "--check", multiple=True, type=click.Path(readable=False), metavar="LOG", reads="logs", role="log",
     help="Check a log flown with the gains of MODEL.json, a tuning.json; may be repeated.",
@@ -69,12 +70,10 @@ def tune(*, check: Any, reference: str | None, progress: Progress, **settings: A
       automarine tune out/yaw/yaw_model.json --for ardusub --full 1.2 \\
         --delay 0.1 -o out/tuning
     """
+    from automarine_cli.control.tuning import check_tuning, make_tuning
+
     if check:
-        from automarine_cli.control.tuning import check_tuning
-
         return check_tuning(settings["model"], check, reference, settings["columns"], progress)
-    from automarine_cli.control.tuning import make_tuning
-
     return make_tuning(**settings)
 
 

@@ -5,9 +5,12 @@ A formula for margins is satisfied by loops that are unstable already: what is u
 often 1 + L goes round the origin along a line slightly to the left of the imaginary axis (Nyquist's criterion, which
 thus calls what rings on and on unstable too), and has no margin.
 
-First design numbers are spread over the space of gains and their disk margins worked out on three vehicles of every
+First design numbers are spread over the space of gains and their disk margins worked out on some vehicles of every
 explanation; all that keep the margin are flown, for no figure of a linear loop says how soon a step settles. The best
 are looked at again nearby, ever nearer, and the last few are judged on the whole crowd.
+
+The best are the quickest of those that bring the vehicle back from a load that stays, within a time; where none does,
+settling and what is left of the load weigh equally.
 
 Sources: Seiler, Packard and Gahinet (2020), An introduction to disk margins, IEEE Control Systems 40(5):78; Nyquist
 (1932), Bell System Technical Journal 11:126.
@@ -30,6 +33,9 @@ from automarine_cli.quantities import Complexes, Floats
 LONGEST_STEP = 0.01  # longest step [s] of a vehicle between two loops of its controller
 READ = 0.1  # flights are kept, and readings as far off as they are, for so long [s]: the pace of logs
 Loop = Callable[[Complexes], Complexes]
+Trials = NDArray[Any]
+"""What C sets of gains do to some vehicles of all crowds, (C,): the `numbers` of their design, the `disk` margin that
+all but a twentieth keep, and scores that none or few of them exceed."""
 TILT = 0.02  # damping ratio below which a closed loop counts as unstable
 LOWEST = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
 
@@ -43,11 +49,12 @@ class ClosedLoopRun:
 
 
 def fly(
-    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, longest: float = LONGEST_STEP
-) -> ClosedLoopRun:
+    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *,
+    longest: float = LONGEST_STEP, sets: int = 1,
+) -> ClosedLoopRun:  # fmt: skip
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
     moment against the vehicle all along, the vehicle in steps of `longest` [s] at most; kept ten times a second.
-    Readings have the vehicles' noise, the same in every call."""
+    Readings have the vehicles' noise, the same in every call, and for each of several `sets` of gains on a crowd."""
     step, loops = target.period, reference.shape[2]
     parts = max(1, int(np.ceil(step / longest - 1e-9)))
     flights = reference.shape[1]
@@ -59,14 +66,15 @@ def fly(
     late = np.exp(-step / np.maximum(lag, 1e-9))
     pace = max(1, round(READ / step))
     random, sizes = np.random.default_rng(0), np.array(vehicles.noise)[:, None, None]
-    wrong = sizes * np.zeros((2, len(vehicles), flights))
+    drawn = (2, len(vehicles) // sets, flights)
+    wrong = np.zeros((2, len(vehicles), flights))
     positions: list[Floats] = []
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable set of gains may run away
         for k in range(loops):
             position = hull.position[0]
             sensed = position + late * (sensed - position)
             if k % pace == 0 and any(vehicles.noise):
-                wrong = sizes * random.standard_normal(wrong.shape)
+                wrong = np.tile(sizes * random.standard_normal(drawn), (1, sets, 1))
             readings = sensed + wrong[0], hull.velocity[0] + wrong[1]
             state, output = controller(state, reference[:, :, k], *readings)
             if k % pace == 0:
@@ -80,13 +88,15 @@ def fly(
 @dataclass(frozen=True)
 class Scores:
     """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (infinite where it never does), `rms`
-    from then on and `error` of the load [base units], and `end` what is left of the latter at the end."""
+    from then on, `error` of the load [base units], what is `left` of the latter after the time of recovery, and the
+    largest `swing` [base units] about the reference in the second half of the flight."""
 
     overshoot: Floats
     settling: Floats
     rms: Floats
     error: Floats
-    end: Floats
+    left: Floats
+    swing: Floats
 
     @property
     def settles(self) -> NDArray[np.bool_]:
@@ -95,19 +105,24 @@ class Scores:
 
 def step_and_load(
     target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float,
-    longest: float = LONGEST_STEP,
+    longest: float = LONGEST_STEP, sets: int = 1,
 ) -> ClosedLoopRun:  # fmt: skip
     """Fly every set twice: a step of the reference, and a load in shares of the whole output from rest."""
     reference = np.zeros((1, 2, max(2, round(seconds / target.period))))
     reference[:, 0] = step
     loads = np.array([[0.0, load * vehicles.full]])
-    return fly(target, gains, vehicles, reference, loads, longest=longest)
+    return fly(target, gains, vehicles, reference, loads, longest=longest, sets=sets)
 
 
-def scores(flight: ClosedLoopRun, step: float, band: float) -> Scores:
+def scores(flight: ClosedLoopRun, step: float, band: float, recovery: float = np.inf) -> Scores:
+    """Score flights of a `step`, settled within a `band`, and of a load; what is left of that is the mean over the
+    second before the time of `recovery` [s] or the end, for noise moves the vehicle too."""
     overshoot, settling, rms = step_scores(flight.time, flight.position[:, 0], step, band)
-    pushed = np.abs(np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6))
-    return Scores(overshoot, settling, rms, pushed.max(axis=1), pushed[:, -1])
+    pushed = np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6)
+    last = max(10, int(np.searchsorted(flight.time, recovery)))
+    left = np.abs(pushed[:, last - 10 : last].mean(axis=1))
+    late = np.nan_to_num(flight.position[:, 0, len(flight.time) // 2 :], nan=1e6, posinf=1e6, neginf=1e6)
+    return Scores(overshoot, settling, rms, np.abs(pushed).max(axis=1), left, np.abs(late - step).max(axis=1))
 
 
 def step_scores(time: Floats, position: Floats, step: float, band: float) -> tuple[Floats, Floats, Floats]:
@@ -172,12 +187,16 @@ def margins(loop: Loop, omega: Floats, poles: Complexes, integrators: int) -> Ma
     return Margins(disk, gain, phase, delay, good)
 
 
+def _crossings(values: NDArray[Any], *others: NDArray[Any]) -> tuple[NDArray[np.bool_], list[Floats]]:
+    """Where values (S, W) pass zero, (S, W - 1), and others, (S or 1, W) each, at these places."""
+    crosses = values[:, 1:] * values[:, :-1] < 0
+    share = np.where(crosses, values[:, :-1] / np.where(crosses, values[:, :-1] - values[:, 1:], 1.0), 0.0)
+    return crosses, [other[:, :-1] + share * np.diff(other, axis=1) for other in others]
+
+
 def _gain_margin(ratio: Complexes) -> Floats:
     """Smallest change of gain, up or down [dB], that brings a loop to -1."""
-    side, real = ratio.imag, ratio.real
-    crosses = side[:, 1:] * side[:, :-1] < 0
-    share = np.where(crosses, side[:, :-1] / np.where(crosses, side[:, :-1] - side[:, 1:], 1.0), 0.0)
-    at = real[:, :-1] + share * (real[:, 1:] - real[:, :-1])
+    crosses, (at,) = _crossings(ratio.imag, ratio.real)
     with np.errstate(divide="ignore"):
         size = np.where(crosses & (at < 0), np.abs(20.0 * np.log10(np.abs(np.where(at < 0, at, 1.0)))), np.inf)
     return np.asarray(np.min(size, axis=1))
@@ -186,13 +205,9 @@ def _gain_margin(ratio: Complexes) -> Floats:
 def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
     """Smallest phase [deg], and smallest delay [s], that brings a loop to -1."""
     size, turn = np.log(np.maximum(np.abs(ratio), np.finfo(float).tiny)), np.unwrap(np.angle(ratio), axis=1)
-    crosses = size[:, 1:] * size[:, :-1] < 0
-    share = np.where(crosses, size[:, :-1] / np.where(crosses, size[:, :-1] - size[:, 1:], 1.0), 0.0)
-    angle = turn[:, :-1] + share * np.diff(turn, axis=1) + np.pi
-    at = np.exp(np.log(omega[:-1]) + share * np.diff(np.log(omega)))
-    distance = np.abs((angle + np.pi) % (2.0 * np.pi) - np.pi)
-    phase = np.where(crosses, distance, np.inf)
-    delay = np.where(crosses, (angle % (2.0 * np.pi)) / at, np.inf)
+    crosses, (angle, at) = _crossings(size, turn + np.pi, np.log(omega)[None])
+    phase = np.where(crosses, np.abs((angle + np.pi) % (2.0 * np.pi) - np.pi), np.inf)
+    delay = np.where(crosses, (angle % (2.0 * np.pi)) / np.exp(at), np.inf)
     return np.rad2deg(np.min(phase, axis=1)), np.asarray(np.min(delay, axis=1))
 
 
@@ -200,14 +215,19 @@ CROWD, JUDGED = 180, 12
 ROUNDS, LAST = 5, 20  # looks at the space of gains, each nearer to the best; sets that are judged by the crowd
 EXACT, STEADY = (0.02, 0.05)  # loops of the flights that are promised, and of those that gains are chosen by
 SHARE = 0.95  # of the crowd that has to keep the margin, and to settle
-FIRST, NEAR, ELITE, FLOWN, MOST = 1500, 200, 8, 160, 40
-"""Sets of gains: spread over their space, near the best so many, flown for a further explanation, found at last."""
-FEW, NEARLY = 40, 0.95
-"""Vehicles on which flown sets have to keep the margin; share of it that three probes have to keep before."""
+FIRST, NEAR, ELITE = 1500, 30, 3
+"""Sets of gains: spread over their space, near each of the best, and best by each rule."""
+FEW = 40  # vehicles on which sets have to keep the margin before they are flown
+SLOWER = 1.1  # how much more than the best gains may cost that have more margin, or move less under a load
+RECOVERY, SHORTEST = 4.0, 20.0
+"""Settling times after which a load is to be rejected where nobody sets a time, and at least [s]: loads that stay, of a
+current or a tether, build up slowly."""
+EXPLORED = (0.0, 0.3, 3.0)  # further weights of a load that is not rejected, for what may lead to better gains
+HUNTS = 2.0  # bands by which a vehicle that rests is off at most, in the second half of its flight: noise moves it less
 NEVER = 1e6  # what not settling costs, in lengths of a flight
 WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
 ROUGH, LONGEST = 0.1, 0.02
-"""Loops of flights that gains are looked for with, in shares of all that is slow in the loop; and the longest loops
+"""Loops of flights that gains are looked for with, in shares of the quickest loop's time; and the longest loops
 and steps of a vehicle in flights that are not promised [s]."""
 LONG, LEAST = 5.0, 6.0  # flights that gains are looked for with, in settling times and at least [s]
 COARSE, FINE = 180, 500  # frequencies of the first look and of the margins that are told
@@ -216,17 +236,19 @@ COARSE, FINE = 180, 500  # frequencies of the first look and of the margins that
 @dataclass(frozen=True)
 class Task:
     """What gains are for: `step` of the reference and `band` within which it counts as settled [base units], `load` in
-    shares of the whole output, disk `margin` to keep, how long a flight takes [s]."""
+    shares of the whole output, disk `margin` to keep, how long a flight takes [s], and the time of `recovery` [s] after
+    which the load is to be within the band, infinite where nobody set it."""
 
     step: float
     band: float
     load: float
     margin: float
     seconds: float
+    recovery: float = np.inf
 
 
 def probes(vehicles: Vehicles) -> Vehicles:
-    """The first, one that is late and lively, and one that is sluggish."""
+    """The first, one that is late and lively, and one that is sluggish, where there are more."""
     reach = plant.output_slope(vehicles) / vehicles.theta[:, 0]
     late = dead_time(vehicles) + lag_of(vehicles) + 1e-3
     lively, sluggish = np.argsort(late / late.max() + reach / reach.max()), np.argsort(-reach)
@@ -246,6 +268,10 @@ class Outcome:
     def share_with(self, margin: float) -> float:
         return float(np.mean(self.margins.disk >= margin))
 
+    def rejects(self, task: Task) -> bool:
+        """Tell whether all but a twentieth are back within the band after the time of recovery."""
+        return bool(np.mean(self.scores.left <= task.band) >= SHARE)
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -259,9 +285,9 @@ class Problem:
     crowds: tuple[Vehicles, ...]
 
     def limit_rate(self, share: float) -> Target:
-        """Give the same stack fewer loops a second, a `share` of all that is slow long, 0.02 s at most."""
-        slow, target = self.nominal.lag + self.target.own_lag, self.target
-        return type(target)(float(np.clip(share * slow, target.period, max(target.period, LONGEST))), target.beyond)
+        """Give the same stack fewer loops a second, a `share` of the quickest loop's time long, 0.02 s at most."""
+        target, loop = self.target, share / self.target.crossover(self.nominal)
+        return type(target)(float(np.clip(loop, target.period, max(target.period, LONGEST))), target.beyond)
 
     def omega(self, count: int) -> Floats:
         """Return `count` frequencies [rad/s] that matter to the target on these vehicles."""
@@ -292,10 +318,6 @@ def problem_of(
     return Problem(target, task, knowledge, nominal_of(crowds[0], task.step), tuple(crowds))
 
 
-def select(gains: Mapping[str, Floats], which: NDArray[Any]) -> dict[str, Floats]:
-    return {name: value[which] for name, value in gains.items()}
-
-
 def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats) -> Margins:
     """Return margins of every vehicle (S,) under gains (S, 1), or the same for all (1, 1), from frequencies (W,)."""
 
@@ -319,20 +341,58 @@ def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega
     return disk
 
 
-def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> tuple[Floats, Scores]:
-    """Fly sets of gains (C,) on some vehicles (V) and return their cost (C, V), and the scores (C V,).
+def keepable(problem: Problem, numbers: Floats, few: int, count: int) -> Floats:
+    """Return the disk margin (C,) that all but a twentieth of the first vehicles of every crowd keep, from so many
+    frequencies."""
+    gains, omega = problem.target.propose(numbers, problem.nominal), problem.omega(count)
+    parts = (screened(problem.target, gains, part.pick(slice(0, few)), omega) for part in problem.crowds)
+    return np.min([np.quantile(disk, 1.0 - SHARE, axis=1, method="higher") for disk in parts], axis=0)
 
-    The cost is log settling + log largest error under load + 1/4 log what is left of it: half the time is worth as much
-    as half the error; and 4 for each share of the step by which it is overshot, beyond a tenth."""
+
+def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> Scores:
+    """Fly sets of gains (C,) on some vehicles (V) and return their scores, (C, V) each."""
     sets, count = len(next(iter(gains.values()))), len(vehicles)
     repeated: Gains = {name: np.repeat(value, count)[:, None] for name, value in gains.items()}
     many = vehicles.pick(np.tile(np.arange(count), sets))
-    flight = step_and_load(target, repeated, many, task.step, task.load, task.seconds, longest=LONGEST)
-    result = scores(flight, task.step, task.band)
-    settling = np.log(np.where(result.settles, result.settling, NEVER * task.seconds))
-    load = np.log(np.maximum(result.error, 1e-6)) + 0.25 * np.log(result.end + task.band)
-    cost = settling + load + 4.0 * np.maximum(result.overshoot - 0.1, 0.0)
-    return cost.reshape(sets, count), result
+    flight = step_and_load(target, repeated, many, task.step, task.load, task.seconds, LONGEST, sets)
+    result = scores(flight, task.step, task.band, task.recovery)
+    return Scores(*(value.reshape(sets, count) for value in vars(result).values()))
+
+
+def tried(
+    problem: Problem, numbers: Floats, disk: Floats, few: Callable[[Vehicles], Vehicles], loops: float, share: float
+) -> Trials:
+    """Fly a few vehicles of every crowd, with `loops` as for `limit_rate`: what a share of them does not exceed."""
+    target, gains = problem.limit_rate(loops), problem.target.propose(numbers, problem.nominal)
+    crowds = problem.crowds if len(numbers) else ()
+    parts = [vars(flown(target, gains, few(part), problem.task)) for part in crowds]
+    columns = [(field.name, float) for field in fields(Scores)]
+    trials = np.empty(len(numbers), [("numbers", float, problem.target.numbers), ("disk", float), *columns])
+    trials["numbers"], trials["disk"] = numbers, disk
+    for name, _ in columns:
+        if parts:
+            values = np.concatenate([part[name] for part in parts], axis=1)
+            trials[name] = np.quantile(values, share, axis=1, method="inverted_cdf")
+    return trials
+
+
+def leaders(trials: Trials, task: Task, count: int) -> Trials:
+    """Return the best `count` sets, best first, then some that may lead to better ones.
+
+    The cost is log settling + log of what is left of the load beyond the band: half the time is worth as much as half
+    of what is left, until the load is rejected; and 4 for each share of the step by which it is overshot, beyond a
+    tenth. Among sets that are nearly as good, the largest margin and the least error under the load count."""
+    time = np.log(np.where(np.isfinite(trials["settling"]), trials["settling"], NEVER * task.seconds))
+    time = time + 4.0 * np.maximum(trials["overshoot"] - 0.1, 0.0)
+    excess = np.log(np.maximum(trials["left"] / task.band, 1.0))
+    costs = [time + weight * excess for weight in (1.0, *EXPLORED)]
+    worse = np.maximum(costs[0] - np.min(costs[0], initial=np.inf) - np.log(SLOWER), 0.0)
+    orders = [
+        np.lexsort((np.maximum(trials["error"], task.band) / trials["disk"], worse)),
+        *(np.argsort(c, kind="stable") for c in costs),
+    ]
+    places = dict.fromkeys(np.concatenate([order[:count] for order in orders]).tolist())
+    return trials[list(places)]
 
 
 def spread_numbers(count: int, size: int) -> Floats:
@@ -344,53 +404,40 @@ def spread_numbers(count: int, size: int) -> Floats:
     return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
 
 
-def shorten(problem: Problem) -> Problem:
-    """Shorten the flights to `LONG` times what the best of a few takes to settle, on the first vehicle."""
-    target, task = problem.target, problem.task
-    gains = target.propose(spread_numbers(FIRST // 5, target.numbers), problem.nominal)
-    first = problem.crowds[0].pick(slice(0, 1))
-    good = np.flatnonzero(screened(target, gains, first, problem.omega(COARSE))[:, 0] >= task.margin)
-    if not len(good):
-        return problem
-    settling = flown(problem.limit_rate(ROUGH), select(gains, good), first, task)[1].settling.min()
-    return replace(problem, task=replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds))))
+def shorten(problem: Problem) -> tuple[Problem, float]:
+    """Shorten the flights to `LONG` times what the quickest gains take to settle on the first vehicle; the time of
+    recovery is `RECOVERY` times that where none is set, and no flight is shorter. Return also how long flights that
+    are promised take [s]."""
+    task = problem.task
+    alone = replace(problem, crowds=(problem.crowds[0].pick(slice(0, 1)),))
+    settling = searched(alone, task.margin, 3, FIRST // 5)["settling"]
+    quickest = np.min(settling) if np.any(np.isfinite(settling)) else task.seconds / RECOVERY
+    quiet = float(np.ceil(RECOVERY * quickest))
+    recovery = task.recovery if np.isfinite(task.recovery) else max(quiet, SHORTEST)
+    seconds = max(float(np.clip(LONG * quickest, LEAST, task.seconds)), recovery)
+    return replace(problem, task=replace(task, seconds=seconds, recovery=recovery)), 2.0 * max(
+        task.seconds, recovery, quiet
+    )
 
 
-def searched(problem: Problem, margin: float, rounds: int) -> Floats:
-    """Find design numbers of the best sets of gains that keep the margin on some vehicles of all crowds, cheapest
-    first; none where none does. Margins are those of the target's own loops, flights are rough."""
-    size, omega = problem.target.numbers, problem.omega(COARSE)
-    numbers, cost = _tried(problem, margin, omega, spread_numbers(FIRST, size))
-    offsets = (spread_numbers(NEAR, size) - 0.5).reshape(ELITE, -1, size)
+def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST) -> Trials:
+    """Find, from so many `first` ones, the best sets of gains that keep the margin on some vehicles of all crowds, as
+    `leaders` ranks them; none where none does. Margins are those of the target's own loops, flights are rough."""
+    size, task = problem.target.numbers, problem.task
+    trials = _kept(problem, margin, spread_numbers(first, size))
+    offsets = spread_numbers(NEAR, size) - 0.5
     for turn in range(1, rounds):
-        best = numbers[_cheapest(cost, ELITE)]
-        around = np.clip(best[:, None, :] + WIDTH / turn * offsets[: len(best)], 0.0, 1.0).reshape(-1, size)
-        nearby = _tried(problem, margin, omega, around)
-        numbers, cost = np.concatenate([numbers, nearby[0]]), np.concatenate([cost, nearby[1]])
-    return numbers[_cheapest(cost, MOST)]
+        best = leaders(trials, task, ELITE)["numbers"]
+        around = np.clip(best[:, None, :] + WIDTH / turn * offsets, 0.0, 1.0)
+        trials = np.concatenate([trials, _kept(problem, margin, around.reshape(-1, size))])
+    return leaders(trials, task, LAST)
 
 
-def _cheapest(cost: Floats, count: int) -> NDArray[np.int64]:
-    return np.argsort(cost, kind="stable")[:count]
-
-
-def _tried(problem: Problem, margin: float, omega: Floats, numbers: Floats) -> tuple[Floats, Floats]:
-    """The design numbers whose gains keep the margin, and what these cost on a few vehicles, (C,)."""
-    target, quick = problem.target, problem.limit_rate(ROUGH)
-    gains = target.propose(numbers, problem.nominal)
-    places, cost = np.arange(len(numbers)), np.zeros(len(numbers))
-    for part in problem.crowds:
-        disk = screened(target, select(gains, places), probes(part), omega)
-        places = places[np.all(disk >= NEARLY * margin, axis=1)]
-    for part in problem.crowds:  # what is dear for the first explanation need not be flown for the others
-        if len(places):
-            flights = flown(quick, select(gains, places), probes(part), problem.task)[0].max(axis=1)
-            cost[places] = np.maximum(cost[places], flights)
-            places = places[_cheapest(cost[places], FLOWN)]
-    for part in problem.crowds:
-        disk = screened(target, select(gains, places), part.pick(slice(0, FEW)), omega)
-        places = places[np.mean(disk >= margin, axis=1) >= SHARE]
-    return numbers[places], cost[places]
+def _kept(problem: Problem, margin: float, numbers: Floats) -> Trials:
+    """The design numbers whose gains keep the margin on some vehicles, and what they do to three."""
+    disk = keepable(problem, numbers, FEW, COARSE)
+    good = disk >= margin
+    return tried(problem, numbers[good], disk[good], probes, ROUGH, 1.0)
 
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
@@ -401,28 +448,26 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     flights = [step_and_load(exact, sets, part, task.step, task.load, task.seconds) for part in crowds]
     flight = ClosedLoopRun(flights[0].time, np.concatenate([flight.position for flight in flights]))
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
-    return Outcome(dict(gains), every, scores(flight, task.step, task.band), flight)
+    return Outcome(dict(gains), every, scores(flight, task.step, task.band, task.recovery), flight)
 
 
 def keeps(result: Outcome, problem: Problem) -> bool:
-    """Whether every explanation's vehicles keep the margin and settle, all but a twentieth."""
-    good = (result.margins.disk >= problem.task.margin) & result.scores.settles
+    """Whether every explanation's vehicles keep the margin, settle and then rest, all but a twentieth: in a dead-band a
+    loop may hunt for ever, in swings with long rests between."""
+    task, found = problem.task, result.scores
+    good = (result.margins.disk >= task.margin) & found.settles & (found.swing <= HUNTS * task.band)
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
 
 def best_gains(problem: Problem) -> dict[str, float] | None:
-    """The best gains that all crowds can live with; looked for with more margin on the probes where that fails.
-
-    Of several sets it is the one whose cost is least for all but a tenth of the vehicles."""
-    target, task, omega = problem.target, problem.task, problem.omega(FINE // 2)
+    """The best gains that all crowds can live with, as `leaders` ranks what all but a tenth of the vehicles do; looked
+    for with more margin on the few where that fails."""
     for more in (1.0, 1.12, 1.3):
-        gains = target.propose(searched(problem, more * task.margin, ROUNDS), problem.nominal)
-        good = [screened(target, gains, part, omega) >= task.margin for part in problem.crowds]
-        admissible = np.flatnonzero(np.min([part.mean(axis=1) for part in good], axis=0) >= SHARE)[:LAST]
-        if len(admissible):
-            gains, quick = select(gains, admissible), problem.limit_rate(STEADY)
-            costs = [flown(quick, gains, part.pick(slice(0, JUDGED)), task)[0] for part in problem.crowds]
-            best = int(np.argmin(np.quantile(np.concatenate(costs, axis=1), 0.9, axis=1)))
-            return {name: float(value[best]) for name, value in gains.items()}
+        numbers = searched(problem, more * problem.task.margin, ROUNDS)["numbers"]
+        disk = keepable(problem, numbers, CROWD, FINE // 2)
+        if np.any(good := disk >= problem.task.margin):
+            trials = tried(problem, numbers[good], disk[good], lambda part: part.pick(slice(0, JUDGED)), STEADY, 0.9)
+            best = leaders(trials, problem.task, 1)["numbers"][:1]
+            return {name: float(value[0]) for name, value in problem.target.propose(best, problem.nominal).items()}
     return None

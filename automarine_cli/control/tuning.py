@@ -37,21 +37,24 @@ LONG_DELAY = 0.14
 """Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
 Verdict = Literal["gains", "leave", "cannot-promise"]
 RECORDED = (
-    "target", "step", "load", "margin", "full", "arm", "delay", "supply", "sample_time", "beyond_range", "seed",
+    "target", "step", "load", "load_recovery", "margin", "full", "arm", "delay", "supply", "sample_time",
+    "beyond_range", "seed",
 )  # fmt: skip
 
 
 def set_up(
     model: Source, *, target: str, extended: Source | None = None, step: float | None = None, load: float = 10.0,
-    margin: float = 0.75, full: float | None = None, thrusters: Source | ThrusterMap | None = None,
-    arm: float | None = None, columns: Source | ColumnMap | None = None, delay: float | None = None,
-    supply: tuple[float, float] = SUPPLY, sample_time: float | None = None, beyond_range: bool = False, seed: int = 0,
+    load_recovery: float | None = None, margin: float = 0.75, full: float | None = None,
+    thrusters: Source | ThrusterMap | None = None, arm: float | None = None, columns: Source | ColumnMap | None = None,
+    delay: float | None = None, supply: tuple[float, float] = SUPPLY, sample_time: float | None = None,
+    beyond_range: bool = False, seed: int = 0,
 ) -> Problem:  # fmt: skip
     """Read and check what a tuning is made of.
 
     `model` is that of a fit, or a diagnosis whose model is `extended`; `step` in degrees or metres, `load` [%] of the
-    whole output, disk `margin` to keep; `full` moment or force of the whole output; `delay` [s] that the logs cannot
-    show, `supply` voltage in shares of that of the logs; `seed` draws the vehicles. Raises ModelError or SettingError.
+    whole output, to be rejected in `load_recovery` [s], disk `margin` to keep; `full` moment or force of the whole
+    output; `delay` [s] that the logs cannot show, `supply` voltage in shares of that of the logs; `seed` draws the
+    vehicles. Raises ModelError or SettingError.
     """
     if read_plain(model, "JSON", ModelError).get("schema") != DIAGNOSIS.schema:
         knowledge = read_knowledge(model, None, delay, supply)
@@ -69,7 +72,7 @@ def set_up(
     most, bend = authority(stack, knowledge, full, map_and_arm(thrusters, arm, given_columns(columns), dof))
     step = step if step is not None else STEP_DEG if dof.wraps else STEP_M
     band = dof.inner(BAND_DEG if dof.wraps else BAND_M)
-    task = Task(dof.inner(step), band, load / 100.0, margin, 0.0)
+    task = Task(dof.inner(step), band, load / 100.0, margin, 0.0, load_recovery or math.inf)
     return design.problem_of(stack, task, knowledge, most, bend, seed)
 
 
@@ -86,14 +89,16 @@ TUNING = ResultKind("tuning.json", "tuning", TuningFile, "tune")
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Shown, Problem):
-    """The verdict on a problem and why; `old` and `new` outcomes where there are any; the effect that is `open` and
-    changes the answer, empty for none; and the `settings` of `set_up`."""
+    """The verdict on a problem and why; `old` and `new` outcomes where there are any, and that of gains `beyond` their
+    documented ranges where these are a limit; the effect that is `open` and changes the answer, empty for none; and the
+    `settings` of `set_up`."""
 
     verdict: Verdict
     why: str
     open: str = ""
     old: Outcome | None = None
     new: Outcome | None = None
+    beyond: Outcome | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -109,25 +114,28 @@ class Tuning(Shown, Problem):
         return self.knowledge.splits.get(self.open) or card.separated_by
 
     def to_json(self) -> dict[str, Any]:
-        target, nominal, task, new, old = self.target, self.nominal, self.task, self.new, self.old
-        dof = nominal.dof
+        target, nominal, task, dof = self.target, self.nominal, self.task, self.nominal.dof
+        old, new, beyond = self.old, self.new, self.beyond
         return {
             "schema": TUNING.schema, "verdict": self.verdict, "why": self.why,
             "target": target.name, "firmware": target.firmware or None, "motion": dof.name, "model": self.source,
             f"{dof.words.force}_unit": nominal.force_unit, f"full_{dof.words.force}": nominal.full,
             "sample_time_s": target.period, f"step_{dof.units.log}": dof.logged(task.step),
             f"settled_within_{dof.units.shown}": dof.shown(task.band), "load_percent": 100.0 * task.load,
+            "load_recovery_s": task.recovery if math.isfinite(task.recovery) else None,
             "margin_asked": task.margin, "flight_s": task.seconds,
             "gains": self.gains(),
             "disk_margin": None if new is None else _json(margins_of(new)["disk_margin"]),
             "margins": {
                 name: {key: _json(value) for key, value in margins_of(outcome).items()} | {
                     "share_with_margin": outcome.share_with(task.margin),
-                    "stable": float(outcome.margins.stable.mean()),
+                    "stable": float(outcome.margins.stable.mean()), "rejects_load": outcome.rejects(task),
                 } for name, outcome in self.outcomes()
             },
             "promised": None if new is None else self._promised(new),
             "present": None if old is None else self._promised(old),
+            "at_end_of_range": [] if new is None else [gain.name for gain in target.at_ends(new.gains)],
+            "beyond_range": beyond and {"gains": dict(beyond.gains), **self._promised(beyond)},
             "vehicles": sum(len(crowd) for crowd in self.crowds),
             "explanations": [crowd.name for crowd in self.crowds],
             "settled_by": self.run or None,
@@ -144,7 +152,8 @@ class Tuning(Shown, Problem):
         }  # fmt: skip
 
     def outcomes(self) -> list[tuple[str, Outcome]]:
-        return [(n, x) for n, x in (("present", self.old), ("new", self.new)) if x is not None]
+        outcomes = ("present", self.old), ("new", self.new), ("with --beyond-range", self.beyond)
+        return [(name, outcome) for name, outcome in outcomes if outcome is not None]
 
     def gains(self) -> dict[str, dict[str, object]]:
         new, old = self.new, self.old
@@ -184,7 +193,7 @@ class Tuning(Shown, Problem):
         assert self.new is not None
         share = f"{self.new.share_with(self.task.margin):.0%}"
         holds = f"Disk margin {self.task.margin:g} or more for {share} of the vehicles that the model allows."
-        notes = [f"From {self.source} by automarine tune.", holds]
+        notes = [f"From {self.source} by automarine tune.", holds, *headlines(self)]
         if self.target.beyond and self.target.firmware:
             notes.append("Warning: values may lie beyond the documented ranges.")
         before = {} if self.old is None else self.old.gains
@@ -219,59 +228,57 @@ def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
 
 
 def _reached(
-    problem: Problem, verdict: Verdict, why: str, effect: str = "", old: Outcome | None = None,
-    new: Outcome | None = None,
+    problem: Problem, verdict: Verdict, why: str, effect: str = "", *, old: Outcome | None = None,
+    new: Outcome | None = None, beyond: Outcome | None = None,
 ) -> Tuning:  # fmt: skip
-    return Tuning(**vars(problem), verdict=verdict, why=why, open=effect, old=old, new=new)
+    return Tuning(**vars(problem), verdict=verdict, why=why, open=effect, old=old, new=new, beyond=beyond)
 
 
 def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | None:
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
-    task, target, crowds = problem.task, problem.target, problem.crowds
-    few = slice(0, PRESENT // len(crowds))
-    some = replace(problem, crowds=tuple(part.pick(few) for part in crowds))
+    short, seconds = design.shorten(problem)
+    task, target = replace(short.task, seconds=seconds), problem.target
+    few = slice(0, PRESENT // len(problem.crowds))
+    problem = replace(problem, task=task)
+    some = replace(problem, crowds=tuple(part.pick(few) for part in problem.crowds))
     old = None if present is None else design.outcome(some, present)
-    if old is not None and design.keeps(old, some):
+    keeps = old is not None and design.keeps(old, some)
+    if old is not None and keeps and old.rejects(task):
         return _reached(problem, "leave", _leave(old, task), old=old)
-    short = design.shorten(problem)
     chosen = design.best_gains(short)
     dear = _price(short, chosen)
     if dear is not None:
         return _reached(problem, "cannot-promise", *dear, old=old)
     if chosen is None:
-        within = "" if target.beyond or not target.firmware else " within the documented ranges"
-        why = f"No gains{within} keep a disk margin of {task.margin:g} for {design.SHARE:.0%} of the vehicles"
-        return _reached(problem, "cannot-promise", f"{why} that the model allows. {_more(target)}", old=old)
+        why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {design.SHARE:.0%} of the vehicles"
+        why = f"{why} that the model allows. {_more(target)}"
+        return _reached(problem, "cannot-promise", why, old=old, beyond=_beyond(short, some))
     new = design.outcome(problem, chosen)
-    # too little is seen after the vehicles settled: in a dead-band a loop may rest for a while and swing out again
-    late = np.mean(new.scores.settling > 0.5 * task.seconds) > 1.0 - design.SHARE
-    if late and design.keeps(new, problem):
-        task = replace(task, seconds=2.0 * task.seconds)
-        problem, some = replace(problem, task=task), replace(some, task=task)
-        new = design.outcome(problem, chosen)
-        old = None if present is None else design.outcome(some, present)
     if not design.keeps(new, problem):
         return None
-    if old is not None and (design.keeps(old, some) or _no_worse(old, new, task)):
+    if old is not None and keeps and not new.rejects(task):
         return _reached(problem, "leave", _leave(old, task), old=old)
     share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
     before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
     why = f"They keep a disk margin of {task.margin:g} for {share}{before}."
-    return _reached(problem, "gains", why, old=old, new=new)
+    beyond = _beyond(short, some) if target.at_ends(new.gains) else None
+    return _reached(problem, "gains", why, old=old, new=new, beyond=beyond)
 
 
-def _no_worse(old: Outcome, new: Outcome, task: Task) -> bool:
-    def figures(result: Outcome) -> Floats:
-        s, least = result.scores, [-result.share_with(task.margin), -result.scores.settles.mean()]
-        medians = [np.median(x) for x in (-result.margins.disk, s.overshoot, s.settling, s.rms, s.error)]
-        return np.array([*least, *medians])
-
-    return bool(np.all(figures(old) <= figures(new)))
+def _beyond(short: Problem, some: Problem) -> Outcome | None:
+    """What the best gains beyond the documented ranges do to some vehicles, where there are ranges and such gains."""
+    if not short.target.ranged:
+        return None
+    wider = type(short.target)(short.target.period, beyond=True)
+    chosen, some = design.best_gains(replace(short, target=wider)), replace(some, target=wider)
+    result = None if chosen is None else design.outcome(some, chosen)
+    return result if result is not None and design.keeps(result, some) else None
 
 
 def _leave(old: Outcome, task: Task) -> str:
     share = f"{old.share_with(task.margin):.0%} of the vehicles that the model allows"
-    return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle."
+    more = "" if old.rejects(task) else " No others reject the load in time."
+    return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle.{more}"
 
 
 def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, str] | None:
@@ -284,30 +291,25 @@ def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, s
         prompt = crowds[0].pick(np.flatnonzero(late <= early))
         parts.append((replace(prompt, name="a short delay"), "input-delay"))
     for part, effect in parts:
-        alone = design.searched(replace(problem, crowds=(part,)), problem.task.margin, 1)
+        alone = design.searched(replace(problem, crowds=(part,)), problem.task.margin, 1)["numbers"][:1]
         if not len(alone):
             continue
-        gains = problem.target.propose(alone[:1], problem.nominal)
+        gains = problem.target.propose(alone, problem.nominal)
         sets = {name: np.append(value, [] if chosen is None else chosen[name]) for name, value in gains.items()}
-        settling = design.flown(problem.limit_rate(design.ROUGH), sets, part.pick(slice(0, 1)), problem.task)[
-            1
-        ].settling
-        mine, common = settling[0], np.inf if chosen is None else settling[1]
-        if common > DEAREST * mine:
-            settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")
-            instead = "no gains" if not np.isfinite(common) else f"gains that settle in {common:.1f} s"
-            open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
-            return (
-                f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there "
-                f"are {instead} for everything that the logs allow; {open_still} is not known well enough.",
-                settled,
-            )
+        quick, first = problem.limit_rate(design.ROUGH), part.pick(slice(0, 1))
+        mine, *common = design.flown(quick, sets, first, problem.task).settling[:, 0].tolist()
+        if max(common, default=math.inf) <= DEAREST * mine:
+            continue
+        settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")
+        instead = f"gains that settle in {common[0]:.1f} s" if math.isfinite(sum(common) or math.inf) else "no gains"
+        open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
+        why = f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there are"
+        return f"{why} {instead} for everything that the logs allow; {open_still} is not known well enough.", settled
     return None
 
 
 def _more(target: Target) -> str:
-    wider = "" if target.beyond or not target.firmware else "--beyond-range or "
-    return f"Try {wider}a smaller --margin, or a smaller --step."
+    return f"Try {'--beyond-range or ' if target.ranged else ''}a smaller --margin, or a smaller --step."
 
 
 def banded(values: Floats, unit: str) -> Estimate | None:
@@ -327,6 +329,7 @@ def promises(outcome: Outcome, dof: Dof) -> dict[str, Estimate | None]:
         "settling_s": banded(scores.settling, "s"),
         f"rms_after_{dof.units.shown}": banded(dof.shown(scores.rms), dof.units.shown),
         f"load_error_{dof.units.shown}": banded(dof.shown(scores.error), dof.units.shown),
+        f"load_left_{dof.units.shown}": banded(dof.shown(scores.left), dof.units.shown),
     }
 
 
@@ -338,6 +341,46 @@ def margins_of(outcome: Outcome) -> dict[str, Estimate | None]:
         "phase_margin_deg": banded(margins.phase, "deg"),
         "delay_margin_s": banded(margins.delay, "s"),
     }
+
+
+def labels(problem: Problem) -> dict[str, str]:
+    """Return what each figure of `margins_of` and `promises` is called; the first four make the answer."""
+    unit, load = problem.nominal.dof.units.shown, f"{100 * problem.task.load:g} % load"
+    return {
+        "disk_margin": "disk margin", "settling_s": "settles after [s]",
+        f"load_error_{unit}": f"largest error under {load} [{unit}]",
+        f"load_left_{unit}": f"error left {problem.task.recovery:g} s after that load began [{unit}]",
+        "overshoot_percent": "overshoot [%]", f"rms_after_{unit}": f"error once settled, rms [{unit}]",
+        "gain_margin_dB": "gain margin [dB]", "phase_margin_deg": "phase margin [deg]",
+        "delay_margin_s": "delay margin [s]",
+    }  # fmt: skip
+
+
+def cell(of: Estimate | None) -> str:
+    """Write a median and its band; what is infinite or missing never happens."""
+    if of is None:
+        return "never"
+    return "{} [{}, {}]".format(*(f"{x:.3g}" if math.isfinite(x) else "never" for x in (of.value, *of.ci95)))
+
+
+def headlines(tuning: Tuning) -> list[str]:
+    """Say margin, settling, largest error under load and what is left of it, with all gains that were flown; whether
+    the load is rejected; and which documented ranges limit that."""
+    task, dof, new = tuning.task, tuning.nominal.dof, tuning.new
+    bands = {name: margins_of(outcome) | promises(outcome, dof) for name, outcome in tuning.outcomes()}
+    said = []
+    for key, label in list(labels(tuning).items())[: 4 if bands else 0]:
+        values = ", ".join(f"{name} {cell(figures[key])}" for name, figures in bands.items())
+        said.append(f"{label[0].upper()}{label[1:]}: {values}.")
+    if new is None:
+        return said
+    verb = "They reject" if new.rejects(task) else f"No gains{tuning.target.within} reject"
+    band = f"{dof.shown(task.band):g} {dof.units.shown}"
+    said.append(f"{verb} a load of {100 * task.load:g} % to within {band} in {task.recovery:g} s.")
+    if ends := tuning.target.at_ends(new.gains):
+        names = " and ".join(f"{gain.name} ({gain.low:g} to {gain.high:g})" for gain in ends)
+        said.append(f"At the end of its documented range: {names}. Ranges are for the sliders of ground stations.")
+    return said
 
 
 def _json(estimate: Estimate | None) -> dict[str, Any] | None:

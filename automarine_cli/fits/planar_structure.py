@@ -13,7 +13,7 @@ from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
 from automarine_cli.models.planar import FORCES, Inertia, PlanarModel, Tied
-from automarine_cli.models.yaw_model import Term
+from automarine_cli.models.yaw_model import COMMAND_DELAY, Term
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
@@ -106,7 +106,8 @@ class Structure:
     def names(self) -> dict[str, str]:
         """Qualified names of the parameters that structures of these logs may have, by what users write."""
         free = self.widest.model(dict.fromkeys(OWN, 1.0)).free
-        return {name if name.startswith("current") else name.partition(".")[2]: name for name in free}
+        names = {name if name.startswith("current") else name.partition(".")[2]: name for name in free}
+        return names | {COMMAND_DELAY: COMMAND_DELAY}
 
     def neighbours(self) -> Iterator["Structure"]:
         """Structures one step away: another law of one drag, one more coupling, a shared inertia, a current."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from automarine_cli.control.tuning import TUNING, Tuning, TuningCheck, margins_of, promises
+from automarine_cli.control.tuning import TUNING, Tuning, TuningCheck, cell, headlines, labels, margins_of, promises
 from automarine_cli.report.sections import Content, Drawing, Sections, bullets, document, sections
 from automarine_cli.report.tables import Table, number
 
@@ -29,10 +29,6 @@ def _(tuning: Tuning) -> Sections:
         listed.insert(0, tuning.target.file)
         files[tuning.target.file] = tuning.target_text()
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
-    for label, *cells in tables[1].rows if tables else ():
-        if label.startswith(("settles after", "largest error")):  # the gain and its price
-            values = (f"{name} {cell}" for name, cell in zip(tables[1].header[1:], cells))
-            more.append(f"{label[0].upper()}{label[1:]}: {', '.join(values)}.")
     return Sections(
         [verdict, *more, *tuning.knowledge.notes, *tables[:1]], files, figures, listed, rows, details=tables[1:]
     )
@@ -40,7 +36,7 @@ def _(tuning: Tuning) -> Sections:
 
 def _sentences(tuning: Tuning) -> list[str]:
     settles = [f"What would settle it: {tuning.run}."] if tuning.run else []
-    return [f"{VERDICTS[tuning.verdict]} {tuning.why}", *settles]
+    return [f"{VERDICTS[tuning.verdict]} {tuning.why}", *headlines(tuning), *settles]
 
 
 def _gains_table(tuning: Tuning) -> Table:
@@ -60,22 +56,17 @@ def _gains_table(tuning: Tuning) -> Table:
 
 def _promised_table(tuning: Tuning) -> Table:
     dof, task = tuning.nominal.dof, tuning.task
-    words = {
-        "disk_margin": "disk margin", "gain_margin_dB": "gain margin [dB]", "phase_margin_deg": "phase margin [deg]",
-        "delay_margin_s": "delay margin [s]", "overshoot_percent": "overshoot [%]", "settling_s": "settles after [s]",
-        f"rms_after_{dof.units.shown}": f"error from then on, rms [{dof.units.shown}]",
-        f"load_error_{dof.units.shown}": f"largest error under {100 * task.load:g} % load [{dof.units.shown}]",
+    words = labels(tuning) | {
         "settles": "share that settles", "keeps": f"share with a disk margin of {task.margin:g}",
+        "rejects": "share that rejects the load",
     }  # fmt: skip
     columns = dict[str, dict[str, str]]()
     for name, outcome in tuning.outcomes():
         bands = margins_of(outcome) | promises(outcome, dof)
-        columns[name] = {
-            key: "never" if of is None else "{} [{}, {}]".format(*map(_or_never, (of.value, *of.ci95)))
-            for key, of in bands.items()
-        }
+        columns[name] = {key: cell(of) for key, of in bands.items()}
         columns[name]["settles"] = f"{np.mean(outcome.scores.settles):.0%}"
         columns[name]["keeps"] = f"{outcome.share_with(task.margin):.0%}"
+        columns[name]["rejects"] = f"{np.mean(outcome.scores.left <= task.band):.0%}"
     rows = [{"": label} | {name: cells[key] for name, cells in columns.items()} for key, label in words.items()]
     count = sum(len(crowd) for crowd in tuning.crowds)
     return Table.of("What to expect", rows, [

@@ -4,8 +4,11 @@
 as long again), flown with ArduSub's defaults and with new gains: which settle, and the worst of them.
 `blind`, `late`, `driven`: vehicles of tuning_truth.py, identified and diagnosed from a simulated pool day and tuned;
 then the truth itself is flown with the gains: how often do the promised bands of 95 % hold, does every vehicle settle?
+`stack`: twenty more, late, with a dead-band, a curved thrust or little authority, fitted with these effects, flown by
+the stack of tuning_stack.py: do gains keep the margin of the truth, how near are they to the best of many random sets
+within the documented ranges, and does a vehicle hunt that gains were promised to?
 
-Usage: python tests/benchmarks/tuning.py [corners|blind|late|driven ...] [--vehicles N] [--jobs N] [--out DIR]
+Usage: python tests/benchmarks/tuning.py [corners|blind|late|driven|stack ...] [--vehicles N] [--jobs N] [--out DIR]
 """
 
 import json
@@ -19,6 +22,7 @@ from typing import Any
 import arguments
 import numpy as np
 import pandas as pd
+import tuning_stack
 from tuning_truth import STEP, Floats, Truth, Vehicle, write_logs
 
 import automarine_cli as am
@@ -86,6 +90,7 @@ def numbers_of(flight: design.Scores) -> dict[str, float]:
     return {
         "overshoot_percent": 100.0 * float(flight.overshoot.max()), "settling_s": float(flight.settling.max()),
         "rms_after_deg": float(np.rad2deg(flight.rms.max())), "load_error_deg": float(np.rad2deg(flight.error.max())),
+        "load_left_deg": float(np.rad2deg(flight.left.max())),
     }  # fmt: skip
 
 
@@ -109,7 +114,7 @@ def corners(name: str) -> list[dict[str, Any]]:
             ).disk
             rows.append({
                 "vehicle": name, "gains": kind, "settled": int(flight.settles.sum()), "disk_margin": float(disk.min()),
-                **numbers_of(flight), "left_deg": float(np.rad2deg(flight.end.max())), "seconds": seconds,
+                **numbers_of(flight), "seconds": seconds,
                 "verdict": tuned["verdict"], "values": gains,
             })  # fmt: skip
     return rows
@@ -146,13 +151,67 @@ def blind(seed: int, out: Path, family: str) -> dict[str, Any]:
     if tuned["verdict"] != "gains":
         return row
     random, promised = np.random.default_rng([seed, 19]), tuned["promised"]
-    flight = flown(truth, result.target, values_of(tuned["gains"]), tuned["flight_s"], random)
+    flight = flown(truth, result.target, values_of(tuned["gains"]), tuned["flight_s"], random, tuned["load_recovery_s"])
     did = numbers_of(flight)
     return row | {
         "settled": bool(flight.settles[0]), "flown": did,
         "held": {key: within(value, promised[key]) for key, value in did.items()},
         "promised": {key: promised[key] and promised[key]["ci95"] for key in did},
     }  # fmt: skip
+
+
+SETS, MOST = 4000, 300  # random sets of gains for the best: drawn, and flown of those that keep the margin
+THRUSTS = (0.9, 1.0, 1.1)
+OUTPUTS = (0.2, 0.5, 0.9)  # about which a curved thrust has a slope
+
+
+def fleet_of(truth: Truth) -> tuning_stack.Fleet:
+    """The truth with three thrusts, for the independent stack."""
+    return tuning_stack.Fleet(
+        np.array(THRUSTS), np.full(len(THRUSTS), truth.size("delay")), truth.inertia, truth.quadratic, truth.linear,
+        truth.size("thrust-lag"), truth.size("idle"), truth.size("power") or 1.0,
+    )  # fmt: skip
+
+
+def stack(seed: int, out: Path) -> dict[str, Any]:
+    """One vehicle: identified, diagnosed and tuned; the truth with the gains, and with the best of random ones."""
+    truth = Truth.limited(seed)
+    row: dict[str, Any] = {"seed": seed, "hidden": dict(truth.hidden), "inertia": truth.inertia}
+    place = out / "limited" / f"{seed:02}"
+    source = place / "model" / "yaw_model.json"
+    if seed % 4 == 2:  # a curve of the thrust is a diagnosis's to name
+        source = identified(truth, seed, place, steps=False)
+    elif not source.is_file():
+        write_logs(truth, place / "logs", np.random.default_rng([seed, 22]), NOISE_DEG)
+        effects = "input-delay,thruster-lag" + (",dead-band" if seed % 4 == 1 else "")
+        am.fit_yaw([str(place / "logs")], with_effects=effects, out=source.parent, overwrite=True)
+    begun = time.process_time()
+    tuned = am.tune(source, target="ardusub", full=1.0).to_json()
+    row |= {"seconds": time.process_time() - begun, "verdict": tuned["verdict"], "why": tuned["why"]}
+    row["ends"], recovery = tuned["at_end_of_range"], tuned["load_recovery_s"] or 40.0
+    if tuned["verdict"] == "cannot-promise":
+        return row
+    fleet, seconds = fleet_of(truth), max(tuned["flight_s"], recovery)
+    slopes = tuple(fleet.slope(output) for output in OUTPUTS)
+    flown_gains = tuned["present_gains"] if tuned["verdict"] == "leave" else values_of(tuned["gains"])
+    gains = {name: np.array([value]) for name, value in flown_gains.items() if name in tuning_stack.DEFAULTS}
+    did = tuning_stack.figures(tuning_stack.fly(gains, fleet, seconds, noise=np.deg2rad(NOISE_DEG)), recovery)
+    row |= {"recovery": recovery, "margin": float(tuning_stack.disk_margins(gains, fleet, slopes)[0])}
+    row |= {key: float(value[0]) for key, value in did.items()}
+    # the best of random sets that keep as much margin as these do, by the same rule: log settling + log load left
+    sets = tuning_stack.random_sets(SETS, seed)
+    keep = tuning_stack.disk_margins(sets, fleet, slopes) >= min(row["margin"], 0.75)
+    sets = {name: value[keep][:MOST] for name, value in sets.items()}
+    row["random"] = int(keep.sum())
+    if row["random"]:
+        tried = tuning_stack.figures(tuning_stack.fly(sets, fleet, 0.5 * seconds), recovery)
+        left = np.maximum(tried["left"], 2.0)
+        best = int(np.argmin(np.where(np.isfinite(tried["settling"]), tried["settling"], 1e6) * left))
+        row |= {"best_settling": float(tried["settling"][best]), "best_left": float(tried["left"][best])}
+        row["quickest"] = float(tried["settling"].min())
+        row["settling_ratio"] = row["settling"] / row["best_settling"]
+        row["left_ratio"] = max(row["left"], 2.0) / float(left[best])
+    return row
 
 
 def within(value: float, promised: dict[str, Any] | None) -> bool:
@@ -164,8 +223,9 @@ def within(value: float, promised: dict[str, Any] | None) -> bool:
 
 
 def flown(
-    truth: Truth, target: Target, gains: dict[str, float], seconds: float, random: np.random.Generator
-) -> design.Scores:
+    truth: Truth, target: Target, gains: dict[str, float], seconds: float, random: np.random.Generator,
+    recovery: float = np.inf,
+) -> design.Scores:  # fmt: skip
     """The truth under the target's stack, its readings noisy: a step of 90 degrees, and 10 % load."""
     vehicle = Vehicle(truth, np.exp(truth.scatter * random.standard_normal(1)) * np.ones(2))
     tried: Gains = {key: np.full((1, 1), value) for key, value in gains.items()}
@@ -186,17 +246,24 @@ def flown(
             left -= STEP
     position = np.stack(parts, axis=1)[None]
     clock = 0.1 * np.arange(position.shape[2], dtype=float)
-    return design.scores(design.ClosedLoopRun(clock, position), np.pi / 2, np.deg2rad(2.0))
+    return design.scores(design.ClosedLoopRun(clock, position), np.pi / 2, np.deg2rad(2.0), recovery)
 
 
 def main() -> None:
-    what = {"nargs": "*", "default": ["corners", *FAMILIES]}
+    what = {"nargs": "*", "default": ["corners", "stack", *FAMILIES]}
     chosen = arguments.options(__doc__, {"what": what}, vehicles=40, jobs=1, out=Path("out"))
     with ProcessPoolExecutor(chosen.jobs) as pool:
         if "corners" in chosen.what:
             rows = [row for part in pool.map(corners, FIVE) for row in part]
             arguments.write_json(chosen.out / "tuning_corners.json", rows)
             print(pd.DataFrame(rows).drop(columns="values").to_string(float_format="%.3g"))
+        if "stack" in chosen.what:
+            rows = []
+            for row in pool.map(stack, range(20), [chosen.out] * 20):
+                rows.append(row)
+                print(json.dumps(row), flush=True)
+            arguments.write_json(chosen.out / "tuning_stack.json", rows)
+            print(pd.DataFrame(rows).drop(columns=["hidden", "why"]).to_string(float_format="%.3g"))
         for family in [name for name in FAMILIES if name in chosen.what]:
             count = chosen.vehicles if family == "blind" else chosen.vehicles // 4
             vehicles = []

@@ -61,6 +61,17 @@ class Truth:
         hidden = {"power": power, "idle": idle, "thrust-lag": float(random.uniform(0.05, 0.08))}
         return cls(inertia, drag, 0.0, hidden | {"delay": float(random.uniform(0.05, 0.08))}, 0.02)
 
+    @classmethod
+    def limited(cls, number: int) -> "Truth":
+        """A vehicle that is late, has a dead-band, a curved thrust or little authority, by turns."""
+        random, kind = np.random.default_rng([number, 23]), number % 4
+        heavy = random.uniform(*np.log((1.5, 5.0) if kind == 3 else (0.1, 1.0)))
+        delay = random.uniform(*((0.1, 0.4) if kind == 0 else (0.04, 0.1)))
+        hidden = {"delay": float(delay), "thrust-lag": float(random.uniform(0.05, 0.15))}
+        idle, power = float(random.uniform(0.02, 0.08)), float(random.uniform(1.3, 2.0))
+        curve = {1: {"power": 1.0, "idle": idle}, 2: {"power": power, "idle": 0.0}}.get(kind, {})
+        return cls(float(np.exp(heavy)), float(random.uniform(0.3, 1.5)), 0.0, hidden | curve, 0.02)
+
     def size(self, law: str) -> float:
         """Size of one law, zero where it is not hidden."""
         return self.hidden.get(law, 0.0)

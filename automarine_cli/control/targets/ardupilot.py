@@ -61,19 +61,23 @@ class ParameterFile(Target):
     of: ClassVar[str]
     gyro_hz: ClassVar[float]
     numbers = 6
+    rate: ClassVar[str]  # what the parameters of the rate loop begin with
 
-    def cascade(self, numbers: Floats, nominal: NominalPlant, angle: str, rate: str, least: float) -> dict[str, Floats]:
-        """Defaults, but a crossover of the `rate` loop in shares of what the delays allow, and the gain of the `angle`
-        loop and of the sum, which is `least` of it or more, in shares of that."""
+    def crossover(self, nominal: NominalPlant) -> float:
+        return min(super().crossover(nominal), self.range_of(f"{self.rate}_P")[1] / nominal.inertia)
+
+    def cascade(self, numbers: Floats, nominal: NominalPlant, angle: str, least: float) -> dict[str, Floats]:
+        """Defaults, but a crossover of the rate loop in shares of what the delays and its range allow, and the gain of
+        the `angle` loop and of the sum, which is `least` of it or more, in shares of that."""
         inner, outer, summed, _, _, lead = numbers.T
         lag = nominal.lag + self.own_lag
-        crossover = spread(inner, 0.04, 0.9) / lag
+        crossover = spread(inner, 0.06, 1.0) * self.crossover(nominal)
         p = crossover * nominal.inertia
         return {name: np.full(len(numbers), value) for name, value in self.defaults.items()} | {
-            angle: crossover * spread(outer, 0.04, 0.7),
-            f"{rate}_P": p,
-            f"{rate}_I": p * crossover * spread(summed, least, 0.5),
-            f"{rate}_D": p * lag * leads(lead),
+            angle: crossover * spread(outer, 0.08, 1.5),
+            f"{self.rate}_P": p,
+            f"{self.rate}_I": p * crossover * spread(summed, least, 0.5),
+            f"{self.rate}_D": p * lag * leads(lead),
         }
 
     def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
@@ -94,6 +98,7 @@ class ArduSub(ParameterFile):
     file = "ardusub.param"
     firmware = "ArduSub 4.1 to 4.5"
     of = "Heading"
+    rate = "ATC_RAT_YAW"
     gyro_hz = 20.0
     period = 1.0 / 400.0
     parameters = (
@@ -114,12 +119,12 @@ class ArduSub(ParameterFile):
         """Loops as in `cascade`, and a reference in shares of what the thrusters can follow."""
         *_, rate, speed_up, _ = numbers.T
         reach = 1.0 / nominal.inertia
-        fastest = spread(rate, 0.25, 2.5) * min(nominal.fastest, 20.0 * nominal.step)
-        gains = self.cascade(numbers, nominal, "ATC_ANG_YAW_P", "ATC_RAT_YAW", 0.002) | {
+        fastest = spread(rate, 0.1, 2.5) * min(nominal.fastest, 20.0 * nominal.step)
+        gains = self.cascade(numbers, nominal, "ATC_ANG_YAW_P", 0.002) | {
             "ATC_RAT_YAW_FLTD": np.full(len(numbers), self.gyro_hz),
             "ATC_RAT_YAW_IMAX": np.full(len(numbers), 0.5),
             "ATC_SLEW_YAW": fastest / CDEG,
-            "ATC_ACCEL_Y_MAX": spread(speed_up, 0.1, 4.0) * reach / CDEG,
+            "ATC_ACCEL_Y_MAX": spread(speed_up, 0.05, 4.0) * reach / CDEG,
         }
         return self.clipped(gains)
 
@@ -185,6 +190,7 @@ class ArduRover(ParameterFile):
     file = "ardurover.param"
     firmware = "Rover 4.2 to 4.6"
     of = "Steering"
+    rate = "ATC_STR_RAT"
     gyro_hz = 4.0
     period = 0.02
     parameters = (
@@ -202,7 +208,7 @@ class ArduRover(ParameterFile):
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """As for Sub; feed-forward is one over the steady rate at the whole output."""
         *_, rate, speed_up, _ = numbers.T
-        gains = self.cascade(numbers, nominal, "ATC_STR_ANG_P", "ATC_STR_RAT", 0.01) | {
+        gains = self.cascade(numbers, nominal, "ATC_STR_ANG_P", 0.01) | {
             "ATC_STR_RAT_FF": np.full(len(numbers), 1.0 / nominal.fastest),
             "ATC_STR_RAT_MAX": spread(rate, 0.25, 1.0) * nominal.fastest / RAD,
             "ATC_STR_ACC_MAX": spread(speed_up, 0.1, 1.5) / nominal.inertia / RAD,

@@ -82,6 +82,15 @@ class Target(ABC):
         return [p.name for p in self.parameters if p.searched]
 
     @property
+    def ranged(self) -> bool:
+        """Whether documented ranges limit the gains."""
+        return bool(self.firmware) and not self.beyond
+
+    @property
+    def within(self) -> str:
+        return " within the documented ranges" if self.ranged else ""
+
+    @property
     def has_defaults(self) -> bool:
         return len(self.defaults) == len(self.parameters)
 
@@ -110,11 +119,23 @@ class Target(ABC):
     def own_lag(self) -> float:
         return 1.5 * self.period
 
-    def clipped(self, gains: dict[str, Floats]) -> dict[str, Floats]:
-        """Clip gains to their documented ranges, or ten times further where that is allowed."""
+    def crossover(self, nominal: NominalPlant) -> float:
+        """Return the highest frequency [rad/s] at which a loop can cross over with these delays."""
+        return 0.9 / (nominal.lag + self.own_lag)
+
+    def range_of(self, name: str) -> tuple[float, float]:
+        """Return the documented range of a parameter, or one ten times further where that is allowed."""
+        (parameter,) = (p for p in self.parameters if p.name == name)
         further = BEYOND if self.beyond else 1.0
-        limits = {p.name: (p.low / further, p.high * further) for p in self.parameters}
-        return {name: np.clip(value, *limits[name]) for name, value in gains.items()}
+        return parameter.low / further, parameter.high * further
+
+    def at_ends(self, gains: Mapping[str, float]) -> list[Parameter]:
+        """List the parameters whose searched gains documented ranges limit; without a gain at all none does."""
+        ends = [(p, gains[p.name]) for p in self.parameters if p.searched and self.ranged]
+        return [p for p, gain in ends if gain >= 0.99 * p.high or 0.0 < gain <= 1.01 * p.low]
+
+    def clipped(self, gains: dict[str, Floats]) -> dict[str, Floats]:
+        return {name: np.clip(value, *self.range_of(name)) for name, value in gains.items()}
 
 
 def present_gains(target: Target, source: Source | None) -> Mapping[str, float] | None:
@@ -139,10 +160,11 @@ def present_gains(target: Target, source: Source | None) -> Mapping[str, float] 
             value = float(match[2])
         except ValueError:
             raise SettingError(f"{name}, row {row}: {p.name} is {quoted(match[2])}; expected a number") from None
-        if not (p.low <= value <= p.high or value == p.default):
+        low, high = target.range_of(p.name)
+        if not (low <= value <= high or value == p.default):
             raise SettingError(
                 f"{name}, row {row}: {p.name} is {value:g}, outside the range that {target.firmware} documents, "
-                f"{p.low:g} to {p.high:g}; correct it on the vehicle first"
+                f"{p.low:g} to {p.high:g}; correct it on the vehicle, or give --beyond-range where it is meant"
             )
         present[p.name] = value
     if not present:

@@ -49,18 +49,25 @@ def tuning_figure(tuning: "Tuning") -> Figure:
     dof, task = tuning.nominal.dof, tuning.task
     way = dof.shown(task.step)
     outcomes = {name: of for name, of in (("new", tuning.new), ("present", tuning.old)) if of is not None}
-    settling = [float(np.quantile(of.scores.settling, 0.5, method="inverted_cdf")) for of in outcomes.values()]
-    largest = [float(dof.shown(np.quantile(of.scores.error, 0.5, method="inverted_cdf"))) for of in outcomes.values()]
-    settles = (f"settles after {time:.3g} s" if np.isfinite(time) else "never settles" for time in settling)
-    price = "Price: u" if largest[0] > largest[-1] else "U"
-    load = f"{price}nder a load of {100 * task.load:g} %\nup to "
-    load += " instead of ".join(f"{size:.3g}{dof.units.mark}" for size in largest)
-    for i, title in enumerate(("\nbefore: ".join(settles).capitalize(), load)):
+    step, load = list[str](), list[str]()
+    for of in outcomes.values():
+        figures = of.margins.disk, of.scores.settling, dof.shown(of.scores.error), dof.shown(of.scores.left)
+        disk, time, most, left = (float(np.quantile(x, 0.5, method="inverted_cdf")) for x in figures)
+        settles = f"settles after {time:.3g} s" if np.isfinite(time) else "never settles"
+        step.append(f"disk margin {disk:.2g}, {settles}")
+        load.append(f"up to {most:.3g}{dof.units.mark}, {left:.2g}{dof.units.mark} left")
+    load[0] += f" after {task.recovery:g} s"
+    titles = ["\nbefore: ".join(words) for words in (step, load)]
+    for i, title in enumerate((titles[0][0].upper() + titles[0][1:], f"{100 * task.load:g} % load: {titles[1]}")):
         for name, outcome in outcomes.items():
             flown = dof.shown(outcome.flight.position[:, i])
             _banded(axes[0, i], outcome.flight.time, flown, name, FURTHEST * way)
         axes[0, i].set_title(title, loc="left")
-        axes[0, i].set(xlabel="Time [s]", ylabel=f"{dof.words.position.capitalize()} [{dof.units.shown}]")
+        axes[0, i].set(
+            xlim=(0.0, task.recovery),
+            xlabel="Time [s]",
+            ylabel=f"{dof.words.position.capitalize()} [{dof.units.shown}]",
+        )
     axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
     legend_below(figure, axes[0, 0], ncols=4)
     return figure
