@@ -39,7 +39,7 @@ from automarine_cli.fits.identify import covariance_json, valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
-from automarine_cli.fits.whole_runs import estimate_of, ratio_of, run_covariance, varying_terms
+from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
 from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
 from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
 from automarine_cli.pipeline.parallel import Each, alone
@@ -172,7 +172,7 @@ def base_estimates(study: DiagnosisProblem, trial: CandidateFit) -> dict[str, Es
 
 
 def _estimates(study: DiagnosisProblem, trial: CandidateFit) -> list[Estimate]:
-    model, covariance = trial.model, run_covariance(trial.fit)
+    model, covariance = trial.model, study.covariance(trial.model, trial.fit)
     units = [model.dof.unit_of("inertia", model.moment_unit)]
     for term in model.terms:
         units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
@@ -518,7 +518,7 @@ class Diagnosis(Shown):
         roles = ("quadratic", "linear", "inertia", "constant", "difference")
         base_names = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
         drag = {name: base[name].to_json() for name in base_names.values()}
-        ratio, covariance = None, run_covariance(fit)
+        ratio, covariance = None, study.covariance(model, fit)
         likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
         if "quadratic" in base_names and base[base_names["quadratic"]].value > 0:
             i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))

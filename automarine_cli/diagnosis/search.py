@@ -31,7 +31,7 @@ from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, stepwise_search
-from automarine_cli.fits.whole_runs import run_covariance, run_dof
+from automarine_cli.fits.whole_runs import run_dof
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
@@ -228,7 +228,7 @@ def compensating(study: DiagnosisProblem, base: CandidateFit, final: CandidateFi
     together and neither gains much alone."""
     if len(final.counted) < 2:
         return {}
-    covariance, pairs = run_covariance(final.fit), dict[tuple[str, ...], str]()
+    covariance, pairs = study.covariance(final.model, final.fit), dict[tuple[str, ...], str]()
     for pair in combinations(final.counted, 2):
         together = _correlation(final, covariance, pair)
         if together < OPPOSED:
@@ -615,7 +615,7 @@ def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     if not len(sizes) or effect.varies(term.values) or isinstance(effect, Learned):
         return False
     away = fit.theta[sizes] - np.array(effect.off)[sizes - first]
-    covariance = run_covariance(fit)[np.ix_(sizes, sizes)]
+    covariance = study.covariance(trial.model, fit)[np.ix_(sizes, sizes)]
     dof = min(run_dof(fit, axis) for axis in np.eye(len(fit.theta))[sizes])
     wald = float(away @ np.linalg.pinv(covariance) @ away) / len(sizes)
     return float(special.fdtrc(len(sizes), dof, wald)) > WEAK

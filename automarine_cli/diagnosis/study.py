@@ -1,6 +1,6 @@
 """What a diagnosis looks at: runs, how they start, the base model; and the likelihood of any model on them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,6 +12,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import DRAG, FIRST, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
 from automarine_cli.effects.learned import GAIN as CURVE_OF_GAIN
+from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
 from automarine_cli.fits import linear_mixed
@@ -20,7 +21,7 @@ from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
-from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
+from automarine_cli.fits.whole_runs import left_out_changes, run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import COMMAND_DELAY, Term, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, position_noise
@@ -343,17 +344,37 @@ class DiagnosisProblem:
         return fit_mixed(problem, np.append(values, delay), factors=factors, settled=SETTLED, **settings)
 
     @cached_property
-    def _of_fits(self) -> dict[int, tuple[Fit, tuple[Predicted, ...]]]:
+    def _of_fits(self) -> dict[tuple[str, int], tuple[Fit, Any]]:
         return {}
+
+    def _once(self, name: str, fit: Fit, work_out: Callable[[], Any]) -> Any:
+        if (name, id(fit)) not in self._of_fits:  # the fit is kept, or another could have its id
+            self._of_fits[name, id(fit)] = (fit, work_out())
+        return self._of_fits[name, id(fit)][1]
+
+    def covariance(self, model: YawModel, fit: Fit) -> Floats:
+        """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
+
+        It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife."""
+
+        def work_out() -> Floats:
+            try:
+                if fit.driven or learned_term(model) is not None:
+                    return run_covariance(fit)
+                return run_covariance(fit, left_out_changes(self.problem(model), fit))
+            except (FitError, np.linalg.LinAlgError):
+                return run_covariance(fit)
+
+        return np.asarray(self._once("covariance", fit, work_out))
 
     def predictions(self, model: YawModel, fit: InnovationsFit) -> tuple[Predicted, ...]:
         """What the model predicts of these runs, from the filtered state, over each of HORIZONS, worked out once a fit;
         the fit may be one to other runs."""
 
-        if id(fit) not in self._of_fits:  # the fit is kept, or another could have its id
-            noises = self.driven_problem(model).noises(fit.theta[None])
-            self._of_fits[id(fit)] = (fit, predict(model, self.course, fit.of_model, noises))
-        return self._of_fits[id(fit)][1]
+        def work_out() -> tuple[Predicted, ...]:
+            return predict(model, self.course, fit.of_model, self.driven_problem(model).noises(fit.theta[None]))
+
+        return tuple(self._once("predictions", fit, work_out))
 
     def with_fitted_values(self, model: YawModel, fit: Fit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""

@@ -24,14 +24,45 @@ from automarine_cli.fits.linear_mixed import (
     START_VELOCITY,
     SWITCHES,
     Block,
+    Grams,
     RunEffects,
     bias_of,
 )
-from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed, jackknife, slots_of
+from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
 from automarine_cli.models.yaw_model import BASE_TERMS, COMMAND_DELAY, MAX_DELAY_S, YawModel, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
+
+STEP = 0.1  # of the differences, in standard errors of a parameter or posterior standard deviations of a run effect
+FARTHEST = 1.0  # longest of these steps on a logarithm: nothing is known of a parameter that may be further off
+MIN_STIFFNESS = 1e-8
+"""Smallest eigenvalue, with every parameter in units of its own curvature, of equations that fix a solution."""
+
+
+def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
+    """Change of phi when each run is left out, (R, p); zero for parameters at a bound.
+
+    `problem` is the one that was fitted. Where the equations do not fix the solution, the changes are those of the
+    linearised problem. Raises FitError where the response is not finite beside the solution.
+    """
+    variances = fit.variances
+    runs, count = fit.left_out.shape
+    identified = np.flatnonzero(np.diagonal(fit.covariance) > 0.0)  # what no sample shows stays where it is
+    free = np.setdiff1d(identified, fit.at_bound)
+    moved = np.zeros((runs, count))
+    if not len(free):
+        return moved
+    pull, stiffness = _pull_and_stiffness(problem, fit, variances, free)
+    total = stiffness.sum(axis=0)
+    if problem.prior is not None:
+        total = total + problem.prior[1][np.ix_(free, free)]
+    scale = linear_mixed.curvature_scale(total)
+    if np.linalg.eigvals(total / np.outer(scale, scale)).real.min() <= MIN_STIFFNESS:
+        return fit.left_out - fit.phi
+    inverse = np.linalg.pinv((total - stiffness) / np.outer(scale, scale), rcond=1e-9)
+    moved[:, free] = -(inverse @ (pull / scale)[:, :, None])[:, :, 0] / scale
+    return moved
 
 
 def degrees_of_freedom(fit: Fit, direction: Floats) -> float:
@@ -54,6 +85,49 @@ def runs_that_carry(information: Floats, direction: Floats) -> float:
     return max(carried * (runs - 1) / runs, 1.0)
 
 
+def _pull_and_stiffness(
+    problem: Problem, fit: MixedFit, variances: Floats, free: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """g_i (R, p) and A_i (R, p, p) of the free parameters at the solution."""
+    scale = problem.effects.deviation(variances)
+    acts = np.flatnonzero(scale.any(axis=0))
+    gram = _about(problem, fit.phi, fit.run_effects)
+    weighted = linear_mixed.weigh(gram, problem.effects, variances)
+    aside = STEP * np.sqrt(np.diagonal(fit.covariance))[free]
+    aside = np.where(fit.positive[free], np.minimum(aside, FARTHEST), aside)
+    reach = STEP * np.sqrt(np.maximum(weighted.remaining, 1e-6))  # in prior standard deviations
+    none = np.zeros_like(scale)
+
+    def slope(phi: Floats, b: Floats) -> tuple[Floats, Floats]:
+        """Central differences of g and m for a change of phi and of the run effects, (R, free) and (R, acts)."""
+        sides = []
+        for sign in (1.0, -1.0):
+            shifted = _about(problem, fit.phi + sign * phi, fit.run_effects + sign * b)
+            pull = linear_mixed.weigh(shifted, problem.effects, variances).gradient
+            pooled = shifted.at(variances)
+            mean = scale * pooled.vw / np.exp(2.0 * variances[0])
+            mean -= np.divide(pooled.present, scale, out=np.zeros_like(scale), where=scale > 0)
+            sides.append((pull[:, free], mean[:, acts]))
+        return 0.5 * (sides[0][0] - sides[1][0]), 0.5 * (sides[0][1] - sides[1][1])
+
+    axes = np.eye(len(fit.phi))[free]
+    by_phi = [slope(h * dof, none) for h, dof in zip(aside, axes)]
+    pull_phi, mean_phi = (np.stack(part, axis=2) / aside for part in zip(*by_phi))
+    if not len(acts):
+        return weighted.gradient[:, free], -pull_phi
+    by_run = [slope(0.0 * fit.phi, reach * scale * (np.arange(scale.shape[1]) == k)) for k in acts]
+    pull_run, mean_run = (np.stack(part, axis=2) / reach[:, None, acts] for part in zip(*by_run))
+    absent = scale[:, acts] == 0.0  # such an effect stays where it is
+    mean_run -= absent[:, :, None] * np.eye(len(acts))
+    follows = -np.linalg.solve(mean_run, mean_phi)  # d b_i / d phi, in prior standard deviations
+    return weighted.gradient[:, free], -(pull_phi + pull_run @ follows)
+
+
+def _about(problem: Problem, phi: Floats, b: Floats) -> Grams:
+    fitted, by_phi, by_run = derivatives(problem, phi, b)
+    return problem.gram(by_phi, by_run, fitted, b, phi)
+
+
 AGAINST = 0.2  # share of the impulses that a balance with everything negative must explain to show that a sign is wrong
 
 
@@ -64,15 +138,15 @@ def whole_run_problem(
 
     theta is (the model's parameters, the command delay [s] from half a sample interval before the middle of the one in
     which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on a lake
-    thrusters lag; with a `logger_delay` [s], half an interval, neither they nor the delay may: an effect says more, and
-    where in them each switch was is a standard normal z (see `instant`). Run effects are start position [base unit,
-    relative to the first sample], start velocity (only where `at_rest` (R,) is false), log gain of the moment
-    delivered, where in its interval each change of command was, and a disturbance held over each window of the batch:
-    wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero in a quiet pool, and without it
-    a minute of free running on a lake would say nothing of the vehicle, because positions integrate every disturbance.
-    It is an acceleration, so that a common gain scales inertia and drag and nothing else. Then come the biases of
-    velocity sensors, and last the coefficients of effects that vary from run to run, in the model's order, each
-    effect's with a factor of its own on the largest moment.
+    thrusters lag. With a `logger_delay` [s], half an interval, the delay is no longer than that either way, and each
+    switch is within half an interval of it, by a standard normal z (see `instant`): more is for an effect to say. Run
+    effects are start position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is
+    false), log gain of the moment delivered, where in its interval each change of command was, and a disturbance held
+    over each window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
+    in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle, because
+    positions integrate every disturbance. It is an acceleration, so that a common gain scales inertia and drag and
+    nothing else. Then come the biases of velocity sensors, and last the coefficients of effects that vary from run to
+    run, in the model's order, each effect's with a factor of its own on the largest moment.
     """
     first = batch.position[:, :1]
     varying = varying_terms(model)
@@ -85,7 +159,7 @@ def whole_run_problem(
         accelerations, delay = blocks.of(b, DISTURBANCE), theta[:, last, None, None]
         of_run = blocks.of(b, SWITCHES)
         if logger_delay is not None:
-            of_run = batch.interval * instant(0.5 * delay / logger_delay, of_run)
+            of_run = delay + batch.interval * instant(of_run)
         start = Start(
             first[None, :, 0] + blocks.of(b, START_POSITION)[..., 0],
             blocks.of(b, START_VELOCITY)[..., 0],
@@ -117,14 +191,9 @@ def whole_run_problem(
     return Problem(readings, measured, observed, blocks, limits, positive, names, slots_of(batch.channels))
 
 
-FARTHEST_Z = 2.5  # of the middle of all switches: within 0.6 % of the end of their interval
-
-
-def instant(middle: Floats, z: Floats) -> Floats:
-    """Say where in its sample interval a command switched, -1/2 to 1/2: for a standard normal z uniform about zero,
-    shifted in z so that z = 0 is the common `middle`."""
-    shift = np.clip(special.ndtri(np.clip(middle + 0.5, 0.0, 1.0)), -FARTHEST_Z, FARTHEST_Z)
-    return np.asarray(special.ndtr(shift + z) - 0.5)
+def instant(z: Floats) -> Floats:
+    """Say where in its sample interval a command switched, -1/2 to 1/2, for a standard normal z: uniform in it."""
+    return np.asarray(special.ndtr(z) - 0.5)
 
 
 def _blocks(batch: Batch, at_rest: NDArray[np.bool_], confined: bool, varying: Sequence[str]) -> tuple[Block, ...]:
@@ -369,12 +438,16 @@ def fit_whole_runs(
     return result_of_steps(number, rough, best)
 
 
-def run_covariance(mixed: Fit) -> Floats:
-    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p), by the linearised jackknife."""
+def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
+    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
+
+    Given the `changes` (R, p) of `left_out_changes`, it is exact where instants are confined to their sample intervals;
+    without, it is the linearised jackknife, which is too wide there.
+    """
     runs = len(mixed.left_out)
     if runs < 2:
         return mixed.covariance
-    by_runs = jackknife(mixed.left_out) + mixed.error_of_known
+    by_runs = jackknife(mixed.left_out if changes is None else changes) + mixed.error_of_known
     if runs >= ENOUGH_RUNS:
         return by_runs
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, by_runs))

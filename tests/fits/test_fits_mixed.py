@@ -25,7 +25,7 @@ from automarine_cli.fits.linear_mixed import (
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
 from automarine_cli.fits.steps import data_of_steps, step_problem
-from automarine_cli.fits.whole_runs import degrees_of_freedom, run_covariance
+from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 
@@ -252,6 +252,8 @@ def test_a_bound_is_kept_and_the_other_parameter_is_best_beside_it(low: float, h
     assert fit.theta[1] == pytest.approx(beside, rel=1e-6)
     assert np.all(fit.covariance[0] == 0) and np.all(fit.left_out[:, 0] == edge)
     assert fit.covariance[1, 1] == pytest.approx(1 / hessian[1, 1], rel=1e-6)
+    moved = left_out_changes(linear.problem(bounds), fit)
+    assert np.all(moved[:, 0] == 0.0) and np.ptp(moved[:, 1]) > 0.0
 
 
 def test_a_direction_that_cannot_move_has_the_runs_less_one() -> None:
@@ -309,6 +311,15 @@ def test_what_cannot_be_fitted_is_refused() -> None:
 
 
 # How far each run pulls the parameters
+
+
+def test_of_a_linear_problem_it_is_the_linearised_jackknife() -> None:
+    linear, fit = linear_fit()
+    moved, expected = left_out_changes(linear.problem(), fit), fit.left_out - fit.phi
+    np.testing.assert_allclose(moved, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        run_covariance(fit, left_out_changes(linear.problem(), fit)), jackknife(fit.left_out), rtol=1e-2, atol=1e-9
+    )
 
 
 def half_turn_fit(runs: list[Run], of: MixedFit | None = None) -> tuple[Problem, MixedFit]:

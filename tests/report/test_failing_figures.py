@@ -56,7 +56,7 @@ def test_a_campaign_tells_of_it_each_time(
 ) -> None:
     for name in ("one", "two"):
         shutil.copytree(small_day / "pool", tmp_path / name)
-    monkeypatch.setattr("automarine_cli.report.thruster_tables.thruster_figure", boom)
+    monkeypatch.setattr("automarine_cli.report.figures.parameters.thruster_figure", boom)
     files = [tmp_path / name / "campaign.toml" for name in ("one", "two")]
     for _ in range(2):
         result = run("run", *files, "--until", "fit-thrusters", "-o", tmp_path / "out")
