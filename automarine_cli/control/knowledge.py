@@ -94,7 +94,8 @@ def read_knowledge(
                 "more: fit again with more runs, or prefer another of the file's models"
             )
     main = Explanation(prior.model, _covariance(prior, prior.model), "the model as it was named")
-    bare = prior.stored.models[prior.stored.preferred]
+    stored = prior.stored
+    bare = stored.models[stored.preferred] if stored.command_delay > 0.0 else stored.undelayed
     force = file.force_range
     largest = max(map(abs, force)) if force else None
     models = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]

@@ -113,6 +113,7 @@ def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
         _row(f"{sym.inertia}, 95 %", {m: table.overall for m, table in of_model.items()}),
         _row(f"{sym.inertia}{LIKELIEST}", _named(sym.inertia, ml)),
         _row(f"{ratio}{LIKELIEST}", {m: of.inertial_turn_angle for m, of in ml.items()}),
+        _row(f"command delay [s]{LIKELIEST}", {m: of.delay for m, of in ml.items()}),
     ]
     for way in dof.words.ways if dof.directional else ():
         far = {m: of.ways.distance.get(way) for m, of in ml.items() if of.ways}
