@@ -88,15 +88,13 @@ def fly(
 @dataclass(frozen=True)
 class Scores:
     """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (infinite where it never does), `rms`
-    from then on, `error` of the load [base units], what is `left` of the latter after the time of recovery, and the
-    largest `swing` [base units] about the reference in the second half of the flight."""
+    from then on, `error` of the load [base units], and what is `left` of the latter after the time of recovery."""
 
     overshoot: Floats
     settling: Floats
     rms: Floats
     error: Floats
     left: Floats
-    swing: Floats
 
     @property
     def settles(self) -> NDArray[np.bool_]:
@@ -121,8 +119,7 @@ def scores(flight: ClosedLoopRun, step: float, band: float, recovery: float = np
     pushed = np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6)
     last = max(10, int(np.searchsorted(flight.time, recovery)))
     left = np.abs(pushed[:, last - 10 : last].mean(axis=1))
-    late = np.nan_to_num(flight.position[:, 0, len(flight.time) // 2 :], nan=1e6, posinf=1e6, neginf=1e6)
-    return Scores(overshoot, settling, rms, np.abs(pushed).max(axis=1), left, np.abs(late - step).max(axis=1))
+    return Scores(overshoot, settling, rms, np.abs(pushed).max(axis=1), left)
 
 
 def step_scores(time: Floats, position: Floats, step: float, band: float) -> tuple[Floats, Floats, Floats]:
@@ -223,7 +220,7 @@ RECOVERY, SHORTEST = 4.0, 20.0
 """Settling times after which a load is to be rejected where nobody sets a time, and at least [s]: loads that stay, of a
 current or a tether, build up slowly."""
 EXPLORED = (0.0, 0.3, 3.0)  # further weights of a load that is not rejected, for what may lead to better gains
-HUNTS = 2.0  # bands by which a vehicle that rests is off at most, in the second half of its flight: noise moves it less
+HUNTS = 2.0  # bands by which a vehicle that rests is off at most: noise moves it less
 NEVER = 1e6  # what not settling costs, in lengths of a flight
 WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
 ROUGH, LONGEST = 0.1, 0.02
@@ -258,12 +255,14 @@ def probes(vehicles: Vehicles) -> Vehicles:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a set of gains does over the whole crowd: margins and scores of every vehicle, flights of every vehicle."""
+    """What a set of gains does over the whole crowd: margins and scores of every vehicle, flights of every vehicle, and
+    which of them rest in a further flight as long."""
 
     gains: Mapping[str, float]
     margins: Margins
     scores: Scores
     flight: ClosedLoopRun
+    rest: NDArray[np.bool_]
 
     def share_with(self, margin: float) -> float:
         return float(np.mean(self.margins.disk >= margin))
@@ -346,7 +345,7 @@ def keepable(problem: Problem, numbers: Floats, few: int, count: int) -> Floats:
     frequencies."""
     gains, omega = problem.target.propose(numbers, problem.nominal), problem.omega(count)
     parts = (screened(problem.target, gains, part.pick(slice(0, few)), omega) for part in problem.crowds)
-    return np.min([np.quantile(disk, 1.0 - SHARE, axis=1, method="higher") for disk in parts], axis=0)
+    return np.min([np.sort(disk)[:, int((1.0 - SHARE) * disk.shape[1] + 1e-9)] for disk in parts], axis=0)
 
 
 def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> Scores:
@@ -446,16 +445,17 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     parts = [all_margins(problem.target, sets, part, omega) for part in crowds]
     exact = problem.limit_rate(EXACT)
     flights = [step_and_load(exact, sets, part, task.step, task.load, task.seconds) for part in crowds]
-    flight = ClosedLoopRun(flights[0].time, np.concatenate([flight.position for flight in flights]))
+    position, half = np.concatenate([flight.position for flight in flights]), len(flights[0].time) // 2
+    flight = ClosedLoopRun(flights[0].time[:half], position[:, :, :half])
+    rest = np.all(np.abs(position[:, 0, half:] - task.step) <= HUNTS * task.band, axis=1)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
-    return Outcome(dict(gains), every, scores(flight, task.step, task.band, task.recovery), flight)
+    return Outcome(dict(gains), every, scores(flight, task.step, task.band, task.recovery), flight, rest)
 
 
 def keeps(result: Outcome, problem: Problem) -> bool:
     """Whether every explanation's vehicles keep the margin, settle and then rest, all but a twentieth: in a dead-band a
     loop may hunt for ever, in swings with long rests between."""
-    task, found = problem.task, result.scores
-    good = (result.margins.disk >= task.margin) & found.settles & (found.swing <= HUNTS * task.band)
+    good = (result.margins.disk >= problem.task.margin) & result.scores.settles & result.rest
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
@@ -465,7 +465,7 @@ def best_gains(problem: Problem) -> dict[str, float] | None:
     for with more margin on the few where that fails."""
     for more in (1.0, 1.12, 1.3):
         numbers = searched(problem, more * problem.task.margin, ROUNDS)["numbers"]
-        disk = keepable(problem, numbers, CROWD, FINE // 2)
+        disk = keepable(problem, numbers, CROWD, FINE)
         if np.any(good := disk >= problem.task.margin):
             trials = tried(problem, numbers[good], disk[good], lambda part: part.pick(slice(0, JUDGED)), STEADY, 0.9)
             best = leaders(trials, problem.task, 1)["numbers"][:1]

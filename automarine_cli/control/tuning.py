@@ -31,7 +31,6 @@ from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field's two degrees of heading, and 5 cm
 STEP_DEG, STEP_M = 90.0, 1.0
 QUANTILES = (0.025, 0.5, 0.975)
-PRESENT = 60  # vehicles that the present gains are judged on
 DEAREST = 2.0  # how much longer gains for all explanations may take to settle than gains for the right one alone
 LONG_DELAY = 0.14
 """Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
@@ -238,11 +237,9 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
     short, seconds = design.shorten(problem)
     task, target = replace(short.task, seconds=seconds), problem.target
-    few = slice(0, PRESENT // len(problem.crowds))
     problem = replace(problem, task=task)
-    some = replace(problem, crowds=tuple(part.pick(few) for part in problem.crowds))
-    old = None if present is None else design.outcome(some, present)
-    keeps = old is not None and design.keeps(old, some)
+    old = None if present is None else design.outcome(problem, present)
+    keeps = old is not None and design.keeps(old, problem)
     if old is not None and keeps and old.rejects(task):
         return _reached(problem, "leave", _leave(old, task), old=old)
     chosen = design.best_gains(short)
@@ -252,7 +249,7 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
     if chosen is None:
         why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {design.SHARE:.0%} of the vehicles"
         why = f"{why} that the model allows. {_more(target)}"
-        return _reached(problem, "cannot-promise", why, old=old, beyond=_beyond(short, some))
+        return _reached(problem, "cannot-promise", why, old=old, beyond=_beyond(short, problem))
     new = design.outcome(problem, chosen)
     if not design.keeps(new, problem):
         return None
@@ -261,18 +258,18 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
     share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
     before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
     why = f"They keep a disk margin of {task.margin:g} for {share}{before}."
-    beyond = _beyond(short, some) if target.at_ends(new.gains) else None
+    beyond = _beyond(short, problem) if target.at_ends(new.gains) else None
     return _reached(problem, "gains", why, old=old, new=new, beyond=beyond)
 
 
-def _beyond(short: Problem, some: Problem) -> Outcome | None:
-    """What the best gains beyond the documented ranges do to some vehicles, where there are ranges and such gains."""
+def _beyond(short: Problem, problem: Problem) -> Outcome | None:
+    """What the best gains beyond the documented ranges do, where there are ranges and such gains."""
     if not short.target.ranged:
         return None
     wider = type(short.target)(short.target.period, beyond=True)
-    chosen, some = design.best_gains(replace(short, target=wider)), replace(some, target=wider)
-    result = None if chosen is None else design.outcome(some, chosen)
-    return result if result is not None and design.keeps(result, some) else None
+    chosen, problem = design.best_gains(replace(short, target=wider)), replace(problem, target=wider)
+    result = None if chosen is None else design.outcome(problem, chosen)
+    return result if result is not None and design.keeps(result, problem) else None
 
 
 def _leave(old: Outcome, task: Task) -> str:

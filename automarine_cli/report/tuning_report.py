@@ -71,7 +71,8 @@ def _promised_table(tuning: Tuning) -> Table:
     count = sum(len(crowd) for crowd in tuning.crowds)
     return Table.of("What to expect", rows, [
         f"Median and the band of 95 % of {count} vehicles that the model allows; a step of {dof.logged(task.step):g} "
-        f"{dof.units.log}, settled within {dof.shown(task.band):g} {dof.units.shown}, flights of {task.seconds:.0f} s.",
+        f"{dof.units.log}, settled within {dof.shown(task.band):g} {dof.units.shown}, "
+        f"flights of {0.5 * task.seconds:.0f} s.",
     ])  # fmt: skip
 
 

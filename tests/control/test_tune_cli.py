@@ -14,7 +14,6 @@ from click.testing import Result
 
 import automarine_cli as am
 from automarine_cli.control import design as designing
-from automarine_cli.control import tuning
 from automarine_cli.control.design import fly
 from automarine_cli.control.knowledge import read_knowledge
 from automarine_cli.pipeline.results_folder import MANIFEST
@@ -26,8 +25,7 @@ Run = Callable[..., Result]
 
 def smaller(patch: pytest.MonkeyPatch) -> None:
     """Fewer vehicles than a user gets: the verdicts here are clear ones."""
-    patch.setattr(designing, "CROWD", 48)
-    patch.setattr(tuning, "PRESENT", 24)
+    patch.setattr(designing, "CROWD", 72)
 
 
 @pytest.fixture(autouse=True)
