@@ -17,7 +17,8 @@ def lacking_signal(signal: str, remedy: str = "") -> str:
     """What a run lacks without a signal that a model needs, and the remedy, for sentences."""
     if signal in PARTS:
         return "thruster commands n_port and n_stbd; log them, and give --thrusters MAP.json"
-    return f"column {signal!r}, which the log lacks{remedy}"
+    name = {"voltage": "voltage_V", "surge": "surge_m_s", "sway": "sway_m_s", "heave": "heave_m_s"}.get(signal, signal)
+    return f"column {name}, which the log lacks{remedy}"
 
 
 class SingleThrusterEffect(Effect):

@@ -250,8 +250,12 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
 
 
 def _start(name: str, course: Course) -> list[float]:
+    """Values from which the fit of an effect starts; what others refer to is that of the logs."""
     parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded).max()) or 1.0
-    return [p.off if p.held else p.scaled(p.start, largest) for p in parameters]
+    logged = {signal: float(column[course.width > 0].mean()) for signal, column in course.signals.items()}
+    references = {"moment": largest, "clock": float(course.start.min()), **logged}
+    held = (references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest) for p in parameters)
+    return list(held)
 
 
 def _refuse_runaways(model: YawModel, fit: Fit, course: Course) -> None:

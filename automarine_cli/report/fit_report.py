@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from automarine_cli import effects
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
@@ -58,7 +59,7 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
         rows.append(_row("constant force, 95 %", _named(sym.constant, drag)))
         rows.append(_row(f"constant force{LIKELIEST}", _named(sym.constant, ml)))
     added = {m: _added(of) for m, of in ml.items()}
-    units = {name: e.unit for of_model in added.values() for name, e in of_model.items() if e.stderr > 0}
+    units = {name: e.unit for of_model in added.values() for name, e in of_model.items()}
     for name, unit_of in units.items():
         rows.append(_row(f"{name} [{unit_of}]{LIKELIEST}", {m: of[name] for m, of in added.items() if name in of}))
     squared = f"({unit})²" if " " in unit else f"{unit}²"
@@ -82,7 +83,12 @@ def _named(name: str, fits: Mapping[str, DragFit | OutputErrorFit]) -> dict[str,
 
 
 def _added(fit: OutputErrorFit) -> dict[str, Estimate]:
-    return {f"{effect} {name}": e for effect, group in effect_estimates(fit).items() for name, e in group.items()}
+    """Estimates of what is fitted of the effects beside drag, by effect and parameter."""
+    fitted = dict[str, Estimate]()
+    for name, group in effect_estimates(fit).items():
+        parameters = zip(effects.get(name).names_in(fit.model.dof), effects.get(name).parameters)
+        fitted |= {f"{name} {symbol}": group[symbol] for symbol, p in parameters if symbol in group and not p.held}
+    return fitted
 
 
 def _signs(dof: Dof) -> tuple[str, ...]:
@@ -138,7 +144,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     symbols = dof.symbols
     main = (symbols.inertia, symbols.linear, symbols.quadratic)
     shown = {name: e for name, e in preferred.estimates.items() if name in main}
-    shown |= {name: e for name, e in _added(preferred).items() if e.stderr > 0}
+    shown |= _added(preferred)
     shown |= {"command delay": preferred.delay} if fit.is_late else {}
     values = ", ".join(_valued(name, e) for name, e in shown.items())
     model = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})"

@@ -78,5 +78,5 @@ def test_a_run_without_a_signal_that_the_model_needs_is_set_aside(
     result = validate([logs], model=model_file(tmp_path / "m.json"))
     assert [run.name for run in result.runs] == ["deep"]
     why = {aside.run: aside.why for aside in result.set_aside}
-    assert "needs the column 'depth_m', which the log lacks; map it with --columns" in why["flat"]
+    assert "needs the column depth_m, which the log lacks; map it with --columns" in why["flat"]
     assert "needs 'depth_m' in every row; 1 rows lack it" in why["patchy"]

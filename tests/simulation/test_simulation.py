@@ -130,7 +130,7 @@ def test_refusals() -> None:
         make_batch([], 0.1)
     with pytest.raises(RunError, match="different units"):
         make_batch([run, replace(run, moment_unit="N m")], 0.1)
-    with pytest.raises(RunError, match="needs column 'voltage', which the log lacks"):
+    with pytest.raises(RunError, match="needs column voltage_V, which the log lacks"):
         make_batch([run], 0.1, ("voltage",))
     with pytest.raises(RunError, match="no yaw moment"):
         make_batch([replace(run, moment=None)], 0.1)
