@@ -31,10 +31,10 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 
 MAX_LINES = {
     "fits": 5312, "report": 4058, "logs": 3942, "diagnosis": 3710, "commands": 3318, "runs": 2691, "thrusters":
-    2539, "link": 2518, "control": 2187, "effects": 2016, "planning": 1835, "simulation": 1609, "exports": 1648,
+    2539, "link": 2518, "control": 2185, "effects": 2016, "planning": 1835, "simulation": 1609, "exports": 1648,
     "comparison": 1139, "models": 1130, "filters": 974, "pipeline": 800, "dofs": 480, "top": 295, "guide": 189,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 42390
+MAX_LINES_IN_ALL = 42388
 MAX_FILES = 212
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
