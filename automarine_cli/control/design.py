@@ -35,7 +35,7 @@ READ = 0.1  # flights are kept, and readings as far off as they are, for so long
 Loop = Callable[[Complexes], Complexes]
 Trials = NDArray[Any]
 """What C sets of gains do to some vehicles of all crowds, (C,): the `numbers` of their design, the `disk` margin that
-all but a twentieth keep, and scores that none or few of them exceed."""
+all but a twentieth keep, and the worst scores."""
 TILT = 0.02  # damping ratio below which a closed loop counts as unstable
 LOWEST = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
 
@@ -208,7 +208,7 @@ def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
     return np.rad2deg(np.min(phase, axis=1)), np.asarray(np.min(delay, axis=1))
 
 
-CROWD, JUDGED = 180, 12
+CROWD, JUDGED = 180, 20
 ROUNDS, LAST = 5, 20  # looks at the space of gains, each nearer to the best; sets that are judged by the crowd
 EXACT, STEADY = (0.02, 0.05)  # loops of the flights that are promised, and of those that gains are chosen by
 SHARE = 0.95  # of the crowd that has to keep the margin, and to settle
@@ -220,6 +220,7 @@ RECOVERY, SHORTEST = 4.0, 20.0
 """Settling times after which a load is to be rejected where nobody sets a time, and at least [s]: loads that stay, of a
 current or a tether, build up slowly."""
 EXPLORED = (0.0, 0.3, 3.0)  # further weights of a load that is not rejected, for what may lead to better gains
+REJECTED = 0.9  # bands within which the worst of a few have to be, so that all but a twentieth of all are within one
 HUNTS = 2.0  # bands by which a vehicle that rests is off at most: noise moves it less
 NEVER = 1e6  # what not settling costs, in lengths of a flight
 WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
@@ -358,10 +359,8 @@ def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task:
     return Scores(*(value.reshape(sets, count) for value in vars(result).values()))
 
 
-def tried(
-    problem: Problem, numbers: Floats, disk: Floats, few: Callable[[Vehicles], Vehicles], loops: float, share: float
-) -> Trials:
-    """Fly a few vehicles of every crowd, with `loops` as for `limit_rate`: what a share of them does not exceed."""
+def tried(problem: Problem, numbers: Floats, disk: Floats, few: Callable[[Vehicles], Vehicles], loops: float) -> Trials:
+    """Fly a few vehicles of every crowd, with `loops` as for `limit_rate`: the worst of them."""
     target, gains = problem.limit_rate(loops), problem.target.propose(numbers, problem.nominal)
     crowds = problem.crowds if len(numbers) else ()
     parts = [vars(flown(target, gains, few(part), problem.task)) for part in crowds]
@@ -370,8 +369,7 @@ def tried(
     trials["numbers"], trials["disk"] = numbers, disk
     for name, _ in columns:
         if parts:
-            values = np.concatenate([part[name] for part in parts], axis=1)
-            trials[name] = np.quantile(values, share, axis=1, method="inverted_cdf")
+            trials[name] = np.max(np.concatenate([part[name] for part in parts], axis=1), axis=1)
     return trials
 
 
@@ -383,7 +381,7 @@ def leaders(trials: Trials, task: Task, count: int) -> Trials:
     tenth. Among sets that are nearly as good, the largest margin and the least error under the load count."""
     time = np.log(np.where(np.isfinite(trials["settling"]), trials["settling"], NEVER * task.seconds))
     time = time + 4.0 * np.maximum(trials["overshoot"] - 0.1, 0.0)
-    excess = np.log(np.maximum(trials["left"] / task.band, 1.0))
+    excess = np.log(np.maximum(trials["left"] / (REJECTED * task.band), 1.0))
     costs = [time + weight * excess for weight in (1.0, *EXPLORED)]
     worse = np.maximum(costs[0] - np.min(costs[0], initial=np.inf) - np.log(SLOWER), 0.0)
     orders = [
@@ -436,7 +434,7 @@ def _kept(problem: Problem, margin: float, numbers: Floats) -> Trials:
     """The design numbers whose gains keep the margin on some vehicles, and what they do to three."""
     disk = keepable(problem, numbers, FEW, COARSE)
     good = disk >= margin
-    return tried(problem, numbers[good], disk[good], probes, ROUGH, 1.0)
+    return tried(problem, numbers[good], disk[good], probes, ROUGH)
 
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
@@ -461,13 +459,13 @@ def keeps(result: Outcome, problem: Problem) -> bool:
 
 
 def best_gains(problem: Problem) -> dict[str, float] | None:
-    """The best gains that all crowds can live with, as `leaders` ranks what all but a tenth of the vehicles do; looked
-    for with more margin on the few where that fails."""
+    """The best gains that all crowds can live with, as `leaders` ranks the worst of what some vehicles do; looked for
+    with more margin on the few where that fails."""
     for more in (1.0, 1.12, 1.3):
         numbers = searched(problem, more * problem.task.margin, ROUNDS)["numbers"]
         disk = keepable(problem, numbers, CROWD, FINE)
         if np.any(good := disk >= problem.task.margin):
-            trials = tried(problem, numbers[good], disk[good], lambda part: part.pick(slice(0, JUDGED)), STEADY, 0.9)
+            trials = tried(problem, numbers[good], disk[good], lambda part: part.pick(slice(0, JUDGED)), STEADY)
             best = leaders(trials, problem.task, 1)["numbers"][:1]
             return {name: float(value[0]) for name, value in problem.target.propose(best, problem.nominal).items()}
     return None

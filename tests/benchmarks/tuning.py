@@ -109,9 +109,8 @@ def corners(name: str) -> list[dict[str, Any]]:
             flight = design.scores(
                 design.step_and_load(target, tried, vehicles, np.pi / 2, 0.1, 40.0), np.pi / 2, np.deg2rad(2.0)
             )
-            disk = design.all_margins(
-                target, tried, vehicles, design.frequencies(np.pi / target.period, design.FINE)
-            ).disk
+            highest = min(np.pi / target.period, 60.0 / (1.5 * FIVE[name][5]))
+            disk = design.all_margins(target, tried, vehicles, design.frequencies(highest, design.FINE)).disk
             rows.append({
                 "vehicle": name, "gains": kind, "settled": int(flight.settles.sum()), "disk_margin": float(disk.min()),
                 **numbers_of(flight), "seconds": seconds,
@@ -211,6 +210,7 @@ def stack(seed: int, out: Path) -> dict[str, Any]:
         row["quickest"] = float(tried["settling"].min())
         row["settling_ratio"] = row["settling"] / row["best_settling"]
         row["left_ratio"] = max(row["left"], 2.0) / float(left[best])
+        row["cost_ratio"] = row["settling_ratio"] * row["left_ratio"]
     return row
 
 
