@@ -39,7 +39,7 @@ from automarine_cli.fits.identify import covariance_json, valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
-from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
+from automarine_cli.fits.whole_runs import estimate_of, instant, ratio_of, varying_terms
 from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
 from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
 from automarine_cli.pipeline.parallel import Each, alone
@@ -524,7 +524,7 @@ class Diagnosis(Shown):
             i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
             ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
         added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.base}
-        exponent, driven = gain_exponent(study, fit), {}
+        exponent, driven, delay = gain_exponent(study, fit), {}, float(fit.of_chance[COMMAND_DELAY])
         ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
         noise = float(dof.shown(fit.noise)) if study.position_counts else None
         if fit.driven:
@@ -538,7 +538,7 @@ class Diagnosis(Shown):
             dof.ratio_key: ratio,
             "valid_range": valid_range(ends, model),
             "effects": effects_json(added),
-            COMMAND_DELAY: float(fit.of_chance[COMMAND_DELAY]),
+            COMMAND_DELAY: delay if fit.driven else 2.0 * study.logger_delay * float(instant(np.array(delay))),
             f"{dof.words.position}_noise_{dof.units.shown}": noise,
             **driven,
             "gain_scatter": float(fit.factor(GAIN)),

@@ -19,6 +19,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations
+from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import left_out_changes, run_covariance, varying_terms, whole_run_problem
@@ -28,6 +29,7 @@ from automarine_cli.runs.run import Run, position_noise
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
+UNIFORM_INSTANT = Prior(0.0, 1.0)  # of the z of the commands' common instant: anywhere in its sample interval
 ITERATIONS = 25
 SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
 HORIZON = 5.0  # seconds ahead over which driven runs show the gap
@@ -294,9 +296,9 @@ class DiagnosisProblem:
         return replace(problem, smooth=smoothness(model, len(problem.names)))
 
     def problem(self, model: YawModel) -> Problem:
-        """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the
-        command delay, which the logger alone makes: a longer one is an effect."""
-        problem = whole_run_problem(model, self.batch, self.at_rest, self.logger_delay)
+        """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z
+        of the instant that all switches share in their sample intervals: a longer delay is an effect."""
+        problem = whole_run_problem(model, self.batch, self.at_rest, confined=True)
         bounds, positive = [(0.0, np.inf)], [True]
         roles = [effects.get(term.name).role for term in self.base.terms]
         main = "quadratic" if "quadratic" in roles else "linear"
@@ -317,6 +319,7 @@ class DiagnosisProblem:
             bounds=np.array([*bounds, problem.bounds[-1]]),
             positive=np.array([*positive, False]),
             smooth=smoothness(model, len(positive) + 1),
+            priors={COMMAND_DELAY: UNIFORM_INSTANT},
         )
 
     def fit(

@@ -128,18 +128,17 @@ def _about(problem: Problem, phi: Floats, b: Floats) -> Grams:
     return problem.gram(by_phi, by_run, fitted, b, phi)
 
 
+MAX_Z = 2.5  # of the instant that all switches share: 99 % of a sample interval
 AGAINST = 0.2  # share of the impulses that a balance with everything negative must explain to show that a sign is wrong
 
 
-def whole_run_problem(
-    model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], logger_delay: float | None = None
-) -> Problem:
+def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], confined: bool = False) -> Problem:
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
     theta is (the model's parameters, the command delay [s] from half a sample interval before the middle of the one in
     which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on a lake
-    thrusters lag. With a `logger_delay` [s], half an interval, the delay is no longer than that either way, and each
-    switch is within half an interval of it, by a standard normal z (see `instant`): more is for an effect to say. Run
+    thrusters lag. If `confined`, every switch stays in its interval, for more is an effect's to say: where in it is
+    `instant` of a z common to all, which is then the last entry of theta, and one of its own. Run
     effects are start position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is
     false), log gain of the moment delivered, where in its interval each change of command was, and a disturbance held
     over each window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
@@ -150,7 +149,7 @@ def whole_run_problem(
     """
     first = batch.position[:, :1]
     varying = varying_terms(model)
-    blocks = RunEffects(_blocks(batch, at_rest, logger_delay is not None, varying))
+    blocks = RunEffects(_blocks(batch, at_rest, confined, varying))
 
     names = (*model.parameter_names, COMMAND_DELAY)
     inertia, last = names.index(model.dof.parameter("inertia")), len(names) - 1
@@ -158,8 +157,8 @@ def whole_run_problem(
     def readings(theta: Floats, b: Floats) -> Floats:
         accelerations, delay = blocks.of(b, DISTURBANCE), theta[:, last, None, None]
         of_run = blocks.of(b, SWITCHES)
-        if logger_delay is not None:
-            of_run = delay + batch.interval * instant(of_run)
+        if confined:
+            of_run = batch.interval * instant(delay + of_run)
         start = Start(
             first[None, :, 0] + blocks.of(b, START_POSITION)[..., 0],
             blocks.of(b, START_VELOCITY)[..., 0],
@@ -167,7 +166,7 @@ def whole_run_problem(
             of_run,  # a step may run backwards
             theta[:, inertia, None, None] * accelerations if accelerations.any() else None,
             {name: blocks.of(b, name) for name in varying},
-            command_delay=delay if logger_delay is None else None,
+            command_delay=None if confined else delay,
         )
         trajectory = simulate(model, batch, theta[:, :last], start)
         if len(batch.channels) == 1:
@@ -184,8 +183,8 @@ def whole_run_problem(
             lower = -np.inf if drags and term.name == "linear-drag" else parameter.lower  # either sign, as in Table 1
             bounds.append((lower, parameter.upper))
     earliest = -batch.half_interval
-    latest = logger_delay or (MAX_DELAY_S if earliest else 0.0)
-    limits = np.array([*bounds, (earliest if logger_delay is None else -latest, latest)])
+    latest = MAX_DELAY_S if earliest else 0.0
+    limits = np.array([*bounds, (-MAX_Z, MAX_Z) if confined else (earliest, latest)])
     positive = np.append(limits[:-1, 0] >= 0.0, False)
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
     return Problem(readings, measured, observed, blocks, limits, positive, names, slots_of(batch.channels))

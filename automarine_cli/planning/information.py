@@ -163,7 +163,8 @@ class Fitting:
 
     def phi(self, problem: Problem) -> Floats:
         """Return where the likelihood is looked at, in the search's coordinates."""
-        return problem.search(np.append(self.model.theta, np.clip(self.command_delay, *problem.bounds[-1])))
+        delay = 0.0 if self.fit == "diagnosis" else np.clip(self.command_delay, *problem.bounds[-1])
+        return problem.search(np.append(self.model.theta, delay))
 
     def variances(self, problem: Problem) -> Floats:
         """Return logarithms of noise and factors, as the linear half of the mixed model takes them."""
@@ -459,7 +460,7 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
 def information_now(fitting: Fitting, covariance: Floats | None) -> Floats:
     """Return the information (p, p) before the campaign: the earlier runs' by their covariance, else next to none."""
     loose = fitting.loose_information
-    loose[-1, -1] = 12.0 * fitting.rate**2  # of a delay within a sample interval
+    loose[-1, -1] = 1.0 if fitting.fit == "diagnosis" else 12.0 * fitting.rate**2  # anywhere in a sample interval
     if covariance is not None:
         loose[:-1, :-1] += np.linalg.inv(covariance)
     return loose
