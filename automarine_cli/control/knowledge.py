@@ -225,7 +225,8 @@ def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None
     """The longest delay beyond the model's, whether nothing is known of it, and a sentence on it."""
     if delay is not None:
         return delay, False, f"Delays up to {delay:g} s beyond the model's are allowed for, as asked."
-    fitted = prior.file is not None and prior.file.command_delay_s is not None
+    # A diagnosis confines the delay to half a sample interval: a longer one it shows only as an effect.
+    fitted = judged is None and prior.file is not None and prior.file.command_delay_s is not None
     if fitted or any(term.name in LATE for term in prior.model.terms):
         return 0.0, False, ""
     visible = judged.smallest_visible if judged else {}
