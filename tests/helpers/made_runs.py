@@ -26,8 +26,9 @@ def step_heading(time: Floats, moment: float, *, heading0: float = 0.7, rate0: f
 def solved(
     switches: Sequence[float], moments: Sequence[float], time: Floats, k_r: float, k_rr: float, rate0: float
 ) -> Floats:
-    """True heading [rad] at `time` (N,) for moments held from each of `switches` [s], by scipy's solver."""
-    state, heading = np.array([0.0, rate0]), np.empty(len(time))
+    """True heading [rad] at `time` (N,) for moments held from each of `switches` [s], by scipy's solver; before the
+    first switch the vehicle turns at `rate0` [rad/s]."""
+    state, heading = np.array([0.0, rate0]), rate0 * (time - switches[0])
     bounds = [*switches, time[-1] + 1.0]
     for begin, end, moment in zip(bounds[:-1], bounds[1:], moments):
         here = (time >= begin) & (time < end)
