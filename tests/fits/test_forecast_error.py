@@ -118,25 +118,32 @@ def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance
 
 
 @pytest.mark.slow
-def test_intervals_hold_what_a_missing_delay_does_and_else_stay() -> None:
-    """A compass that averages its last three readings delays what it shows: the truth lies beside the plain interval
-    and within the wider."""
-
-    def averaged(run: Run) -> Run:
-        total = np.cumsum(np.pad(run.position, (3, 0), mode="edge"))
-        return replace(run, position=(total[3:] - total[:-3]) / 3)
-
-    for seed, late in ((1002, True), (1000, False)):
-        runs = [averaged(run) if late else run for run in steered(5, seed, length=40.0)]
+def test_intervals_hold_what_a_missing_dead_band_does_and_else_stay() -> None:
+    """A dead band of 0.1 nu: the truth lies beside the plain interval and within the wider."""
+    for seed, band in ((1002, 0.1), (1000, 0.0)):
+        runs = [replace(run, moment=run.command + band * np.sign(run.command)) for run in steered(5, seed, length=40.0)]
         course = make_course(runs, np.ones(5, dtype=bool))
         plain = fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3")
         wider, gains = widened(course, plain)
-        if not late:
+        if not band:
             assert (wider, gains) == (plain, {})
             continue
-        assert list(gains) == ["input-delay"] and gains["input-delay"] > 50.0
+        assert list(gains) == ["dead-band"] and gains["dead-band"] > 20.0
         low, high = plain.estimates["I_r"].ci95
         assert not low < 1.0 < high
         for name, truth in (("I_r", 1.0), ("k_rr", 1.2)):
             low, high = wider.estimates[name].ci95
             assert low < truth < high and wider.estimates[name].value == plain.estimates[name].value
+
+
+@pytest.mark.slow
+def test_a_compass_that_is_late_moves_the_delay_alone() -> None:
+    scores, truths = [], {"I_r": 1.0, "k_rr": 1.2}
+    for seed in range(1000, 1006):
+        runs = steered(5, seed, length=40.0)
+        late = [replace(run, position=np.append(run.position[:1], run.position[:-1])) for run in runs]
+        course = make_course(late, np.ones(5, dtype=bool))
+        fit = fit_driven(course, rough_model("3", make_batch(late, 0.1)), "3")
+        scores += [(fit.estimates[name].value - truth) / fit.estimates[name].stderr for name, truth in truths.items()]
+        assert fit.mixed.of_chance["command_delay_s"] == pytest.approx(runs[0].sample_period, abs=0.05)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5
