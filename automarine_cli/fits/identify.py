@@ -515,12 +515,12 @@ def _fit_steps(
     few = starting(half)
     rough = fit_velocity_error(few, np.zeros(len(few.moment)), moment_unit=unit, models=("1", "3"))
     two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= MIN_A_WAY)
-    start = partial(_rough_start, rough, dof)
+    starts = {number: _rough_start(rough, dof, number) for number in MODELS}
     if fit_to == "half-turns":
-        answer = fit_halves(half, start, MODELS, unit, prior, two_way, map_jobs)
+        answer = fit_halves(half, starts, unit, prior, two_way, map_jobs)
     else:
         whole = data_of_steps(turns, chosen.names, whole=True)
-        answer = fit_whole_or_half(whole, half, start, MODELS, unit, prior, two_way, map_jobs)
+        answer = fit_whole_or_half(whole, half, starts, unit, prior, two_way, map_jobs)
     fits, preference = answer.fits, answer.preference
     seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, unit, tail=tail)
     noise = float(np.median([turn.step.run.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))

@@ -6,7 +6,7 @@ lacks: water that turns with the vehicle, a tether, a compass that deviates. Bot
 decide which one answers.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -94,21 +94,20 @@ Start = Mapping[str, float]
 
 
 def fit_whole_or_half(
-    whole: StepData, half: StepData, starts: Callable[[str], Start], models: Sequence[str], unit: str, prior: Known,
-    two_way: bool, map_jobs: Each,
-) -> StepAnswer:  # fmt: skip
+    whole: StepData, half: StepData, starts: Mapping[str, Start], unit: str, prior: Known, two_way: bool, map_jobs: Each
+) -> StepAnswer:
     """Fit whole steps, and take first half-turns in their place where the rest of the steps disagrees with them.
 
     `starts` gives values to begin from by model, `two_way` says whether both ways were gone. Where both data are the
     same, as along a line, there is nothing to compare. Raises FitError where the data cannot carry a fit.
     """
     fit = partial(fit_step_model, unit=unit, prior=prior, two_way=two_way)
-    fits = dict(zip(models, map_jobs(partial(_started, fit, whole, starts), models, "fitting models")))
+    fits = dict(zip(starts, map_jobs(partial(fit, data=whole, starts=starts), [*starts], "fitting models")))
     preference = prefer(fits)
     if np.array_equal(whole.observed.sum(axis=1), half.observed.sum(axis=1)):
         return StepAnswer(fits, preference, whole, None)
     best = fits[preference.number]
-    rival = fit(preference.number, half, values_of(best))
+    rival = fit(best.number, data=half, starts={best.number: values_of(best)})
     assert not best.mixed.driven and not rival.mixed.driven
     problem = step_problem(whole, best.number, prior, "difference" in best.roles)
     tests = compare(whole, problem, best.mixed, half, rival.mixed)
@@ -116,23 +115,18 @@ def fit_whole_or_half(
         fits = {model: freed_of(tests.push, whole, fit, prior) for model, fit in fits.items()}
     if tests.agrees:
         return StepAnswer(fits, preference, whole, tests)
-    return fit_halves(half, lambda model: values_of(fits[model]), models, unit, prior, two_way, map_jobs, tests)
+    from_whole = {model: values_of(fit) for model, fit in fits.items()}
+    return fit_halves(half, from_whole, unit, prior, two_way, map_jobs, tests)
 
 
 def fit_halves(
-    half: StepData, starts: Callable[[str], Start], models: Sequence[str], unit: str, prior: Known, two_way: bool,
-    map_jobs: Each, tests: Consistency | None = None,
+    half: StepData, starts: Mapping[str, Start], unit: str, prior: Known, two_way: bool, map_jobs: Each,
+    tests: Consistency | None = None,
 ) -> StepAnswer:  # fmt: skip
     """Fit first half-turns, with a command delay only where they show one beyond doubt."""
-    fit = partial(fit_step_model, unit=unit, prior=prior, two_way=two_way, doubtful=True)
-    fits = dict(zip(models, map_jobs(partial(_started, fit, half, starts), models, "fitting models")))
+    fit = partial(fit_step_model, data=half, starts=starts, unit=unit, prior=prior, two_way=two_way, doubtful=True)
+    fits = dict(zip(starts, map_jobs(fit, [*starts], "fitting models")))
     return StepAnswer(fits, prefer(fits), half, tests)
-
-
-def _started(
-    fit: Callable[..., OutputErrorFit], data: StepData, starts: Callable[[str], Start], model: str
-) -> OutputErrorFit:
-    return fit(model, data, starts(model))
 
 
 def values_of(fit: OutputErrorFit) -> Start:
@@ -141,19 +135,17 @@ def values_of(fit: OutputErrorFit) -> Start:
 
 
 def fit_step_model(
-    model: str, data: StepData, start: Start, *, unit: str, prior: Known, two_way: bool, doubtful: bool = False
-) -> OutputErrorFit:
+    model: str, data: StepData, starts: Mapping[str, Start], *, unit: str, prior: Known, two_way: bool,
+    doubtful: bool = False,
+) -> OutputErrorFit:  # fmt: skip
     def fit(sided: bool) -> OutputErrorFit:
-        mixed = fit_causal(data, model, start, prior, sided)
+        mixed = fit_causal(data, model, starts[model], prior, sided)
         if doubtful:
             mixed = without_doubtful_delay(data, model, mixed, prior, sided)
-        return result_of_steps(model, YawModel.base(model, *_split(mixed.of_model), unit, data.dof), mixed)
+        inertia, *drags = mixed.of_model
+        return result_of_steps(model, YawModel.base(model, inertia, drags, unit, data.dof), mixed)
 
     return fit_by_direction(fit, data.dof, two_way)
-
-
-def _split(theta: Floats) -> tuple[float, Floats]:
-    return float(theta[0]), theta[1:]
 
 
 def fit_causal(data: StepData, model: str, start: Start, prior: Known, sided: bool = False) -> MixedFit:

@@ -1,6 +1,8 @@
 """The models of runs that were made here, without a file in between."""
 
-from collections.abc import Sequence
+import pickle
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from automarine_cli.errors import RunError
 from automarine_cli.fits.identify import YawFit, identify_turns
@@ -14,4 +16,9 @@ def identify(runs: Sequence[Run], fit_to: str = "auto", trim: Trim = UNTRIMMED, 
     if not runs:
         raise RunError("there are no runs to fit; give at least one")
     turns, set_aside = half_turns(runs, trim)
-    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, channels=channels)
+    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, map_jobs=as_sent, channels=channels)
+
+
+def as_sent(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> list[Any]:
+    """Map in this process what `--jobs 2` would send to others."""
+    return [pickle.loads(pickle.dumps(function))(item) for item in items]

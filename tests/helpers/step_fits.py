@@ -12,4 +12,4 @@ def fitted_steps(
 ) -> OutputErrorFit:
     """Model `number` from `start`: inertia, linear and quadratic drag."""
     begin = {**dict(zip(("inertia", "linear", "quadratic"), start)), COMMAND_DELAY: 0.0}
-    return fit_step_model(number, data, begin, unit=unit, prior=known, two_way=False)
+    return fit_step_model(number, data, {number: begin}, unit=unit, prior=known, two_way=False)

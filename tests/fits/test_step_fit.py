@@ -1,0 +1,48 @@
+"""The default estimate of step runs: whole steps with a delay where they agree with their first half-turns."""
+
+import numpy as np
+import pytest
+from identified import identify
+from made_campaigns import campaign
+from made_runs import INERTIA, K_RR, mirrored
+from tank import pool_campaign
+
+from automarine_cli.estimate import Estimate
+from automarine_cli.runs.run import Run
+
+LATE = 3  # samples of 0.1 s
+TWO_TURNS = 4.0 * np.pi
+
+
+def commanded_early(run: Run) -> Run:
+    """The same run of a vehicle that answers 0.3 s later than its log says."""
+    return run.with_moment(np.append(run.command[LATE:], np.repeat(run.command[-1:], LATE)), run.moment_unit)
+
+
+def errors(estimate: Estimate, truth: float) -> float:
+    return (estimate.value - truth) / estimate.stderr
+
+
+def test_whole_steps_with_a_delay_hold_the_truth() -> None:
+    scores = []
+    for seed in range(4):
+        runs = [commanded_early(run) for run in campaign(seed=seed, gain_scatter=0.03, turn=TWO_TURNS)]
+        fit = identify(runs)
+        assert fit.whole_steps and fit.consistency is not None and fit.consistency.agrees
+        best = fit.preferred
+        values = (best.estimates["I_r"], best.estimates["k_rr"], best.delay)
+        scores += [errors(value, truth) for value, truth in zip(values, (INERTIA, K_RR, 0.3))]
+    other = identify([mirrored(run) for run in runs]).preferred
+    assert other.delay.value == pytest.approx(best.delay.value, abs=1e-6)
+    assert other.estimates["I_r"].value == pytest.approx(best.estimates["I_r"].value, rel=1e-6)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.6 and np.abs(scores).max() < 3.5
+
+
+def test_half_turns_answer_where_the_water_turns_with_the_vehicle() -> None:
+    """Whole steps alone put the drag of a swirl into the vehicle's own."""
+    swirl = {"name": "water-swirl", "chi": 0.15, "T_w": 10.0}
+    runs = pool_campaign(seed=2, turn_deg=720.0, effects=[swirl])
+    fit, whole = identify(runs), identify(runs, "whole-runs")
+    assert fit.consistency is not None and not fit.consistency.agrees and not fit.whole_steps
+    half, far = (abs(answer.output_error["3"].estimates["k_rr"].value / K_RR - 1.0) for answer in (fit, whole))
+    assert half < 0.1 and half < 0.6 * far
