@@ -64,6 +64,7 @@ SIGNALS = {
 
 
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
+EVERY_PULSE = (500, 2500)  # us, which some drivers take
 
 
 def unit_in(name: str) -> str:
@@ -185,6 +186,12 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATES = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
+NOT_COVERED = ("roll", "pitch")
+"""How words in names of columns begin that are of other axes."""
+
+
+def other_axis(name: str) -> bool:
+    return any(word.startswith(NOT_COVERED) for word in re.split(r"[^a-z]+", name.lower()))
 
 
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
@@ -197,7 +204,7 @@ def likely_column(quantity: str, names: Iterable[str]) -> str | None:
         if len(name) > LONGEST_GUESSED:
             continue
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-        if position and set(plain.split("_")) & set(RATES):
+        if other_axis(name) or (position and set(plain.split("_")) & set(RATES)):
             continue
         alike = [difflib.SequenceMatcher(None, plain, word).ratio() for word in words]
         likeness = max(alike) - 1e-6 * alike.index(max(alike))
