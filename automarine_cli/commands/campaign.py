@@ -154,8 +154,8 @@ def read_campaign(path: Path) -> Campaign:
     Raises SettingError with the key's path for an unknown key, a wrong value, or a question that is still open, and
     LogError for a column rule that makes no sense.
     """
-    from automarine_cli.logs.columns import column_map
-    from automarine_cli.report.campaign_file import OPEN, SCHEMA, open_questions
+    from automarine_cli.logs.columns import OPEN, column_map, open_questions
+    from automarine_cli.report.campaign_file import SCHEMA
 
     data, name = read_mapping(path), printable(path.name)
     questions = open_questions(data)
@@ -191,7 +191,8 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
     for key, value in table.items():
         where = f"{section}.{key}".removeprefix(".")
         if key not in keys:
-            close = difflib.get_close_matches(str(key), keys, n=1)
+            spelled = work.spellings.get(key) if work else None
+            close = [spelled] if spelled in keys else difflib.get_close_matches(str(key), keys, n=1)
             hint = f"did you mean {format_value(close[0])}?" if close else f"known are {', '.join(keys)}"
             place = f"{section}: " if section else ""
             raise SettingError(f"{place}unknown key {format_value(key)}; {hint}")

@@ -103,6 +103,26 @@ class Command(click.Command):
                               inspect.Parameter.POSITIONAL_OR_KEYWORD) for i, param in enumerate(self.own)
         ])  # fmt: skip
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse as click does; of an option called by another name of its own the message tells the right one."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as problem:
+            name = problem.option_name.lstrip("-").replace("-", "_")
+            if (param := next((param for param in self.params if param.name == name), None)) is None:
+                raise
+            by = (
+                f"write {param.metavar} alone"
+                if isinstance(param, click.Argument)
+                else f"write {param.opts[0]}"
+            )
+            raise click.UsageError(f"No such option '{problem.option_name}'; {by}", ctx) from None
+
+    @property
+    def spellings(self) -> dict[str, str]:
+        """Settings by what the command line calls them."""
+        return {opt.lstrip("-").replace("-", "_"): str(param.name) for param in self.own for opt in param.opts}
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the options in groups; click's own, which have none, are general."""
         noun = str(self.name).partition("-")[0].capitalize()

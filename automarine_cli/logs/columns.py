@@ -10,13 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import Any, Literal
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError, SettingError
-from automarine_cli.pipeline.records import Codec, Source, keyed, read_plain
-from automarine_cli.text import printable, quoted
+from automarine_cli.pipeline.records import Codec, Source, everything, keyed, read_plain
+from automarine_cli.text import in_words, listed, printable, quoted
 
 DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons
@@ -282,6 +282,7 @@ def matches(path: Path, pattern: str) -> bool:
     return any(part.match(pattern) for part in (path.absolute(), *path.absolute().parents))
 
 
+OPEN = "?"  # a value that a person still has to give
 LARGEST_MAP = 200_000  # bytes; a column map is a dozen lines
 
 
@@ -414,9 +415,28 @@ def read_column_map(path: str | Source) -> ColumnMap:
     path = Path(path) if isinstance(path, str) else path
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)
+    if str(data.get("schema")).startswith("automarine/campaign/"):
+        data = _of_campaign(data, name)
     if not any(data.values()):
         raise LogError(f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]')
     return replace(column_map(data, name, path.parent if isinstance(path, Path) else None), source=name)
+
+
+def open_questions(data: object) -> list[str]:
+    """The keys of a campaign that a person still has to answer."""
+    return [in_words(place).removesuffix(": ") for value, place in everything(data) if value == OPEN]
+
+
+def _of_campaign(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """The column map in a campaign file, with its arm and thrusters for each test; its other settings are not read."""
+    tables = {key: data[key] for key in ("columns", "columns_of", "can") if key in data}
+    parts = (data.get(key) for key in ("logs", "thrusters", "vehicle"))
+    logs, thrusters, vehicle = (part if isinstance(part, Mapping) else {} for part in parts)
+    tables |= {"logs": {"join": logs["join"]}} if "join" in logs else {}
+    pairs = (("arm_m", vehicle.get("arm_m")), ("thrusters_per_test", thrusters.get("per_test")))
+    if questions := open_questions(tables):
+        raise LogError(f'{name}: {listed(questions)} still open; write the values in place of "{OPEN}"')
+    return tables | {"defaults": {key: value for key, value in pairs if value not in (None, OPEN)}}
 
 
 def column_map(data: Mapping[str, object], name: str, home: Path | None = None) -> ColumnMap:

@@ -11,7 +11,7 @@ from pathlib import Path
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
-from automarine_cli.logs.columns import BY, CANONICAL, RUN, names_of, other_axis
+from automarine_cli.logs.columns import BY, CANONICAL, OPEN, RUN, names_of, open_questions, other_axis
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, to_mapping
@@ -19,10 +19,9 @@ from automarine_cli.report.sections import Sections, sections, toml_line, toml_v
 from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.look import UNITS_LINE, Placed, Survey
 from automarine_cli.runs.run import runs_json
-from automarine_cli.text import in_words, listed, plural, printable
+from automarine_cli.text import listed, plural, printable
 
 SCHEMA = "automarine/campaign/1"
-OPEN = "?"  # a value that a person still has to give
 WIDEST = 120  # of a line with its comment; a longer one has it above
 MAX_LISTED = 20  # logs without a place that are listed
 SAY = {
@@ -65,10 +64,6 @@ class NewCampaign(Shown):
             "campaign": self.text,
             "runs": runs_json(sum(len(runs) for runs in look.runs.values()), look.set_aside),
         }  # fmt: skip
-
-
-def open_questions(data: object) -> list[str]:
-    return [in_words(place).removesuffix(": ") for value, place in everything(data) if value == OPEN]
 
 
 @sections.register
