@@ -111,11 +111,7 @@ class Command(click.Command):
             name = problem.option_name.lstrip("-").replace("-", "_")
             if (param := next((param for param in self.params if param.name == name), None)) is None:
                 raise
-            by = (
-                f"write {param.metavar} alone"
-                if isinstance(param, click.Argument)
-                else f"write {param.opts[0]}"
-            )
+            by = f"write {param.metavar} alone" if isinstance(param, click.Argument) else f"write {param.opts[0]}"
             raise click.UsageError(f"No such option '{problem.option_name}'; {by}", ctx) from None
 
     @property

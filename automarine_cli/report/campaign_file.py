@@ -85,7 +85,7 @@ def _(result: NewCampaign) -> Sections:
         Table.of("Columns", columns, asked) if columns else f"No column is recognised; {UNITS_LINE}.",
         to_answer if questions else "No open questions; check the file before running it.",
         *(["Some logs are not used; the campaign file says which and why."] if "# Not used" in result.text else ()),
-        *([f"Columns that no fit uses: {listed(look.unused)}{beyond}."] if look.unused else ()),
+        *([f"Columns not read: {listed(look.unused)}{beyond}."] if look.unused else ()),
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
     ])  # fmt: skip
 
