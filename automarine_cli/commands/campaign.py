@@ -21,6 +21,7 @@ from automarine_cli.text import format_value, listed, printable
 
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile
+    from automarine_cli.pipeline.records import Source
     from automarine_cli.report.campaign import Step
 
 KINDS = {
@@ -42,6 +43,8 @@ KEYS = {
 """The keys of each section that are no settings of its command."""
 COMMANDS = {"thrusters": "fit-thrusters", "tune": "tune", **{name: f"fit-{name}" for name in (*DOFS, PLANAR.name)}}
 """The command of each section that has settings of it."""
+NEWTONS = "newtons"
+"""In place of a thruster map: the commands are thrusts."""
 GIVEN = {"logs", "hold_out", "model", "extended", "columns", "thrusters", "thrusters_per_test", "arm", "strict", "seed",
          "check", "reference"}  # fmt: skip
 """Settings that the campaign as a whole gives its commands."""
@@ -80,7 +83,7 @@ class Campaign:
         return title
 
     @property
-    def beside(self) -> dict[str, Path]:
+    def beside(self) -> "dict[str, Source]":
         """Files that it needs beside its logs, by role: a thruster map, the DBC of CAN logs, the vehicle's gains."""
         every = {
             "thrusters": self.sections["thrusters"].get("map"),
@@ -199,7 +202,11 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
         expected, fits = EXPECTED.get(where) or EXPECTED.get(key) or ("", lambda value: True)
         if not fits(value):
             raise SettingError(f"{where}: found {format_value(value)}, expected {expected}")
-        if key == "map" or (work and key in work.files and _is_text(value)):
+        if key == "map" and value == NEWTONS:
+            from automarine_cli.thrusters.map import ThrusterMap
+
+            value = ThrusterMap.of_newtons()
+        elif key == "map" or (work and key in work.files and _is_text(value)):
             value = home / value
             if not value.is_file():
                 raise SettingError(f"{where}: there is no file {printable(value.name)}; give it relative to this file")

@@ -312,10 +312,12 @@ def command(
 
 def given_as(**options: object) -> list[Any]:
     """Return those of the options that are files, each with the option's name as its role."""
-    from automarine_cli.pipeline.records import Source
+    from automarine_cli.pipeline.records import Document, Source
     from automarine_cli.pipeline.results_folder import Input
 
-    return [Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Source)]
+    files = {role: path for role, path in options.items() if isinstance(path, Source)}
+    lasting = {role: path for role, path in files.items() if not (isinstance(path, Document) and path.built_in)}
+    return [Input(printable(path.name), path, role) for role, path in lasting.items()]
 
 
 def _default(ctx: click.Context, param: Any) -> Any:

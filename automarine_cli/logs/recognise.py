@@ -206,6 +206,11 @@ def is_called(quantity: str, names: Sequence[str]) -> bool:
     return any(name in names_of(quantity) or _named_exactly(quantity, name) for name in names)
 
 
+def in_newtons(name: str) -> bool:
+    """Whether a name ends in that unit: `left_N`, and no `n_left`."""
+    return len(words_of(name)) > 1 and FORCE.get(words_of(name)[-1]) == "N"
+
+
 def words_of(name: str) -> list[str]:
     """`Force (Kg f)` -> force, kgf: lower case, brackets and underscores apart."""
     plain = re.sub(r"kg\s*f\b", "kgf", re.sub(r"lb\s*f\b", "lbf", name.lower()))

@@ -12,7 +12,7 @@ from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
 from automarine_cli.logs.columns import BY, CANONICAL, OPEN, RUN, names_of, open_questions, other_axis
-from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
+from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, in_newtons, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, to_mapping
 from automarine_cli.report.sections import Sections, sections, toml_line, toml_value
@@ -209,7 +209,10 @@ def _thrusters(look: Survey) -> Iterator[Line]:
         yield 'form = "auto"  # thrust curve: auto chooses by cross-validation'
     elif look.thrusters_drive:
         yield from ("", "[thrusters]")
-        yield "map", OPEN, "a thrusters.json of this vehicle: there are no bollard tests to make one of"
+        sources = [column.source for column in look.columns if column.key in YAW.thrusters]
+        thrusts = all(map(in_newtons, sources))
+        why = "a thrusters.json of this vehicle: there are no bollard tests to make one of"
+        yield "map", *(("newtons", f"{listed(sources)} are thrusts by their names") if thrusts else (OPEN, why))
 
 
 def _columns(look: Survey) -> Iterator[Line]:
