@@ -43,8 +43,6 @@ KEYS = {
 """The keys of each section that are no settings of its command."""
 COMMANDS = {"thrusters": "fit-thrusters", "tune": "tune", **{name: f"fit-{name}" for name in (*DOFS, PLANAR.name)}}
 """The command of each section that has settings of it."""
-NEWTONS = "newtons"
-"""In place of a thruster map: the commands are thrusts."""
 GIVEN = {"logs", "hold_out", "model", "extended", "columns", "thrusters", "thrusters_per_test", "arm", "strict", "seed",
          "check", "reference"}  # fmt: skip
 """Settings that the campaign as a whole gives its commands."""
@@ -202,7 +200,7 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
         expected, fits = EXPECTED.get(where) or EXPECTED.get(key) or ("", lambda value: True)
         if not fits(value):
             raise SettingError(f"{where}: found {format_value(value)}, expected {expected}")
-        if key == "map" and value == NEWTONS:
+        if key == "map" and value == "newtons":  # the commands are thrusts
             from automarine_cli.thrusters.map import ThrusterMap
 
             value = ThrusterMap.of_newtons()

@@ -58,10 +58,8 @@ def init(
     look = survey(folder, files, given_columns(columns), jobs, progress)
     result = new_campaign(look, files, place, _ask if _is_on_a_terminal() else None)
     if not result.questions:  # then something serves, or nothing ever will
-        placed = (
-            file for kinds in (look.placed, *look.forces.values()) for of_kind in kinds.values() for file in of_kind
-        )
-        require_usable(list(placed), look.not_used, len(files), strict=False)
+        placed = [of_kind for kinds in (look.placed, *look.forces.values()) for of_kind in kinds.values() if of_kind]
+        require_usable(placed, look.not_used, len(files), strict=False)
     write_whole(place, result.text)
     return result
 

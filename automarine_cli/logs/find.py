@@ -106,24 +106,20 @@ def _meant_by(argument: str) -> list[LogFile]:
     if path.is_dir():
         if logs := list(_inside(path)):
             return logs
-        raise LogError(
-            f"{quoted(argument)}: no logs in this directory; give files that end in {ENDINGS}{_advice(path)}"
-        )
+        raise LogError(f"{quoted(argument)}: no logs in this directory; give files that end in {_endings(path)}")
     if os.path.lexists(path):
         if suffix_of(path.name) is None:
-            raise LogError(
-                f"{quoted(path.name)}: unknown log format; give a file that ends in {ENDINGS}{_advice(path)}"
-            )
+            raise LogError(f"{quoted(path.name)}: unknown log format; give a file that ends in {_endings(path)}")
         return [LogFile(path, printable(path.name), named=True)]
     if glob.has_magic(argument):
         return _matching(argument)
     raise LogError(f"{quoted(argument)}: no such file or directory; check the spelling and the folder you are in")
 
 
-def _advice(path: Path) -> str:
-    """How files of other programs, this one or in this folder, become logs."""
+def _endings(path: Path) -> str:
+    """How logs end, and how files of other programs, this one or in this folder, become logs."""
     ends = (inside.suffix.lower() for inside in (path, *path.rglob("*")))
-    return "".join(f"; {advice}" for advice in dict.fromkeys(SAVE_AS[end] for end in ends if end in SAVE_AS))
+    return "; ".join([ENDINGS, *dict.fromkeys(SAVE_AS[end] for end in ends if end in SAVE_AS)])
 
 
 def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:

@@ -470,14 +470,10 @@ class Layout:
 
     @property
     def unused(self) -> tuple[str, ...]:
-        """Columns that no fit looks at, those of axes that are not covered last, where they are of turning."""
-        used = {
-            name for rule in self.rules.values() for name in (rule.source, rule.sign_from and rule.sign_from.source)
-        }
-        used |= {*LABELS, *(column.source for column in self.columns), *(CANONICAL if not self.dof.wraps else ())}
-        return tuple(
-            name for name in self.names if name not in used and not name.startswith(("n_", "rpm_", "thruster_"))
-        )
+        """Columns that no fit looks at; of another motion than yaw all are read that have a canonical name."""
+        read_as = {*LABELS, *(column.source for column in self.columns), *(CANONICAL if not self.dof.wraps else ())}
+        used, single = read_as | ColumnMap(self.rules).sources, ("n_", "rpm_", "thruster_")
+        return tuple(name for name in self.names if name not in used and not name.startswith(single))
 
     @property
     def foreign(self) -> bool:
