@@ -47,6 +47,7 @@ def _parquet(columns: Columns) -> bytes:
 
 
 def _workbook(columns: Columns) -> bytes:
+    pytest.importorskip("openpyxl")
     buffer = io.BytesIO()
     pd.DataFrame(columns).to_excel(buffer, index=False)
     return buffer.getvalue()

@@ -39,6 +39,7 @@ def test_what_is_no_regular_file_does_not_hang(tmp_path: Path) -> None:
 
 def test_a_workbook_is_read_as_its_text_would_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Unnamed index, dates, empty cells, truth values; without its library the extra is told."""
+    pytest.importorskip("openpyxl")
     stamps = pd.date_range("2026-05-03 14:00:00", periods=30, freq="100ms")
     sheet = pd.DataFrame({"time": stamps, "heading_deg": np.arange(30.0), "tau": 0.5, "on": True})
     sheet.loc[7, "heading_deg"] = np.nan
