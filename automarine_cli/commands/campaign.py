@@ -192,8 +192,9 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
     for key, value in table.items():
         where = f"{section}.{key}".removeprefix(".")
         if key not in keys:
-            spelled = work.spellings.get(key) if work else None
-            close = [spelled] if spelled in keys else difflib.get_close_matches(str(key), keys, n=1)
+            option = f"--{key}".replace("_", "-")
+            called = [str(param.name) for param in (work.own if work else ()) if option in param.opts]
+            close = [name for name in called if name in keys] or difflib.get_close_matches(str(key), keys, n=1)
             hint = f"did you mean {format_value(close[0])}?" if close else f"known are {', '.join(keys)}"
             place = f"{section}: " if section else ""
             raise SettingError(f"{place}unknown key {format_value(key)}; {hint}")

@@ -114,11 +114,6 @@ class Command(click.Command):
             by = f"write {param.metavar} alone" if isinstance(param, click.Argument) else f"write {param.opts[0]}"
             raise click.UsageError(f"No such option '{problem.option_name}'; {by}", ctx) from None
 
-    @property
-    def spellings(self) -> dict[str, str]:
-        """Settings by what the command line calls them."""
-        return {opt.lstrip("-").replace("-", "_"): str(param.name) for param in self.own for opt in param.opts}
-
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the options in groups; click's own, which have none, are general."""
         noun = str(self.name).partition("-")[0].capitalize()

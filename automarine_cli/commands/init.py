@@ -57,7 +57,7 @@ def init(
         raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
     look = survey(folder, files, given_columns(columns), jobs, progress)
     result = new_campaign(look, files, place, _ask if _is_on_a_terminal() else None)
-    if not result.questions:  # then something serves, or nothing ever will
+    if not result.questions:  # something serves now, or nothing ever will
         placed = [of_kind for kinds in (look.placed, *look.forces.values()) for of_kind in kinds.values() if of_kind]
         require_usable(placed, look.not_used, len(files), strict=False)
     write_whole(place, result.text)
