@@ -21,6 +21,7 @@ from automarine_cli.text import format_value, listed, printable
 
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile
+    from automarine_cli.pipeline.records import Source
     from automarine_cli.report.campaign import Step
 
 KINDS = {
@@ -80,7 +81,7 @@ class Campaign:
         return title
 
     @property
-    def beside(self) -> dict[str, Path]:
+    def beside(self) -> "dict[str, Source]":
         """Files that it needs beside its logs, by role: a thruster map, the DBC of CAN logs, the vehicle's gains."""
         every = {
             "thrusters": self.sections["thrusters"].get("map"),
@@ -154,8 +155,8 @@ def read_campaign(path: Path) -> Campaign:
     Raises SettingError with the key's path for an unknown key, a wrong value, or a question that is still open, and
     LogError for a column rule that makes no sense.
     """
-    from automarine_cli.logs.columns import column_map
-    from automarine_cli.report.campaign_file import OPEN, SCHEMA, open_questions
+    from automarine_cli.logs.columns import OPEN, column_map, open_questions
+    from automarine_cli.report.campaign_file import SCHEMA
 
     data, name = read_mapping(path), printable(path.name)
     questions = open_questions(data)
@@ -191,14 +192,20 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
     for key, value in table.items():
         where = f"{section}.{key}".removeprefix(".")
         if key not in keys:
-            close = difflib.get_close_matches(str(key), keys, n=1)
+            option = f"--{key}".replace("_", "-")
+            called = [str(param.name) for param in (work.own if work else ()) if option in param.opts]
+            close = [name for name in called if name in keys] or difflib.get_close_matches(str(key), keys, n=1)
             hint = f"did you mean {format_value(close[0])}?" if close else f"known are {', '.join(keys)}"
             place = f"{section}: " if section else ""
             raise SettingError(f"{place}unknown key {format_value(key)}; {hint}")
         expected, fits = EXPECTED.get(where) or EXPECTED.get(key) or ("", lambda value: True)
         if not fits(value):
             raise SettingError(f"{where}: found {format_value(value)}, expected {expected}")
-        if key == "map" or (work and key in work.files and _is_text(value)):
+        if key == "map" and value == "newtons":  # the commands are thrusts
+            from automarine_cli.thrusters.map import ThrusterMap
+
+            value = ThrusterMap.of_newtons()
+        elif key == "map" or (work and key in work.files and _is_text(value)):
             value = home / value
             if not value.is_file():
                 raise SettingError(f"{where}: there is no file {printable(value.name)}; give it relative to this file")

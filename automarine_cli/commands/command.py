@@ -103,6 +103,17 @@ class Command(click.Command):
                               inspect.Parameter.POSITIONAL_OR_KEYWORD) for i, param in enumerate(self.own)
         ])  # fmt: skip
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse as click does; of an option called by another name of its own the message tells the right one."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as problem:
+            name = problem.option_name.lstrip("-").replace("-", "_")
+            if (param := next((param for param in self.params if param.name == name), None)) is None:
+                raise
+            by = f"write {param.metavar} alone" if isinstance(param, click.Argument) else f"write {param.opts[0]}"
+            raise click.UsageError(f"No such option '{problem.option_name}'; {by}", ctx) from None
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the options in groups; click's own, which have none, are general."""
         noun = str(self.name).partition("-")[0].capitalize()
@@ -296,10 +307,12 @@ def command(
 
 def given_as(**options: object) -> list[Any]:
     """Return those of the options that are files, each with the option's name as its role."""
-    from automarine_cli.pipeline.records import Source
+    from automarine_cli.pipeline.records import Document, Source
     from automarine_cli.pipeline.results_folder import Input
 
-    return [Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Source)]
+    files = {role: path for role, path in options.items() if isinstance(path, Source)}
+    lasting = {role: path for role, path in files.items() if not (isinstance(path, Document) and path.built_in)}
+    return [Input(printable(path.name), path, role) for role, path in lasting.items()]
 
 
 def _default(ctx: click.Context, param: Any) -> Any:

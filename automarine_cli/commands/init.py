@@ -47,6 +47,7 @@ def init(
     from automarine_cli.logs import find_logs, given_columns
     from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
     from automarine_cli.report.campaign_file import new_campaign
+    from automarine_cli.runs.load import require_usable
     from automarine_cli.runs.look import survey
 
     place = folder / NAME if out is None else out
@@ -56,6 +57,9 @@ def init(
         raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
     look = survey(folder, files, given_columns(columns), jobs, progress)
     result = new_campaign(look, files, place, _ask if _is_on_a_terminal() else None)
+    if not result.questions:  # something serves now, or nothing ever will
+        placed = [of_kind for kinds in (look.placed, *look.forces.values()) for of_kind in kinds.values() if of_kind]
+        require_usable(placed, look.not_used, len(files), strict=False)
     write_whole(place, result.text)
     return result
 

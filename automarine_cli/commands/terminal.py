@@ -15,6 +15,7 @@ from automarine_cli.pipeline.parallel import Progress, silent
 
 SHOWN = 8  # runs set aside that are listed one by one without -v
 PATIENCE_S = 1.0  # work shorter than this shows no bar
+PIPE_S = 15.0  # between two lines on work that lasts
 NARROWEST = 30
 LABEL = re.compile(r"\S.*? {2,}(?=\S)")
 TIED = "\N{NO-BREAK SPACE}"  # a number stays with its per cent
@@ -178,15 +179,28 @@ class Bar:
             self._drawn = 0.0
 
 
+class Lines:
+    """Lines for a pipe: how far work that lasts is, each some time after the one before."""
+
+    def __init__(self) -> None:
+        self._since = time.monotonic()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        _sentence(stage, done, total)
+        if total and time.monotonic() - self._since >= PIPE_S:
+            click.echo(f"{stage}: {done} of {total}", err=True)
+            self._since = time.monotonic()
+
+
 def terminal_progress() -> Progress:
-    """A bar if standard error is a terminal; with -v a line for each finished stage; else what will take minutes."""
+    """A bar if standard error is a terminal; with -v a line for each finished stage; else how far long work is."""
     level = verbosity_level()
     if level < 0:
         return silent
     if level > 0:
         return _stage_lines
     if not sys.stderr.isatty():
-        return _sentence
+        return Lines()
     bar = Bar()
     ctx = click.get_current_context(silent=True)
     if ctx is not None:

@@ -298,6 +298,11 @@ def left_out_predictions(
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
 
+def predictions_of(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
+    """The predictions of each run by a fit to the others, see `left_out_predictions`."""
+    return left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0]
+
+
 def of_model_alone(followed: FilterResult) -> FilterResult:
     """States without disturbances and with gains of one, as fits to forecasts take them."""
     assert followed.states is not None

@@ -594,11 +594,11 @@ def _fit_whole(
         how = "by output error, for the evidence asks for no disturbance"
     else:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
-        problems = {number: driven.driven_problem(fit.model, course) for number, fit in fits.items()}
-        ahead = {number: driven.left_out_predictions(problems[number], fit.mixed)[0] for number, fit in fits.items()}
+        predict = partial(driven.predictions_of, course)
+        ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], "predicting runs left out")))
         preference = driven.prefer_driven(fits, ahead, dof) or whole_runs.prefer(fits)
         number = preference.number
-        fits[number], proposed = driven.widened(course, fits[number])
+        [(fits[number], proposed)] = map_jobs(partial(driven.widened, course), [fits[number]], "widening intervals")
         fit, worth = fits[number], driven.worth_of(ahead[number])
         large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
         use = driven.Judgement({dof.position: worth}, len(moving), ahead[number], course, proposed, large)

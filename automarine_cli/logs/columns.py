@@ -10,13 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import Any, Literal
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError, SettingError
-from automarine_cli.pipeline.records import Codec, Source, keyed, read_plain
-from automarine_cli.text import printable, quoted
+from automarine_cli.pipeline.records import Codec, Source, everything, keyed, read_plain
+from automarine_cli.text import in_words, listed, printable, quoted
 
 DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons
@@ -64,6 +64,7 @@ SIGNALS = {
 
 
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
+EVERY_PULSE = (500, 2500)  # us, which some drivers take
 
 
 def unit_in(name: str) -> str:
@@ -185,6 +186,12 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATES = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
+NOT_COVERED = ("roll", "pitch")
+"""How words in names of columns begin that are of other axes."""
+
+
+def other_axis(name: str) -> bool:
+    return any(word.startswith(NOT_COVERED) for word in re.split(r"[^a-z]+", name.lower()))
 
 
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
@@ -197,7 +204,7 @@ def likely_column(quantity: str, names: Iterable[str]) -> str | None:
         if len(name) > LONGEST_GUESSED:
             continue
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-        if position and set(plain.split("_")) & set(RATES):
+        if other_axis(name) or (position and set(plain.split("_")) & set(RATES)):
             continue
         alike = [difflib.SequenceMatcher(None, plain, word).ratio() for word in words]
         likeness = max(alike) - 1e-6 * alike.index(max(alike))
@@ -275,6 +282,7 @@ def matches(path: Path, pattern: str) -> bool:
     return any(part.match(pattern) for part in (path.absolute(), *path.absolute().parents))
 
 
+OPEN = "?"  # a value that a person still has to give
 LARGEST_MAP = 200_000  # bytes; a column map is a dozen lines
 
 
@@ -407,9 +415,28 @@ def read_column_map(path: str | Source) -> ColumnMap:
     path = Path(path) if isinstance(path, str) else path
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)
+    if str(data.get("schema")).startswith("automarine/campaign/"):
+        data = _of_campaign(data, name)
     if not any(data.values()):
         raise LogError(f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]')
     return replace(column_map(data, name, path.parent if isinstance(path, Path) else None), source=name)
+
+
+def open_questions(data: object) -> list[str]:
+    """The keys of a campaign that a person still has to answer."""
+    return [in_words(place).removesuffix(": ") for value, place in everything(data) if value == OPEN]
+
+
+def _of_campaign(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """The column map in a campaign file, with its arm and thrusters for each test; its other settings are not read."""
+    tables = {key: data[key] for key in ("columns", "columns_of", "can") if key in data}
+    parts = (data.get(key) for key in ("logs", "thrusters", "vehicle"))
+    logs, thrusters, vehicle = (part if isinstance(part, Mapping) else {} for part in parts)
+    tables |= {"logs": {"join": logs["join"]}} if "join" in logs else {}
+    pairs = (("arm_m", vehicle.get("arm_m")), ("thrusters_per_test", thrusters.get("per_test")))
+    if questions := open_questions(tables):
+        raise LogError(f'{name}: {listed(questions)} still open; write the values in place of "{OPEN}"')
+    return tables | {"defaults": {key: value for key, value in pairs if value not in (None, OPEN)}}
 
 
 def column_map(data: Mapping[str, object], name: str, home: Path | None = None) -> ColumnMap:

@@ -28,7 +28,7 @@ PIECE = 1 << 20  # bytes
 SIGNATURES = {
     b"\x1f\x8b": "is gzip-compressed; expected plain text (name it .csv.gz)",
     b"PAR1": "is a Parquet file; expected plain text (name it .parquet)",
-    b"PK\x03\x04": "is a zip archive or spreadsheet; expected plain text (export it as CSV)",
+    b"PK\x03\x04": "is a zip archive or spreadsheet; expected plain text (name a workbook .xlsx, or export it as CSV)",
     b"\xff\xfe": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
     b"\xfe\xff": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
 }
@@ -40,7 +40,12 @@ _DECIMAL_MARK = re.compile(rb'(?<![^;\t\n" ])[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?(
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a CSV file. Raises LogError with the row for anything that is not a table of cells."""
-    data, starts, rows = _lines(_text(path, name))
+    return read_text(_text(path, name), name, columns)
+
+
+def read_text(text: bytes, name: str, columns: ColumnMap) -> RawLog:
+    """Read a table of text with line feeds between its lines. Raises LogError as `read` does."""
+    data, starts, rows = _lines(text)
     if not len(rows):
         raise LogError(
             f"{name}: no header and no rows; expected a line of column names. Copy the log again, or leave it out"
@@ -59,14 +64,14 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     for line in first[1:]:
         cells = zip(keys, map(str.strip, _cells(formats.text_of(line), delimiter)))
         words |= {key for key, c in cells if not (formats.is_number(c, decimal) or c in formats.MISSING)}
-    for text in (words, {*keys}):  # a number may turn into words later
+    for texts in (words, {*keys}):  # a number may turn into words later
         try:
             table = arrow_csv.read_csv(
                 pa.BufferReader(body),
                 read_options=arrow_csv.ReadOptions(column_names=keys, block_size=block, use_threads=body.size > PIECE),
                 parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
                 convert_options=arrow_csv.ConvertOptions(
-                    column_types={key: pa.binary() if key in text else pa.float64() for key in keys},
+                    column_types={key: pa.binary() if key in texts else pa.float64() for key in keys},
                     decimal_point=decimal, null_values=[*formats.MISSING], strings_can_be_null=True, check_utf8=False,
                 ),
             )  # fmt: skip
@@ -78,7 +83,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
         raise _no_table(data, rows, name, len(names), delimiter, None)
     arrays = list(table.columns)
     for i, key in enumerate(keys):
-        if key in text and names[i] != run and (numbers := formats.numbers(arrays[i], decimal)) is not None:
+        if key in texts and names[i] != run and (numbers := formats.numbers(arrays[i], decimal)) is not None:
             arrays[i] = numbers
     return RawLog(names, tuple(arrays), rows[1:] + 1, decimal)
 

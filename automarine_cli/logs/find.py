@@ -23,11 +23,17 @@ from automarine_cli.logs.parquet import FORMAT as PARQUET
 from automarine_cli.logs.ros import FORMAT as ROS
 from automarine_cli.logs.tlog import FORMAT as TELEMETRY
 from automarine_cli.logs.ulog import FORMAT as ULOG
+from automarine_cli.logs.xlsx import FORMAT as EXCEL
 from automarine_cli.text import printable, quoted
 
-FORMATS = (CAN, CANDUMP, CSV, DATAFLASH, PARQUET, ROS, TELEMETRY, ULOG)
+FORMATS = (CAN, CANDUMP, CSV, DATAFLASH, EXCEL, PARQUET, ROS, TELEMETRY, ULOG)
 FORMAT_OF = {suffix: form for form in FORMATS for suffix in form.suffixes}
 ENDINGS = ", ".join(sorted(FORMAT_OF))
+SAVE_AS = {
+    ".mat": "in MATLAB save a table with writetable(T, 'log.csv')",
+    **dict.fromkeys((".xls", ".ods"), "save the sheet as .xlsx or .csv"),
+}
+"""What to do with files of other programs, by how they end."""
 Logs = Sequence[str | Path | LogFile]  # Files, directories and globs, or logs found already
 TABLES = "a file, a folder, a glob, a DataFrame, columns by name ({'time_s': ...}), or a list of these"
 
@@ -100,14 +106,20 @@ def _meant_by(argument: str) -> list[LogFile]:
     if path.is_dir():
         if logs := list(_inside(path)):
             return logs
-        raise LogError(f"{quoted(argument)}: no logs in this directory; give files that end in {ENDINGS}")
+        raise LogError(f"{quoted(argument)}: no logs in this directory; give files that end in {_endings(path)}")
     if os.path.lexists(path):
         if suffix_of(path.name) is None:
-            raise LogError(f"{quoted(path.name)}: unknown log format; give a file that ends in {ENDINGS}")
+            raise LogError(f"{quoted(path.name)}: unknown log format; give a file that ends in {_endings(path)}")
         return [LogFile(path, printable(path.name), named=True)]
     if glob.has_magic(argument):
         return _matching(argument)
     raise LogError(f"{quoted(argument)}: no such file or directory; check the spelling and the folder you are in")
+
+
+def _endings(path: Path) -> str:
+    """How logs end, and how files of other programs, this one or in this folder, become logs."""
+    ends = (inside.suffix.lower() for inside in (path, *path.rglob("*")))
+    return "; ".join([ENDINGS, *dict.fromkeys(SAVE_AS[end] for end in ends if end in SAVE_AS)])
 
 
 def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:

@@ -23,6 +23,7 @@ from automarine_cli.logs.columns import (
     BY,
     CANONICAL,
     COMMANDS,
+    EVERY_PULSE,
     LABELS,
     NORMALISED,
     PULSES,
@@ -48,6 +49,7 @@ from automarine_cli.logs.columns import (
 from automarine_cli.logs.find import stem_of, whole_logs
 from automarine_cli.logs.formats import LogFile, RawLog, read_stamps
 from automarine_cli.logs.mixing import CONTROL_AXES
+from automarine_cli.logs.streams import NoHeading
 from automarine_cli.logs.table import categorical_columns, means_thruster_test, splitting, whole_log
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.quantities import Floats
@@ -84,9 +86,13 @@ class Span:
 
 
 def is_pulses(name: str, span: Span) -> bool:
-    """Whether values may be what is sent to a thruster's driver: pulse lengths [us] that change, about neutral."""
-    low, neutral, high = PULSES
-    return unit_in(name) in ("", "us") and low <= span.low <= neutral <= span.high <= high and span.largest_step > 0
+    """Whether values may be what is sent to a thruster's driver: pulse lengths [us] that change, by a name that says so
+    or about neutral, usual ones or as far to both sides."""
+    (low, neutral, high), (shortest, longest) = PULSES, EVERY_PULSE
+    usual = low <= span.low <= neutral <= span.high <= high
+    centred = abs(span.low + span.high - 2 * neutral) <= NEAR
+    pulse = unit_in(name) == "us" or (not unit_in(name) and (usual or centred))
+    return pulse and shortest <= span.low and span.high <= longest and span.largest_step > 0
 
 
 def pulses(spans: Mapping[str, Span]) -> tuple[str, ...]:
@@ -120,7 +126,7 @@ def is_share(span: Span) -> bool:
     return any(abs(largest - full) <= 0.002 * full for full in (1.0, 100.0))
 
 
-SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
+SLOWEST, FASTEST, BENCH = 2.0, 0.999 * 2e-3, 0.999 * 2e-4  # s between the samples of a logger; of a fast load cell
 DEGREES, RADIANS = 360.0, 2 * np.pi
 HARDLY = 20.0  # an angle that stays within as many degrees in all logs may be radians
 MIN_SUPPLY = 3.0  # V
@@ -184,7 +190,8 @@ def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) ->
     if quantity == "force":  # a throttle may be called thrust: what tells a unit comes first
         exact.sort(key=lambda name: (_unit_in(name, FORCE) is None, is_share(spans[name])))
     elif quantity == "n":  # what is commanded before the speed that was measured
-        exact.sort(key=lambda name: unit_in(name) in ("rpm", "rev/s"))
+        signals = [name for name in free if unit_in(name) == "us" and is_pulses(name, spans[name])]
+        exact = sorted(exact, key=lambda name: unit_in(name) in ("rpm", "rev/s")) or signals * (len(signals) == 1)
     source = canonical or next(iter(exact), None) or likely_column(quantity, free)
     if source is None or source not in spans:
         return None
@@ -197,6 +204,11 @@ def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) ->
 def is_called(quantity: str, names: Sequence[str]) -> bool:
     """Whether a column is called by a canonical name or a word for the quantity."""
     return any(name in names_of(quantity) or _named_exactly(quantity, name) for name in names)
+
+
+def in_newtons(name: str) -> bool:
+    """Whether a name ends in that unit: `left_N`, and no `n_left`."""
+    return len(words_of(name)) > 1 and FORCE.get(words_of(name)[-1]) == "N"
 
 
 def words_of(name: str) -> list[str]:
@@ -222,9 +234,12 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
     if span.stamps:
         return Recognised("time", source, span.stamps)
     step, evidence = span.median_step, f"{span}, {span.median_step:.4g} from sample to sample"
-    fits = [u for u in ("s", "ms", "us") if FASTEST <= step * UNITS["time"][u] <= SLOWEST]
+    slow, fast = (
+        [u for u in ("s", "ms", "us") if low <= step * UNITS["time"][u] <= SLOWEST] for low in (FASTEST, BENCH)
+    )
+    fits = slow or fast
     unit = _unit_in(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
-    if unit in fits or (len(fits) == 1 and unit is None):
+    if unit in fast or (len(fits) == 1 and unit is None):  # a unit that the name tells wins
         return Recognised(f"time_{unit or fits[0]}", source, evidence)
     says = f"the name says {unit}, the samples say " if unit else ""
     why = f"{says}{' or '.join(fits)}?" if fits else "no unit makes these a clock; is this the time?"
@@ -348,6 +363,8 @@ def directed(
     middle = (float(signal.min()) + float(signal.max())) / 2
     if signal.min() >= 0 and _both_ways(pull):
         between = _neutral(signal, pull)
+        if between is None and pulses:  # one thruster of several is mirrored, which a fit of each can tell
+            return _about(n, PULSES[1], PULSES[1], PULSES[1]), force
         if between is None:
             why = f"never below 0 while {force.source} goes from {pull.min():.4g} to {pull.max():.4g}: unsigned"
             return replace(n, open="", ask="", evidence=f"{n.evidence}, {why}", more={"sign_from": force.source}), force
@@ -450,6 +467,13 @@ class Layout:
             return -abs(rule.scale) * span.high, abs(rule.scale) * span.high, 0.0
         low, high = sorted(map(rule.read, (span.low, span.high)))
         return low, high, rule.read(span.middle)
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Columns that no fit looks at; of another motion than yaw all are read that have a canonical name."""
+        read_as = {*LABELS, *(column.source for column in self.columns), *(CANONICAL if not self.dof.wraps else ())}
+        used, single = read_as | ColumnMap(self.rules).sources, ("n_", "rpm_", "thruster_")
+        return tuple(name for name in self.names if name not in used and not name.startswith(single))
 
     @property
     def foreign(self) -> bool:
@@ -651,6 +675,9 @@ def layouts_of(
         layouts = _recognised((p for p in parts.values() if isinstance(p, Layout) and p.names in of_vehicles), user_map)
     maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *clocks_beside], files, folder, user_map)
     unread = {file: error for file, error in parts.items() if isinstance(error, LogError)}
+    lost = {file: error for file, error in unread.items() if isinstance(error, NoHeading)}
+    topics = tuple(dict.fromkeys(name for error in lost.values() for name in error.holds))  # of all, said once
+    unread |= {file: NoHeading(error.source, topics, len(lost) > 1) for file, error in lost.items()}
     return tuple(logs), tuple(layouts), maps, unread
 
 

@@ -8,6 +8,7 @@ that not everybody has, directions, names of states.
 import contextlib
 import importlib
 import io
+import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -83,6 +84,26 @@ def arming(armed: NDArray[np.bool_]) -> NDArray[np.str_]:
     return np.where(armed, "armed", "disarmed")
 
 
+LIKE_A_POSE = re.compile("pose|imu|odom|head|yaw|compass|attitude|orient|quat|ahrs", re.IGNORECASE)
+MOST = 60  # topics
+
+
+class NoHeading(LogError):
+    """A recording, of a `source`, without a heading: what it `holds`, or what those that are `many` do."""
+
+    def __init__(self, source: str, holds: Sequence[str], many: bool = False) -> None:
+        super().__init__(source, holds, many)
+        self.source, self.holds, self.many = source, holds, many
+
+    def __str__(self) -> str:
+        topics = listed(sorted(self.holds, key=lambda name: not LIKE_A_POSE.search(name.partition(" (")[0])), MOST)
+        return (
+            f"{self.source}: no heading in it; found {'in it and others ' * self.many}{topics or 'nothing'}. "
+            "If one of these holds the heading, name its field with a line such as "
+            'heading_deg = "NAME.FIELD" under [columns] in a file and give it with --columns FILE.toml'
+        )
+
+
 PAUSE = 5.0  # s without a heading: the recorder stood still
 MOTION = {*VELOCITIES, *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps)}
 """What moves on between two messages: no position that wraps."""
@@ -147,11 +168,7 @@ def on_one_clock(recording: Recording, columns: ColumnMap, source: str) -> RawLo
         also = {name: column for name, column in also.items() if column not in headings}
     master = _master(streams, also, columns, bollard)
     if master is None:
-        raise LogError(
-            f"{source}: no heading in it; found {listed(recording.holds) or 'nothing'}. If one of these holds the "
-            'heading, name its field with a line such as heading_deg = "NAME.FIELD" under [columns] in a file and '
-            "give it with --columns FILE.toml"
-        )
+        raise NoHeading(source, recording.holds)
     arrays: dict[str, pa.ChunkedArray] = {"time_s": _array(master.time)}
     ages, moving = [], _moving(columns)
     for stream in [master, *(stream for stream in streams if stream is not master)]:

@@ -48,10 +48,12 @@ def keyed(*keys: str) -> Mapping[str, object]:
 
 @dataclass(frozen=True)
 class Document:
-    """A file that is on no disk: what a result of Python would have been written as, or what came over a link."""
+    """A file that is on no disk: what a result of Python would have been written as, or what came over a link; what is
+    `built_in` is no input that could change."""
 
     name: str
     content: bytes
+    built_in: bool = False
 
     def open(self, mode: Literal["rb"]) -> io.BytesIO:
         return io.BytesIO(self.content)

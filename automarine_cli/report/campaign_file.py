@@ -11,18 +11,17 @@ from pathlib import Path
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
-from automarine_cli.logs.columns import BY, CANONICAL, RUN, names_of
-from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, places_of, pulses
+from automarine_cli.logs.columns import BY, CANONICAL, OPEN, RUN, names_of, open_questions, other_axis
+from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, in_newtons, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, to_mapping
 from automarine_cli.report.sections import Sections, sections, toml_line, toml_value
 from automarine_cli.report.tables import Table, number
-from automarine_cli.runs.look import Placed, Survey
+from automarine_cli.runs.look import UNITS_LINE, Placed, Survey
 from automarine_cli.runs.run import runs_json
-from automarine_cli.text import in_words, listed, plural, printable
+from automarine_cli.text import listed, plural, printable
 
 SCHEMA = "automarine/campaign/1"
-OPEN = "?"  # a value that a person still has to give
 WIDEST = 120  # of a line with its comment; a longer one has it above
 MAX_LISTED = 20  # logs without a place that are listed
 SAY = {
@@ -67,10 +66,6 @@ class NewCampaign(Shown):
         }  # fmt: skip
 
 
-def open_questions(data: object) -> list[str]:
-    return [in_words(place).removesuffix(": ") for value, place in everything(data) if value == OPEN]
-
-
 @sections.register
 def _(result: NewCampaign) -> Sections:
     look, questions = result.survey, result.questions
@@ -79,15 +74,18 @@ def _(result: NewCampaign) -> Sections:
         kinds |= {f"{motion}: {kind}": len(files) for kind, files in placed.items() if files}
     columns = [
         {"column": column.source, "read as": column.key + (f" less {column.neutral:g}" if column.neutral else ""),
-         "values": column.evidence, "sure?": column.open or "sure"}
+         "values": column.evidence, "sure?": "asked" if column.open else "sure"}
         for column in look.columns
     ]  # fmt: skip
+    asked = [f"{column.source}: {column.open}" for column in look.columns if column.open]
+    beyond = any(map(other_axis, look.unused)) * " (roll and pitch are not covered)"
     to_answer = f"{plural(len(questions), 'question')} to answer: {', '.join(questions)}."
     return Sections([
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
-        Table.of("Columns", columns) if columns else "No column is recognised; delete a line of units below the names.",
+        Table.of("Columns", columns, asked) if columns else f"No column is recognised; {UNITS_LINE}.",
         to_answer if questions else "No open questions; check the file before running it.",
         *(["Some logs are not used; the campaign file says which and why."] if "# Not used" in result.text else ()),
+        *([f"Columns not read: {listed(look.unused)}{beyond}."] if look.unused else ()),
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
     ])  # fmt: skip
 
@@ -187,13 +185,9 @@ def _not_used(look: Survey) -> Iterator[Line]:
     if look.maps.user_map.join:
         joined = "one log: columns of the second come onto the clock of the first, each value held until the next"
         yield "join", [to_mapping(join) for join in look.maps.user_map.join], joined
-    idle = [file for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
-    lines = [f"{file.name}: nothing is commanded in it" for file in idle]
-    lines += [f"{run.file}, run {run.run}: {run.why}" for run in look.set_aside]
-    lines += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
-    if lines:
-        yield f"# Not used: {len(lines)}"
-        yield from (f"#   {line}" for line in lines[:MAX_LISTED])
+    if runs := look.not_used:
+        yield f"# Not used: {len(runs)}"
+        yield from (f"#   {run.file}{run.run and f', run {run.run}'}: {run.why}" for run in runs[:MAX_LISTED])
 
 
 def _motion(motion: str) -> Iterator[Line]:
@@ -215,7 +209,10 @@ def _thrusters(look: Survey) -> Iterator[Line]:
         yield 'form = "auto"  # thrust curve: auto chooses by cross-validation'
     elif look.thrusters_drive:
         yield from ("", "[thrusters]")
-        yield "map", OPEN, "a thrusters.json of this vehicle: there are no bollard tests to make one of"
+        sources = [column.source for column in look.columns if column.key in YAW.thrusters]
+        thrusts = all(map(in_newtons, sources))
+        why = "a thrusters.json of this vehicle: there are no bollard tests to make one of"
+        yield "map", *(("newtons", f"{listed(sources)} are thrusts by their names") if thrusts else (OPEN, why))
 
 
 def _columns(look: Survey) -> Iterator[Line]:

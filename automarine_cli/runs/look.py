@@ -14,7 +14,7 @@ from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
-from automarine_cli.logs.columns import driven, names_of, quantities_of
+from automarine_cli.logs.columns import CANONICAL, driven, names_of, quantities_of
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
@@ -180,6 +180,8 @@ def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[Exclude
     return tests, aside
 
 
+UNITS_LINE = "delete a line of units below the names"
+NO_COLUMN = f"no column looks like a heading, a moment or a command; {UNITS_LINE}, or name them with --columns"
 HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
 VALIDATION = "_validation"  # and how they may end
 TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
@@ -215,6 +217,19 @@ class Survey:
         every = [column for layout in self.layouts for column in layout.columns]
         unique = {(column.key, column.source, str(column.rule)): column for column in reversed(every)}
         return tuple(unique.values())[::-1]
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Columns that no fit looks at; all that motion in the plane may log serves it."""
+        plane = set(CANONICAL) if PLANAR.name in self.forces else set()
+        return tuple(dict.fromkeys(name for layout in self.layouts for name in layout.unused if name not in plane))
+
+    @property
+    def not_used(self) -> list[ExcludedRun]:
+        """Logs and runs that stand nowhere in a campaign, and why."""
+        idle = [file for file, runs in self.runs.items() if runs and all(run.kind == "idle" for run in runs)]
+        lines = [ExcludedRun(file.name, "", "nothing is commanded in it") for file in idle]
+        return [*lines, *self.set_aside, *(ExcludedRun(file.name, "", NO_COLUMN) for file in self.strangers)]
 
     @property
     def thrusters_drive(self) -> bool:

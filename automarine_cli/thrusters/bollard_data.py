@@ -48,7 +48,7 @@ class Series:
 class ThrusterLogs:
     """Test records in file and row order; `missing` counts rows without a value, `n_unit` is the control signal's where
     all logs tell the same, `by` the column that says which thruster a record is of ("" without), `asked` whether the
-    user named it, `rule` how all logs read their force, where a column map says it."""
+    user named it, `rule` and `command` how all logs read their force and control signal, where a column map says it."""
 
     records: tuple[Series, ...]
     set_aside: tuple[ExcludedRun, ...]
@@ -58,6 +58,7 @@ class ThrusterLogs:
     by: str = ""
     asked: bool = False
     rule: ColumnRule | None = None
+    command: ColumnRule | None = None
 
     @property
     def used(self) -> int:
@@ -113,9 +114,9 @@ def load_thruster_logs(
     by = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
     unit = units.pop() if len(units) == 1 else ""
     used = tuple(filter(has_bytes, files))
-    rules = {columns.of(file.path).columns.get("force_N") for file in files}
-    rule = rules.pop() if len(rules) == 1 else None
-    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, by or found_by, bool(by), rule)
+    every = ({columns.of(file.path).columns.get(key) for file in files} for key in ("force_N", "n"))
+    rules = (alike.pop() if len(alike) == 1 else None for alike in every)
+    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, by or found_by, bool(by), *rules)
 
 
 def _name_of_parts(table: LogTable) -> str:
@@ -141,12 +142,32 @@ def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, 
             idle.append(ExcludedRun(table.source, name or part, "no row has both a control signal and a force"))
             continue
         clock, volts = (None if column is None else column[rows] for column in (time, voltage))
+        if clock is not None and (moving := share_moving(clock, n[rows])) > 0.5:
+            idle.append(ExcludedRun(table.source, name or part, DYNAMIC.format(100 * moving)))
+            continue
         extras = {key: column[rows] for key, column in table.extras.items()}
         records.append(Series(table.source, name, n[rows], force[rows], clock, volts, extras, part))
     return records, int(np.count_nonzero(~good)), idle
 
 
 Ints = NDArray[np.int64]
+
+LAG = 0.5  # s, in which the thrust has followed a command
+MOVES = 0.15  # standard deviation of the command within that time, share of its range: it does not rest
+DYNAMIC = (
+    "a dynamic test: in {:.0f} % of the time the command moves on before the thrust can follow; a map needs static "
+    "levels, so hold each of eight or more commands, from full astern to full ahead, for some seconds"
+)
+
+
+def share_moving(time: Floats, n: Floats) -> float:
+    """Share of the time [s] in which a command, both (N,), does not rest; 0 where samples are too rare to tell."""
+    window = ((time - time.min()) // LAG).astype(np.int64)
+    _, place, count = np.unique(window, return_inverse=True, return_counts=True)
+    deviation = n - (np.bincount(place, n) / count)[place]
+    spread = np.sqrt(np.bincount(place, deviation**2) / count)
+    return float(np.mean((spread > MOVES * np.ptp(n)) & (count > HANDFUL)))
+
 
 SAME = 0.004  # commands within this share of full scale are one level
 MANY = 24  # more levels than this in a direction are left out and counted several at once

@@ -17,7 +17,7 @@ from automarine_cli.estimate import Given
 from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.allocation import twin_forces
 from automarine_cli.pipeline.parallel import Progress, silent
-from automarine_cli.pipeline.records import ResultKind, ResultRecord, Source, keyed, read_plain
+from automarine_cli.pipeline.records import Document, ResultKind, ResultRecord, Source, json_document, keyed, read_plain
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import Campaign, load_runs, read_planar, require_usable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run
@@ -152,6 +152,12 @@ class ThrusterMap:
         if forward is None and backward is None:
             raise codec.refusal((), "parameters has neither a forward nor a backward direction; expected one or both")
         return cls(file.form, forward, backward, file.n_unit, file.n_range)
+
+    @classmethod
+    def of_newtons(cls) -> Document:
+        """The file of a map of commands that are thrusts in newtons."""
+        curve = PowerCurve(1.0, p=1.0)
+        return replace(json_document("newtons", cls("power", curve, curve, "N").to_json()), built_in=True)
 
     @classmethod
     def load(cls, path: Source) -> "ThrusterMap":

@@ -288,6 +288,7 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
 STRONG = 0.2  # share of the largest thrust from which readings tell whether a command always gives the same
 APART = 0.3  # share of a thrust by which readings at one command differ where something else changed
 UNUSED = "The supply voltage is not used: it is not at every point, or drifts without steps."
+ALIKE = 0.7  # cosine between force and squared command from which they have one sign
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
 
 
@@ -300,6 +301,7 @@ def fit_records(
     reduction = bollard.reduce_series(list(loaded.records))
     points = reduction.points.divided(thrusters)
     step = bollard.voltage_steps(points.voltage)
+    _refuse_mirrored(loaded, points, where)
     differ = _differ(loaded, points, thrusters, where)
     logged = points
     points, apart = (points, differ) if differ else _flagged(loaded, points, step)
@@ -319,6 +321,25 @@ def fit_records(
         except FitError as refusal:
             parts[name] = str(refusal)
     return ThrusterFit(loaded, reduction, analysis, tare, thrusters, voltages, exponents, notes, parts)
+
+
+def _refuse_mirrored(loaded: ThrusterLogs, points: Points, where: str) -> None:
+    """Raise FitError where some of several thrusters push against their command and others with it."""
+    part, square = np.array([record.part for record in loaded.records])[points.record], points.n * np.abs(points.n)
+    ways = {
+        name: float(square[part == name] @ points.force[part == name])
+        / (np.linalg.norm(square[part == name]) * np.linalg.norm(points.force[part == name]) + 1e-300)
+        for name in loaded.parts
+    }
+    mirrored = [name for name, way in ways.items() if way < -ALIKE]
+    if mirrored and max(ways.values()) > ALIKE:
+        rule = ColumnRule("n") if loaded.command is None else loaded.command
+        sign = f'{{ from = "{rule.source}", subtract = {rule.subtract:g} }}' if rule.subtract else f'"{rule.source}"'
+        raise FitError(
+            f"{where}: the force of {listed(mirrored)} is opposite to its command, unlike that of the others; it is "
+            'logged or mounted the other way round. Write force_N = { from = "NAME", sign_from = '
+            f"{sign} }} under [columns] in the --columns file, so that each force has the sign of its command"
+        )
 
 
 def _differ(loaded: ThrusterLogs, points: Points, thrusters: int, where: str) -> tuple[str, ...]:

@@ -120,6 +120,7 @@ def test_a_section_has_the_settings_of_its_command(tmp_path: Path) -> None:
     (f"{YAW}[yaw]\ntail = 170.0", r"yaw\.tail is 170; expected 15 to 165 degrees"),
     ('[planar]\nruns = ["x"]\nforce = "thrusters"', r"which needs vehicle\.arm_m; give it in metres"),
     (f"{YAW}[tune]\nfull = 1", r"^campaign\.toml: tune\.target is missing"),
+    (f'{YAW}[tune]\nfor = "pid"', r'tune: unknown key "for"; did you mean "target"\?'),
     (f'{YAW}[tune]\ntarget = "pid"\nfull = -1', r"tune\.full is -1; -1\.0 is not in the range x>0"),
     (f'{YAW}[tune]\ntarget = "pid"\nthrusters = 1', r"tune\.thrusters: found 1, expected true or false"),
     ('[thrusters]\nper_test = "?"', "^campaign.toml: 1 question is still open: thrusters.per_test; write"),

@@ -147,6 +147,8 @@ def test_a_defect_shows_its_place_with_vv_and_wrong_usage_is_status_2(run: Calla
     for arguments in (["no-such-command"], ["--no-such-option"]):
         result = run(*arguments)
         assert result.exit_code == 2 and "Usage: " in result.stderr
+    for option, right in (("--target", "write --for"), ("--model", "write MODEL.json alone")):
+        assert run("tune", option, "x").stderr.startswith(f"Error: No such option '{option}'; {right}\n")
 
 
 SLOW = """

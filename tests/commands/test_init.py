@@ -133,6 +133,9 @@ SIGNALS: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     # pulses; the neutral by the sign of the force; the same under a name without a unit
     ({"PWM_us": PWM, "force_kgf": KGF}, {"n": PULSES}, ()),
     ({"cmd": PWM, "force_N": FORCE}, {"n": PULSES | {"from": "cmd"}}, ()),
+    # pulses of a wide range, and of a name that says no more than the unit
+    ({"PWM_us": 1500 + 2.25 * (PWM - 1500), "force_kgf": KGF}, {"n": PULSES}, ()),
+    ({"input (us)": PWM[18:], "force_N": FORCE[18:]}, {"n": PULSES | {"from": "input (us)"}}, ()),
     # unsigned speed, directed by the force; signed speed
     ({"rpm": np.round(9.5 * np.abs(PWM - 1500)), "force_N": FORCE}, {"n": {"from": "rpm", "sign_from": "force_N"}}, ()),
     ({"RPM": PWM - 1500, "Force (Kg f)": KGF}, {"n": "RPM", "force_kgf": "Force (Kg f)"}, ()),
@@ -179,7 +182,8 @@ def test_what_commands_a_thruster_is_read_from_its_neutral(
     [
         ("t", 0.1, "time_s", True), ("t", 100.0, "time_ms", True), ("t", 1e5, "time_us", True),
         ("time_ms", 100.0, "time_ms", True), ("time_s", 100.0, "time_s", False), ("t", 1e9, "time_s", False),
-        ("stamp_us", 20000.0, "time_us", True),
+        ("stamp_us", 20000.0, "time_us", True), ("time (s)", 0.00199999999999978, "time_s", True),
+        ("time (s)", 5e-4, "time_s", True), ("t", 1e-3, "time_s", True), ("time_ms", 0.1, "time_s", False),
     ],
 )  # fmt: skip
 def test_clocks(name: str, step: float, key: str, sure: bool) -> None:

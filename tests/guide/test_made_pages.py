@@ -29,7 +29,7 @@ OTHER_WORDS = {
     "columns_of": "the same, for some logs",
     "can": "the DBC of CAN logs",
     "logs.join": "files that are one log",
-    "thrusters.map": "a thrusters.json, instead of bollard tests",
+    "thrusters.map": 'a thrusters.json, or "newtons"',
     "force": "as `moment`",
     "tune.thrusters": "use the campaign's thruster map",
 }

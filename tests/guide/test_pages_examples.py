@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from fake_ardusub import FakeSub, Station
-from golden import LINES, OUTPUTS
+from golden import LINES, OUTPUTS, SECONDS
 from golden import read as read_outputs
 from pool_day import write_pool_day
 from printed import same, words
@@ -30,7 +30,6 @@ from automarine_cli.commands import automarine
 ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
 ANYTHING = "..."
-STEP_TOLD = re.compile(r"^\d+/\d+ [\w-]+: .*\n", re.MULTILINE)
 
 
 BEGAN_S = 1.75e9  # by the ground station's clock
@@ -133,7 +132,7 @@ def printed(line: str) -> str:
     program, *arguments = shlex.split(line)
     assert program in ALLOWED, f"{line!r} is not run by this test"
     if program == "automarine":
-        return STEP_TOLD.sub("", CliRunner().invoke(automarine, arguments).output)
+        return SECONDS.sub("", CliRunner().invoke(automarine, arguments).output)
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
     return done.stdout
 

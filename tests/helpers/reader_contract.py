@@ -46,12 +46,20 @@ def _parquet(columns: Columns) -> bytes:
     return buffer.getvalue()
 
 
+def _workbook(columns: Columns) -> bytes:
+    pytest.importorskip("openpyxl")
+    buffer = io.BytesIO()
+    pd.DataFrame(columns).to_excel(buffer, index=False)
+    return buffer.getvalue()
+
+
 WRITERS: dict[str, Callable[[Columns], bytes]] = {
     ".csv": _text(","),
     ".csv.gz": _packed(","),
     ".tsv": _text("\t"),
     ".tsv.gz": _packed("\t"),
     ".parquet": _parquet,
+    ".xlsx": _workbook,
 }
 
 

@@ -1,6 +1,7 @@
 """Several thrusters in one bollard file: a column of names splits it, and says so where nobody asked."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import automarine_cli as am
-from automarine_cli.errors import AutomarineError, LogError
+from automarine_cli.errors import AutomarineError, FitError, LogError
 from automarine_cli.logs import ColumnMap, ColumnRule
 
 TRIALS = "time_s,heading_deg,tau,trial\n" + "".join(
@@ -54,6 +55,17 @@ def test_each_thruster_has_a_map_and_those_that_differ_are_named(tmp_path: Path,
     assert [part["thruster"] for part in pooled["by"]["thrusters"] if part["differs"]] == ["T3", "T7"]
     for name in ("thrusters.json", "thrusters_T3.json"):  # both are maps for every command that takes one
         assert am.export(tmp_path / "out" / name, to="thrusters").text
+
+
+def test_a_mirrored_thruster_is_named_with_the_line_that_mends_it(tmp_path: Path) -> None:
+    path = bollard(tmp_path, eight(1, {"T3": -1.0, "T5": -1.0}))
+    line = 'force_N = { from = "NAME", sign_from = "n" }'
+    with pytest.raises(FitError, match=f"the force of T3, T5 is opposite to its command.*{re.escape(line)}"):
+        am.fit_thrusters([path], columns=BY)
+    sign = ColumnRule("force_N", sign_from=ColumnRule("n"))
+    fit = am.fit_thrusters([path], columns=ColumnMap({**BY.columns, "force_N": sign}))
+    assert fit.map.force(100.0) == pytest.approx(A * 100.0**2, rel=0.02)
+    assert not any(part.differs for part in fit.compared)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
