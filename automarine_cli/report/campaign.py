@@ -34,7 +34,7 @@ from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_mani
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
-from automarine_cli.report.tables import MISSING, Table, escape, interval, number
+from automarine_cli.report.tables import MISSING, Table, escape, interval, number, with_band
 from automarine_cli.text import plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
@@ -402,7 +402,12 @@ def _headline(result: StepResult, steps: Steps) -> str:
             names = ", ".join(effect.name for effect in file.effects)
             verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
             gap, of = file.gap_held_out or file.gap, " of runs held out" * (file.gap_held_out is not None)
-            return f"{verdict}; gap{of} {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
+            sizes = f"error{of} {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
+            if free := file.from_commands:
+                sizes += (
+                    f" with own thrust and start, {number(free.before, 3)} to {number(free.after, 3)} from commands"
+                )
+            return f"{verdict}; {sizes}"
     return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
@@ -425,8 +430,7 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
     logs = fit.logs if fit else set()
     again = len(logs & result.logs)
     fitted = f" ({again} logs were fitted)" if again else " not fitted" if logs else ""
-    band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
-    error = f"{number(score.rmse, 3)}{band} {dof.units.shown} free run"
+    error = f"{with_band(score.rmse, score.ci95)} {dof.units.shown} free run"
     over = f"over {plural(file.runs.used, 'run')}{fitted}"
     if planar:
         return f"heading {error} {over}"

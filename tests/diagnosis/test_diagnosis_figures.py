@@ -76,7 +76,7 @@ def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
 
 
 def test_before_and_after_share_their_axes_and_do_without_held_out_runs(lag: Diagnosis) -> None:
-    alone = replace(lag, held_out=None, held_out_gap=None)
+    alone = replace(lag, held_out=None, held_out_gap=None, from_commands=None)
     for diagnosis, study in ((lag, lag.held_out), (alone, lag.study)):
         assert study is not None
         sizes, *errors = sorted(motion_before_after(diagnosis).axes, key=lambda axes: bool(axes.get_title()))
