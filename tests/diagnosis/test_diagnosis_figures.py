@@ -70,6 +70,7 @@ def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
     lengths = [drawn[place].get_width() for place in sorted(drawn, reverse=True)]  # the best is on top, at 0
     trials = lag.result.rounds[0].trials
     assert lengths == sorted(lengths) and len(lengths) == len(trials)
+    assert f"needed {lag.result.rounds[0].threshold:.3g}" in bars.get_title("left")
     labels, colour = [label.get_text() for label in bars.get_yticklabels()], to_rgba(COLOURS[STATUS["named"]])
     blue = {name for place, name in enumerate(labels) if drawn[place].get_facecolor() == colour}
     assert blue == set(lag.result.final.added) & {trial.added[-1] for trial in trials}
