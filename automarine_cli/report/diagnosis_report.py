@@ -33,10 +33,7 @@ PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs tha
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
 MAX_CANDIDATES, MAX_RIVALS = 5, 3
 OWN, ALONE = ", own thrust and start", ", from the commands alone"  # how whole runs are simulated
-HELD_OUT = (
-    "No effect or drag is fitted to the runs held out; from the commands alone nothing is. Brackets are 95 % intervals "
-    "over runs. "
-)
+HELD_OUT = "No effect or drag is fitted to runs held out; from the commands alone nothing is (with 95 % intervals). "
 
 
 def _sections(
@@ -150,8 +147,7 @@ def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[
 
 def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[Table]:
     """Root mean squares before and after of a `diagnosis.json`, on data fitted and held out: of predictions by horizon
-    where runs are driven, else of whole runs, each with what was fitted to it and from the commands alone; no table
-    where there is neither."""
+    where runs are driven, else of whole runs, each with what is fitted to it and without; none where there is none."""
     rows = []
     for name, outlook in data.get("prediction", {}).items():
         for errors in outlook["horizons"] if outlook else ():

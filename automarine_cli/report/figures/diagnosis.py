@@ -86,7 +86,7 @@ def motion_before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
         seen = [np.flatnonzero(error) for error in errors]  # what is padded, or was not predicted, is zero
         lines = [(run.time[at] - run.time[0], np.asarray(dof.shown(error[at]))) for at, error in zip(seen, errors)]
         residuals.append((run.name, lines))
-    how = f"predicted {HORIZON:g} s ahead from filtered states" if study.driven else "with their own thrust and start"
+    how = f"predicted {HORIZON:g} s ahead from filtered states" * study.driven or "with their own thrust and start"
     title, floor = f"Runs {word}, {how}", float(dof.shown(gap.floor))
     return style.residuals_figure(residuals, BEFORE_AFTER, dof.units.shown, floor, title, beneath=alone)
 
