@@ -34,7 +34,7 @@ from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_mani
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
-from automarine_cli.report.tables import MISSING, Table, escape, interval, number, with_band
+from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.text import plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
@@ -430,7 +430,8 @@ def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> st
     logs = fit.logs if fit else set()
     again = len(logs & result.logs)
     fitted = f" ({again} logs were fitted)" if again else " not fitted" if logs else ""
-    error = f"{with_band(score.rmse, score.ci95)} {dof.units.shown} free run"
+    band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
+    error = f"{number(score.rmse, 3)}{band} {dof.units.shown} free run"
     over = f"over {plural(file.runs.used, 'run')}{fitted}"
     if planar:
         return f"heading {error} {over}"

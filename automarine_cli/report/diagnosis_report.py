@@ -69,7 +69,7 @@ def _sections(
             drawings["learned"] = Drawing("diagnosis.learned_figure", effect.learned, dof or YAW)
     text = document(
         f"# {title}", escape(verdict), *map(escape, below), *page,
-        "## The error before and after", *gaps, f"![Before and after{escape(caption)}](before_after.png)",
+        "## The error before and after", *gaps, f"![Before and after{caption}](before_after.png)",
         *(_moves(data) if "base" in data else ()),
         "## Where the gap is", *regions_table(where.regions, unit), "![Where the gap is](where.png)",
         "## Why", table, "![Why](why.png)", *appendix,
@@ -249,9 +249,11 @@ def _(diagnosis: Diagnosis) -> Sections:
     unit, free = dof.units.shown, diagnosis.from_commands
     sizes = errors_of(free.to_json(unit), unit) if free else []
     alone = "From the commands alone: {0} {2} before, {1} {2} after".format(*sizes, unit) if sizes else ""
+    caption = f", with each run's own thrust and start. {alone}." * bool(sizes)
     gap = (
-        f"Root mean squares over whole runs simulated from their start. Own: each run's thrust, start "
-        f"{dof.words.position} and switch instants are fitted to it. {HELD_OUT * bool(sizes)}"
+        "Root mean squares over whole runs simulated from their start. Before: the base refitted to the fitted runs. "
+        f"Own: each run's thrust, start {dof.words.position} and switch instants are fitted to it. "
+        f"{HELD_OUT * bool(sizes)}"
         f"Thrust differs from run to run by {before:.1f} % before and {after:.1f} % after."
     )
     chance = f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns."
@@ -265,7 +267,7 @@ def _(diagnosis: Diagnosis) -> Sections:
         notes=(gap, chance), unit=unit, key=unit, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
         below=[*below, *sentences_of(sensors_of(diagnosis.channels, channel_noises(search.final.fit, dof)), dof)],
-        appendix=appendix, caption=f", with each run's own thrust and start. {alone}." * bool(alone),
+        appendix=appendix, caption=caption.translate({ord("["): "(", ord("]"): ")"}),  # brackets would end it
     )  # fmt: skip
 
 

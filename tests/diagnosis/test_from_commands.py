@@ -1,5 +1,6 @@
 """The error of runs held out is said twice: with each run's own thrust and start, and from the commands alone."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -85,6 +86,8 @@ def test_they_stand_together_and_are_read_back(found: Mapping[float, Diagnosis])
     title = shown.figures["before_after"]().get_suptitle()
     for text in (verdict_sentence(diagnosis), title, str(shown.files["diagnosis.md"]).replace("\\", "")):
         assert f"{own['after_deg']:.3g}" in text and f"{free['after_deg']:.3g} [{low}, {high}]" in text
+    caption = re.search(r"!\[Before and after(.*)\]\(before_after.png\)", str(shown.files["diagnosis.md"]))
+    assert caption is not None and f"{free['after_deg']:.3g} ({low}, {high})" in caption[1] and "\\" not in caption[1]
     data: dict[str, Any] = diagnosis.to_json()
     read = DIAGNOSIS.of(data, "diagnosis.json").from_commands
     assert read is not None and (read.after, read.after_ci95) == (free["after_deg"], tuple(free["after_ci95"]))
