@@ -4,6 +4,7 @@ chance."""
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -201,9 +202,10 @@ def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Said:
                 yield f"{effect.name}: {name}", value, ""
     for name, moved in file.base.items():
         yield f"{name} with what was missing", moved.after, f"base.{name}.after"
-    gap = file.gap
-    for name, size in (("gap before", gap.before), ("gap after", gap.after), ("noise", gap.noise_floor)):
-        yield f"{name} [{file.unit}]", size, ""
+    sizes = {"gap": file.gap, "held-out gap": file.gap_held_out, "held out, from commands:": file.from_commands}
+    for what, word in product(sizes, ("before", "after")):
+        yield f"{what} {word} [{file.unit}]", getattr(sizes[what], word, None), ""
+    yield f"noise [{file.unit}]", file.gap.noise_floor, ""
 
 
 COMPARED: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Said]] = {

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
+from automarine_cli.comparison.validation import compare
 from automarine_cli.diagnosis.learned_curve import curve_of, learn, sentence
 from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions, find_where
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
@@ -39,8 +40,8 @@ from automarine_cli.fits.identify import covariance_json, valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
-from automarine_cli.fits.whole_runs import estimate_of, instant, ratio_of, varying_terms
-from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
+from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
+from automarine_cli.models.store import DIAGNOSIS, StoredModels, effects_json, model_head
 from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
@@ -56,13 +57,15 @@ class Gap:
 
     Of motions over all samples of a set of runs, with `residuals` (R, N) [rad] before and after, zero in the padding;
     or of predictions over one `horizon` [s]. Each run's own start heading, start rate, thrust gain and switch instants
-    are taken at their posterior means: what is left is what the model lacks, and noise."""
+    are taken at their posterior means: what is left is what the model lacks, and noise. Of free runs from the commands
+    alone, in the unit that people see, with `ci95` over runs: infinite of a model that diverges."""
 
     before: float
     after: float
     floor: float
     residuals: tuple[Floats, ...] = ()
     horizon: float | None = None
+    ci95: tuple[tuple[float, float] | None, ...] = ()
 
     def above(self, size: float) -> float:
         return size**2 - self.floor**2
@@ -76,10 +79,14 @@ class Gap:
         floor = max(self.floor, 1e-12)
         return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
 
-    def to_json(self, unit: str, convert: Callable[[float], float] = float) -> dict[str, float]:
+    def to_json(self, unit: str, convert: Callable[[float], float] = float) -> dict[str, object]:
         sizes = {"before": self.before, "after": self.after, "noise_floor": self.floor}
         over = {} if self.horizon is None else {"horizon_s": self.horizon}
-        return {f"{name}_{unit}": float(convert(size)) for name, size in sizes.items()} | over
+        return {
+            **{f"{name}_{unit}": float(convert(x)) if np.isfinite(x) else None for name, x in sizes.items()},
+            **{f"{name}_ci95": ends and list(ends) for name, ends in zip(sizes, self.ci95)},
+            **over,
+        }
 
 
 def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted: bool = False) -> Gap:
@@ -100,6 +107,23 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
         return study.residual(trial.fit.fitted)
     simulated = run_effects_given(problem, problem.search(trial.fit.theta), trial.fit.variances)[1]
     return study.residual(simulated)
+
+
+def gap_from_commands(
+    study: DiagnosisProblem, runs: Sequence[Run], base: CandidateFit, final: CandidateFit, seed: int
+) -> Gap | None:
+    """The gap of `runs` held out as `validate` finds it: nothing is fitted to them, but the start of one under way.
+
+    Both models are those of `gap`: the base refitted to the runs of `study`, and the final one as it was fitted to
+    them. Each has its fit's command delay, as the file of the extended model. None of driven runs."""
+    if study.driven or not runs:
+        return None
+    models = {str(i): t.model.delayed(study.command_delay(t.fit)) for i, t in enumerate((base, final))}
+    stored = StoredModels(models, "1", study.base.moment_unit, 0.0, "", study.base.dof)
+    validation = compare(stored, runs, seed)
+    scores = [scored.overall["rmse"] for scored in validation.models.values()]
+    before, after = (np.inf if score.value is None else score.value for score in scores)
+    return Gap(before, after, validation.floor, ci95=tuple(score.ci95 for score in scores))
 
 
 DECIDING = 5.0  # horizons [s] up to this have a veto; over longer ones commands answer what no prediction knows
@@ -475,7 +499,7 @@ SHORT = 5  # iterations of a law or size that may equal the final one: those tha
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown):
     """What a diagnosis of a model of one motion found; `held_out` and `held_out_gap` are None where too few runs were
-    left to hold any out.
+    left to hold any out, and so is `from_commands`, the gap of these runs by the commands alone.
 
     `effects` are those that the conclusion names or suspects; `where` is the gap of the base model; the outlooks are
     those of driven runs. The base is model `number` of the file `parent`, which has that hash; `set_aside` are the runs
@@ -496,6 +520,7 @@ class Diagnosis(Shown):
     parent: str = ""
     parent_sha256: str = ""
     set_aside: tuple[ExcludedRun, ...] = ()
+    from_commands: Gap | None = None
 
     @property
     def verdict(self) -> str:
@@ -524,7 +549,7 @@ class Diagnosis(Shown):
             i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
             ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
         added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.base}
-        exponent, driven, delay = gain_exponent(study, fit), {}, float(fit.of_chance[COMMAND_DELAY])
+        exponent, driven = gain_exponent(study, fit), {}
         ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
         noise = float(dof.shown(fit.noise)) if study.position_counts else None
         if fit.driven:
@@ -538,7 +563,7 @@ class Diagnosis(Shown):
             dof.ratio_key: ratio,
             "valid_range": valid_range(ends, model),
             "effects": effects_json(added),
-            COMMAND_DELAY: delay if fit.driven else 2.0 * study.logger_delay * float(instant(np.array(delay))),
+            COMMAND_DELAY: study.command_delay(fit),
             f"{dof.words.position}_noise_{dof.units.shown}": noise,
             **driven,
             "gain_scatter": float(fit.factor(GAIN)),
@@ -555,9 +580,10 @@ class Diagnosis(Shown):
         prediction = {name: ahead and ahead.to_json(dof) for name, ahead in outlooks.items()}
         cycle = {} if study.cycle is None else {"limit_cycle": study.cycle.to_json()}
         of = {**({} if dof.wraps else {"motion": dof.name}), "verdict": self.verdict}
-        units = dof.units.shown, dof.shown
+        free, units = self.from_commands, (dof.units.shown, dof.shown)
         return {
             **diagnosis_json(of, verdict.why, self.effects, self.where, gaps, *units),
+            **({} if study.driven else {"from_commands": {"held_out_runs": free and free.to_json(units[0])}}),
             **({"left": verdict.remainder} if verdict.remainder else {}),
             "model": self.number,
             f"{dof.words.force}_unit": study.base.moment_unit,
@@ -640,6 +666,7 @@ def diagnose_runs(
         gap(study, before, after, fitted=True), held_out, None if held_out is None else gap(held_out, before, after),
         detectable(study, result), outlook(study, before, after),
         None if held_out is None else outlook(held_out, before, after), chosen,
+        from_commands=gap_from_commands(study, [chosen.believed(run) for run in unfitted], before, after, seed),
     )  # fmt: skip
 
 

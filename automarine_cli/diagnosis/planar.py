@@ -1,7 +1,7 @@
 """What a planar model lacks: couplings, a current, or what stands between command and moment, named by evidence.
 
 Each candidate is added to the model and everything is fitted again by innovations. It counts where its deviance gains
-more than a penalty and a head start, run by run beyond chance, and where runs that no fit saw are more likely with it.
+more than a penalty and a head start, run by run beyond chance, and where runs held out are more likely with it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

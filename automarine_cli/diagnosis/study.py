@@ -22,7 +22,7 @@ from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, 
 from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
-from automarine_cli.fits.whole_runs import left_out_changes, run_covariance, varying_terms, whole_run_problem
+from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import COMMAND_DELAY, Term, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, position_noise
@@ -369,6 +369,11 @@ class DiagnosisProblem:
                 return run_covariance(fit)
 
         return np.asarray(self._once("covariance", fit, work_out))
+
+    def command_delay(self, fit: Fit) -> float:
+        """Give the command delay [s] of a fit to these runs as files have it."""
+        delay = float(fit.of_chance[COMMAND_DELAY])
+        return delay if fit.driven else 2.0 * self.logger_delay * float(instant(np.array(delay)))
 
     def predictions(self, model: YawModel, fit: InnovationsFit) -> tuple[Predicted, ...]:
         """What the model predicts of these runs, from the filtered state, over each of HORIZONS, worked out once a fit;

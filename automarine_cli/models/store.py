@@ -166,11 +166,13 @@ class Moved:
 
 @dataclass(frozen=True, kw_only=True)
 class GapEntry:
-    """Of the runs that were fitted, in the unit in which positions are shown; of thrusters in newtons."""
+    """In the unit in which positions are shown; of thrusters in newtons. None where a free run diverges."""
 
-    before: float = field(metadata=keyed("before_{shown_unit}", "before_N"))
-    after: float = field(metadata=keyed("after_{shown_unit}", "after_N"))
+    before: float | None = field(metadata=keyed("before_{shown_unit}", "before_N"))
+    after: float | None = field(metadata=keyed("after_{shown_unit}", "after_N"))
     noise_floor: float = field(metadata=keyed("noise_floor_{shown_unit}", "noise_floor_N"))
+    before_ci95: tuple[float, float] | None = None
+    after_ci95: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,6 +182,7 @@ class DiagnosisFile(ResultRecord):
     verdict: str
     gap: GapEntry = field(metadata=keyed("gap/fitted_runs"))
     gap_held_out: GapEntry | None = field(default=None, metadata=keyed("gap/held_out_runs"))
+    from_commands: GapEntry | None = field(default=None, metadata=keyed("from_commands/held_out_runs"))
     model: str = ""
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
     effects: tuple[FoundEffect, ...] = ()

@@ -402,7 +402,12 @@ def _headline(result: StepResult, steps: Steps) -> str:
             names = ", ".join(effect.name for effect in file.effects)
             verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
             gap, of = file.gap_held_out or file.gap, " of runs held out" * (file.gap_held_out is not None)
-            return f"{verdict}; gap{of} {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
+            sizes = f"error{of} {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
+            if free := file.from_commands:
+                sizes += (
+                    f" with own thrust and start, {number(free.before, 3)} to {number(free.after, 3)} from commands"
+                )
+            return f"{verdict}; {sizes}"
     return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 

@@ -20,7 +20,7 @@ from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.report.sections import Drawing, Sections, bullets, document, sections
-from automarine_cli.report.tables import MISSING, Table, escape, number
+from automarine_cli.report.tables import MISSING, Table, escape, number, with_band
 from automarine_cli.report.thruster_tables import cells, parameter_cell
 from automarine_cli.runs.run import command_warnings
 from automarine_cli.text import plural
@@ -32,6 +32,8 @@ OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}  # kinds of
 PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs that separate them."
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
 MAX_CANDIDATES, MAX_RIVALS = 5, 3
+OWN, ALONE = ", own thrust and start", ", from the commands alone"  # how whole runs are simulated
+HELD_OUT = "No effect or drag is fitted to runs held out; from the commands alone nothing is (with 95 % intervals). "
 
 
 def _sections(
@@ -39,9 +41,10 @@ def _sections(
     title: str, verdict: str, effects: Sequence[NamedEffect], where: ResidualRegions, *,
     notes: tuple[str, str], unit: str = "deg", key: str = "deg", dof: Dof | None = None,
     above: Sequence[str] = (), below: Sequence[str] = (), appendix: Sequence[Table | str] = (),
+    caption: str = "",
 ) -> Sections:  # fmt: skip
     """Lay out a diagnosis of any kind, whose JSON has one shape: `above` and `below` the verdict stand lines, `notes`
-    explain gap and threshold; `appendix` is on the page alone."""
+    explain error and threshold; `appendix` is on the page alone; the `caption` goes on from before and after."""
     data: dict[str, Any] = result.to_json()
     lines, rows, page = [*above, verdict], list[dict[str, Any]](), list[Table | str]()
     for effect in effects:
@@ -66,7 +69,7 @@ def _sections(
             drawings["learned"] = Drawing("diagnosis.learned_figure", effect.learned, dof or YAW)
     text = document(
         f"# {title}", escape(verdict), *map(escape, below), *page,
-        "## The gap before and after", *gaps, "![Before and after](before_after.png)",
+        "## The error before and after", *gaps, f"![Before and after{caption}](before_after.png)",
         *(_moves(data) if "base" in data else ()),
         "## Where the gap is", *regions_table(where.regions, unit), "![Where the gap is](where.png)",
         "## Why", table, "![Why](why.png)", *appendix,
@@ -144,7 +147,7 @@ def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[
 
 def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[Table]:
     """Root mean squares before and after of a `diagnosis.json`, on data fitted and held out: of predictions by horizon
-    where runs are driven, else of the gap against the noise; no table where there is neither."""
+    where runs are driven, else of whole runs, each with what is fitted to it and without; none where there is none."""
     rows = []
     for name, outlook in data.get("prediction", {}).items():
         for errors in outlook["horizons"] if outlook else ():
@@ -156,16 +159,24 @@ def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[
             "Root mean square errors; the filter knows the readings until each prediction begins, and the commands "
             "after it as they were logged.",
         ])]  # fmt: skip
-    for name, sizes in data["gap"].items():
-        if sizes is not None:
+    free = data.get("from_commands", {})
+    for how, gaps in ((OWN * bool(free), data["gap"]), (ALONE, free)):
+        for name, sizes in ((name, sizes) for name, sizes in gaps.items() if sizes is not None):
             before, after, floor = (sizes[f"{word}_{key}"] for word in ("before", "after", "noise_floor"))
-            above, closed = before**2 - floor**2, MISSING
-            if above > 0.02 * floor**2:
+            closed = MISSING
+            if before and after and (above := before**2 - floor**2) > 0.02 * floor**2:
                 closed = f"{np.clip((before**2 - after**2) / above, 0.0, 1.0):.0%}"
-            columns = {f"before [{unit}]": before, f"after [{unit}]": after, f"noise [{unit}]": floor}
-            label = name.replace("_", " ").replace("runs", "levels" if "levels" in data else "runs")
-            rows.append({"gap": label, **columns, "closed above the noise": closed})
+            columns = dict(zip((f"before [{unit}]", f"after [{unit}]"), errors_of(sizes, key)))
+            label = name.replace("_", " ").replace("runs", "levels" if "levels" in data else "runs") + how
+            noise = {f"noise [{unit}]": number(floor, 3), "closed above the noise": closed}
+            rows.append({"error": label, **columns, **noise})
     return [Table.of("", rows, [note])] if rows else []
+
+
+def errors_of(sizes: Mapping[str, Any], key: str) -> list[str]:
+    """Show errors before and after, with intervals where they have some; infinity of a free run that diverges."""
+    errors = ((sizes[f"{word}_{key}"], sizes.get(f"{word}_ci95")) for word in ("before", "after"))
+    return ["∞" if size is None else with_band(size, ends) for size, ends in errors]
 
 
 def regions_table(regions: Sequence[Region], unit: str) -> list[Table]:
@@ -193,38 +204,40 @@ def _forecast(pair: tuple[ForecastScore, ForecastScore], dof: Dof) -> tuple[list
 
 def _verdict(
     word: str, names: str, why: str, quantity: str, sizes: Sequence[str], unit: str, reference: str,
-    data: str = "runs could show", remaining: str = "",
+    data: str = "runs could show", remaining: str = "", alone: Sequence[str] = (),
 ) -> str:  # fmt: skip
-    """The verdict in one sentence, of motions, the plane and maps alike; the `quantity` has these `sizes`, before and
-    after."""
+    """The verdict in words, of motions, the plane and maps alike; the `quantity` has these `sizes`, before and after,
+    and from the commands `alone` those."""
     beside = f". {reference[0].upper()}{reference[1:]}." if reference.startswith("a constant") else f" ({reference})."
-    gap = f"the {quantity} is {sizes[0]} {unit}{beside}"
-    falls = f"the {quantity} falls from {sizes[0]} to {sizes[1]} {unit}{beside}"
+    goes = "{0} goes from {1} to {2} {3}" if word == diagnose.NAMED else "{0} is {1} {3}"
+    errors = {f"The {quantity}": sizes} | ({"From the commands alone it": alone} if alone else {})
+    gap = ". ".join(goes.format(what, *pair, unit) for what, pair in errors.items()) + beside
     return {
-        diagnose.NAMED: f"Named: {names}; {falls} {remaining}",
+        diagnose.NAMED: f"Named: {names}. {gap} {remaining}",
         diagnose.SUSPECTED: f"Suspected, not named: {names}. {why}",
-        diagnose.UNEXPLAINED: f"Unexplained: {gap} {why}",
-        diagnose.NOTHING: f"Nothing missing that these {data}: {gap}",
+        diagnose.UNEXPLAINED: f"Unexplained. {gap} {why}",
+        diagnose.NOTHING: f"Nothing missing that these {data}. {gap}",
     }[word].rstrip()
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     study, verdict, counted = diagnosis.study, diagnosis.conclusion, diagnosis.result.final.counted
-    dof, gap, outlook, of = study.base.dof, diagnosis.gap, diagnosis.outlook, ""
+    dof, gap, outlook, of = study.base.dof, diagnosis.gap, diagnosis.outlook, " of the fitted runs"
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
         gap, outlook, count = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
         of = f" of the {plural(count, 'run')} held out"
-    sizes = [f"{dof.shown(x):.2f}" for x in (gap.before, gap.after)]
-    level = f"noise of the {dof.words.position} {dof.shown(gap.floor):.2f} {dof.units.shown}"
+    unit, free = dof.units.shown, diagnosis.from_commands
+    sizes, alone = errors_of(gap.to_json(unit, dof.shown), unit), errors_of(free.to_json(unit), unit) if free else []
+    level = f"noise of the {dof.words.position} {number(dof.shown(gap.floor), 3)} {unit}"
     if judged := outlook and outlook.judged:
         sizes, misses = _forecast(judged, dof)
         level = f"{misses}, {level}"
     names = " and ".join(effect.name for effect in diagnosis.effects if effect.name in counted)
     if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    error = (f"error of predictions {HORIZON:g} s ahead" if study.driven else "gap") + of
+    error = f"error of predictions {HORIZON:g} s ahead{of}" if study.driven else f"error{of}, with each run's{OWN[1:]},"
     data = "runs could show" + " beside their disturbances" * study.driven
-    return _verdict(verdict.word, names, verdict.why, error, sizes, dof.units.shown, level, data, verdict.remainder)
+    return _verdict(verdict.word, names, verdict.why, error, sizes, unit, level, data, verdict.remainder, alone)
 
 
 @sections.register
@@ -233,10 +246,15 @@ def _(diagnosis: Diagnosis) -> Sections:
     below = [PLANNED] * any(effect.rivals for effect in diagnosis.effects)
     below += [study.cycle.sentence(dof)] if study.cycle is not None else []
     before, after = (100.0 * trial.fit.factor(GAIN) for trial in (search.base, search.final))
+    unit, free = dof.units.shown, diagnosis.from_commands
+    sizes = errors_of(free.to_json(unit), unit) if free else []
+    alone = "From the commands alone: {0} {2} before, {1} {2} after".format(*sizes, unit) if sizes else ""
+    caption = f", with each run's own thrust and start. {alone}." * bool(sizes)
     gap = (
-        f"Root mean squares over whole runs simulated from their start, with each run's own start "
-        f"{dof.words.position}, thrust and switch instants. Thrust differs from run to run by {before:.1f} % before "
-        f"and {after:.1f} % after."
+        "Root mean squares over whole runs simulated from their start. Before: the base refitted to the fitted runs. "
+        f"Own: each run's thrust, start {dof.words.position} and switch instants are fitted to it. "
+        f"{HELD_OUT * bool(sizes)}"
+        f"Thrust differs from run to run by {before:.1f} % before and {after:.1f} % after."
     )
     chance = f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns."
     better = bullets(library.get(effect.name).card(dof).better for effect in diagnosis.effects)
@@ -244,12 +262,12 @@ def _(diagnosis: Diagnosis) -> Sections:
     if diagnosis.verdict != diagnose.NAMED:
         appendix += ["## What these runs would have shown", detectable_table(diagnosis)]
     return _sections(
-        diagnosis, diagnosis.extended_model(), Drawing("diagnosis.motion_before_after", diagnosis),
+        diagnosis, diagnosis.extended_model(), Drawing("diagnosis.motion_before_after", diagnosis, alone),
         f"Diagnosis of the {dof.name} model", verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where,
-        notes=(gap, chance), unit=dof.units.shown, key=dof.units.shown, dof=dof,
+        notes=(gap, chance), unit=unit, key=unit, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
         below=[*below, *sentences_of(sensors_of(diagnosis.channels, channel_noises(search.final.fit, dof)), dof)],
-        appendix=appendix,
+        appendix=appendix, caption=caption.translate({ord("["): "(", ord("]"): ")"}),  # brackets would end it
     )  # fmt: skip
 
 

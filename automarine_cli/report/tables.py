@@ -193,6 +193,11 @@ def number(x: float | None, digits: int = 4) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
+def with_band(value: float | None, ends: Sequence[float] | None) -> str:
+    """`26.8 [10.1, 37.7]`: a number to three digits, with the ends of its interval where it has one."""
+    return number(value, 3) + (f" [{number(ends[0], 3)}, {number(ends[1], 3)}]" if ends else "")
+
+
 def interval(estimate: Estimate | None) -> str:
     """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need; marked where it
     was known before the fit; a value at its bound has no interval."""

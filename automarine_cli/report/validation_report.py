@@ -6,7 +6,7 @@ from automarine_cli.fits.innovations import measured_noises, sensors_of, sentenc
 from automarine_cli.models.store import StoredPlanar
 from automarine_cli.report.fit_report import forecast_cells
 from automarine_cli.report.sections import Content, Drawing, Sections, document, file_stems, forms_of, sections
-from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.report.tables import MISSING, Table, number, with_band
 from automarine_cli.runs.run import command_warnings
 from automarine_cli.text import plural
 
@@ -45,11 +45,10 @@ def _answer(result: Validation, more: str) -> str:
     if result.best is None:
         return result.because
     name, of = next(iter(result.models[result.best].overall.items()))  # the positions' root mean square stands first
-    interval = "" if of.ci95 is None else " [{}, {}]".format(*(number(end, 3) for end in of.ci95))
     unit = result.dof.fill(result.scores[name].heading).rpartition(" ")[2]
     runs, position = plural(len(result.runs), "whole run"), result.dof.position
     model = "the planar model" if isinstance(result.stored, StoredPlanar) else f"model {result.best}"
-    return f"Over {runs} the {position} of {model} is off by {number(of.value, 3)}{interval} {unit}{more}."
+    return f"Over {runs} the {position} of {model} is off by {with_band(of.value, of.ci95)} {unit}{more}."
 
 
 def planar_table(result: Validation) -> Table:

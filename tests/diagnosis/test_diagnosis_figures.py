@@ -70,13 +70,14 @@ def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
     lengths = [drawn[place].get_width() for place in sorted(drawn, reverse=True)]  # the best is on top, at 0
     trials = lag.result.rounds[0].trials
     assert lengths == sorted(lengths) and len(lengths) == len(trials)
+    assert f"needed {lag.result.rounds[0].threshold:.3g}" in bars.get_title("left")
     labels, colour = [label.get_text() for label in bars.get_yticklabels()], to_rgba(COLOURS[STATUS["named"]])
     blue = {name for place, name in enumerate(labels) if drawn[place].get_facecolor() == colour}
     assert blue == set(lag.result.final.added) & {trial.added[-1] for trial in trials}
 
 
 def test_before_and_after_share_their_axes_and_do_without_held_out_runs(lag: Diagnosis) -> None:
-    alone = replace(lag, held_out=None, held_out_gap=None)
+    alone = replace(lag, held_out=None, held_out_gap=None, from_commands=None)
     for diagnosis, study in ((lag, lag.held_out), (alone, lag.study)):
         assert study is not None
         sizes, *errors = sorted(motion_before_after(diagnosis).axes, key=lambda axes: bool(axes.get_title()))

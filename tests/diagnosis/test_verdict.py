@@ -1,4 +1,4 @@
-"""What a search is entitled to say: names need more than chance, and runs that no fit saw."""
+"""What a search is entitled to say: names need more than chance, and runs held out."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

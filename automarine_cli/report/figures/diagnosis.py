@@ -16,6 +16,7 @@ from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.report.figures import style
+from automarine_cli.report.tables import number
 
 STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey", "not fitted": "yellow"}
 """Colours of what became of candidates; the bars of those that were not fitted are promises."""
@@ -70,12 +71,13 @@ def why_figure(rows: Sequence[Mapping[str, Any]], threshold: float, line: str) -
     axes.margins(x=0.08, y=0.01)
     axes.set_xlabel("evidence gained over the base model [deviance]")
     best = ", ".join(f"{row['effect']} {row['evidence gained']:.0f}" for row in rows[:2])
-    axes.set_title(f"Evidence: {best or 'none'}; needed {threshold:.0f}", loc="left", parse_math=False)
+    axes.set_title(f"Evidence: {best or 'none'}; needed {number(threshold, 3)}", loc="left", parse_math=False)
     style.legend_below(figure, axes, ncols=5)
     return figure
 
 
-def motion_before_after(diagnosis: Diagnosis) -> Figure:
+def motion_before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
+    """Draw what both models leave of the runs; `alone` says what they leave from the commands alone."""
     study, gap, word = diagnosis.study, diagnosis.gap, "fitted"
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
         study, gap, word = diagnosis.held_out, diagnosis.held_out_gap, "held out"
@@ -84,9 +86,9 @@ def motion_before_after(diagnosis: Diagnosis) -> Figure:
         seen = [np.flatnonzero(error) for error in errors]  # what is padded, or was not predicted, is zero
         lines = [(run.time[at] - run.time[0], np.asarray(dof.shown(error[at]))) for at, error in zip(seen, errors)]
         residuals.append((run.name, lines))
-    ahead = f", predicted {HORIZON:g} s ahead from filtered states" * study.driven
-    title = f"Runs {word}{ahead}"
-    return style.residuals_figure(residuals, BEFORE_AFTER, dof.units.shown, float(dof.shown(gap.floor)), title)
+    how = f"predicted {HORIZON:g} s ahead from filtered states" * study.driven or "with their own thrust and start"
+    title, floor = f"Runs {word}, {how}", float(dof.shown(gap.floor))
+    return style.residuals_figure(residuals, BEFORE_AFTER, dof.units.shown, floor, title, beneath=alone)
 
 
 def planar_before_after(search: PlanarDiagnosis) -> Figure:

@@ -115,14 +115,14 @@ def planar_figure(free: FreeRun) -> Figure:
 
 
 def whole_runs_figure(fit: YawFit) -> Figure:
-    """Draw what is left of each whole run by the commands alone, as anybody else would simulate it, and with the run's
-    own thrust and start, as it was fitted."""
+    """Draw what is left of each whole run from the commands alone, as anybody else would simulate it, and with its own
+    thrust, start and unknown pushes, as it was fitted: the pushes absorb what the model lacks."""
     dof, mixed, residuals = fit.dof, fit.preferred.mixed, list[style.Residuals]()
     fitted = mixed.reading(dof.position)
     for i, free in enumerate(free_runs(fit.preferred.answering, fit.runs)):
         run, errors = free.run, (free.error, free.run.position - fitted[i][: len(free.run)])
         residuals.append((run.name, [(run.time - run.time[0], dof.shown(error)) for error in errors]))
-    labels, title = ("by the commands alone", "with the run's own thrust and start"), f"Model {fit.preference.number}"
+    labels, title = ("from the commands alone", "with own thrust and unknown pushes"), f"Model {fit.preference.number}"
     noise = float(dof.shown(fit.preferred.noise or mixed.noise))
     return style.residuals_figure(residuals, labels, dof.units.shown, noise, title)
 

@@ -128,10 +128,11 @@ Residuals = tuple[str, Sequence[tuple[Floats, Floats]]]
 @house_style
 def residuals_figure(
     residuals: Sequence[Residuals], labels: Sequence[str], unit: str, floor: float, runs_of: str,
-    x_label: str = "time in the run [s]", look: str = "-",
+    x_label: str = "time in the run [s]", look: str = "-", beneath: str = "",
 ) -> Figure:  # fmt: skip
     """Draw what two labelled models leave of the worst runs, and the root mean square of each run, worst first by the
-    first model, beside the noise `floor`; errors in the `unit`. The title says what of `runs_of` is left in all."""
+    first model, beside the noise `floor`; errors in the `unit`. The title says what of `runs_of` is left in all, and
+    `beneath` stands below it."""
     runs = [(name, lines) for name, lines in residuals if all(len(error) for _, error in lines)]
     sizes = np.array([[np.sqrt(np.mean(error**2)) for _, error in lines] for _, lines in runs]).reshape(-1, 2)
     order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MAX_RUNS]
@@ -158,7 +159,7 @@ def residuals_figure(
     legend_below(figure, axes[0], axes["all"])
     every = (np.concatenate([lines[i][1] for _, lines in runs] or [np.zeros(0)]) for i in (0, 1))
     left = [f"{np.sqrt(np.mean(error**2)):.3g} {unit} {label}" for error, label in zip(every, labels) if len(error)]
-    figure.suptitle(f"{runs_of}: {', '.join(left)}; noise {floor:.2g} {unit}")
+    figure.suptitle(f"{runs_of}: {', '.join(left)}; noise {floor:.2g} {unit}\n{beneath}".strip())
     return figure
 
 

@@ -1,0 +1,103 @@
+"""The error of runs held out is said twice: with each run's own thrust and start, and from the commands alone."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from effect_contract import base_for, short_plans, unmeasured, with_planted
+from few_candidates import few_candidates
+
+from automarine_cli.comparison.validation import compare
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.dofs import YAW
+from automarine_cli.models.store import DIAGNOSIS, StoredModels, load_yaw_models
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.report.diagnosis_report import verdict_sentence
+from automarine_cli.report.sections import sections
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+
+BASE, NAME, NOISE_DEG, SEED = base_for(""), "thruster-lag", 0.5, 3
+
+
+def campaign(scatter: float) -> list[Run]:
+    """Runs of a vehicle whose thrust lags and differs from run to run by that share; nothing else does."""
+    runs, random = [unmeasured(plan, i) for i, plan in enumerate(short_plans())], np.random.default_rng(1)
+    start = Start(np.zeros((1, len(runs))), log_gain=scatter * random.standard_normal((1, len(runs))))
+    headings = simulate(with_planted(BASE, NAME), make_batch(runs, 0.05), start=start).position[0]
+    headings += np.radians(NOISE_DEG) * random.standard_normal(headings.shape)
+    return [replace(run, position=row[: len(run)], extras={}) for run, row in zip(runs, headings)]
+
+
+@pytest.fixture(scope="module")
+def found() -> Mapping[float, Diagnosis]:
+    """The diagnosis by scatter of the thrust."""
+    with few_candidates({NAME, "bias-moment"}, curves=False):
+        return {scatter: diagnose_runs(campaign(scatter), BASE, seed=SEED) for scatter in (0.0, 0.05)}
+
+
+def errors(diagnosis: Diagnosis) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Of the runs held out: with their own thrust and start, and from the commands alone."""
+    data: dict[str, Any] = diagnosis.to_json()
+    return data["gap"]["held_out_runs"], data["from_commands"]["held_out_runs"]
+
+
+def test_both_are_equal_where_thrust_is_and_apart_where_it_scatters(found: Mapping[float, Diagnosis]) -> None:
+    for scatter, diagnosis in found.items():
+        own, free = errors(diagnosis)
+        assert diagnosis.verdict == "named" and own["after_deg"] == pytest.approx(NOISE_DEG, rel=0.1)
+        assert free["after_ci95"][0] < free["after_deg"] < free["after_ci95"][1]
+        assert free["before_deg"] > 1.2 * free["after_deg"] or scatter
+        if scatter:
+            assert free["after_deg"] > 4.0 * own["after_deg"]
+        else:
+            assert free["after_deg"] == pytest.approx(own["after_deg"], rel=0.2)  # the start is a mean of few
+
+
+def test_the_numbers_are_those_of_validate(found: Mapping[float, Diagnosis]) -> None:
+    """The model after is that of the file, the one before the base as it was refitted."""
+    diagnosis = found[0.05]
+    assert diagnosis.held_out is not None
+    free, base = errors(diagnosis)[1], diagnosis.to_json()["base"]
+    inertia, drag = (base[name]["before"]["value"] for name in ("I_r", "k_rr"))  # type: ignore[index]
+    delay = diagnosis.study.command_delay(diagnosis.result.base.fit)
+    first = YawModel.base("3", inertia, (drag,), BASE.moment_unit, YAW).delayed(delay)
+    files = {
+        "before": StoredModels({"3": first}, "3", BASE.moment_unit, 0.0, "", YAW),
+        "after": load_yaw_models(diagnosis.document("extended_model")),
+    }
+    for word, stored in files.items():
+        validation = compare(stored, diagnosis.held_out.runs, SEED)
+        rmse = validation.models["3"].overall["rmse"]
+        assert rmse.value == pytest.approx(free[f"{word}_deg"], rel=1e-9)
+        assert rmse.ci95 == pytest.approx(free[f"{word}_ci95"], rel=1e-9)
+        assert validation.floor == free["noise_floor_deg"]
+
+
+def test_they_stand_together_and_are_read_back(found: Mapping[float, Diagnosis]) -> None:
+    diagnosis = found[0.05]
+    own, free = errors(diagnosis)
+    low, high = (f"{end:.3g}" for end in free["after_ci95"])
+    shown = sections(diagnosis)
+    title = shown.figures["before_after"]().get_suptitle()
+    for text in (verdict_sentence(diagnosis), title, str(shown.files["diagnosis.md"]).replace("\\", "")):
+        assert f"{own['after_deg']:.3g}" in text and f"{free['after_deg']:.3g} [{low}, {high}]" in text
+    caption = re.search(r"!\[Before and after(.*)\]\(before_after.png\)", str(shown.files["diagnosis.md"]))
+    assert caption is not None and f"{free['after_deg']:.3g} ({low}, {high})" in caption[1] and "\\" not in caption[1]
+    data: dict[str, Any] = diagnosis.to_json()
+    read = DIAGNOSIS.of(data, "diagnosis.json").from_commands
+    assert read is not None and (read.after, read.after_ci95) == (free["after_deg"], tuple(free["after_ci95"]))
+    assert DIAGNOSIS.of({**data, "from_commands": {"held_out_runs": None}}, "").from_commands is None
+    del data["from_commands"]  # as earlier versions wrote it
+    assert DIAGNOSIS.of(data, "").from_commands is None
+
+
+def test_a_model_that_diverges_has_no_error_from_commands(found: Mapping[float, Diagnosis]) -> None:
+    gap = found[0.05].from_commands
+    assert gap is not None
+    lost = replace(found[0.05], from_commands=replace(gap, before=np.inf, ci95=(None, gap.ci95[1])))
+    assert errors(lost)[1]["before_deg"] is None and "goes from ∞ to" in verdict_sentence(lost)
