@@ -8,7 +8,7 @@ each change of command by itself. A ramp is one change. States of the water go o
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -302,6 +302,18 @@ def restarted_errors(model: YawModel, free: Sequence[FreeRun], restarts: Sequenc
     for (i, first, last), run, (simulated, *_) in zip(pieces, runs, _paths(model, runs, states, water)):
         errors[i][first + 1 : last + 1] = (run.position - simulated)[1:]
     return errors
+
+
+def remade(model: YawModel, free: Sequence[FreeRun], gain: float, noise: Sequence[Floats]) -> list[FreeRun]:
+    """Return the runs as a vehicle that is the model would have logged them, were its thrust `gain` times what it is
+    commanded, and its positions read with `noise` (N,) [rad or m] each."""
+    driven = [replace(of_run.run, moment=gain * of_run.run.command) for of_run in free]
+    logs = list[Run]()
+    for (position, rate, _), of_run, error in zip(_paths(model, driven, [of.start for of in free]), free, noise):
+        run, name = of_run.run, model.dof.velocity
+        logged = {name: np.where(np.isnan(run.extras[name]), np.nan, rate)} if name in run.extras else {}
+        logs.append(replace(run, position=position + error, extras={**run.extras, **logged}))
+    return [replace(of_run, run=run) for of_run, run in zip(free, logs)]
 
 
 def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:

@@ -21,6 +21,7 @@ from automarine_cli.comparison.simulated_runs import (
     free_runs,
     needed_signals,
     planar_free_runs,
+    remade,
     restarted_errors,
 )
 from automarine_cli.dofs import YAW, Dof
@@ -224,6 +225,7 @@ class ValidationFile(ResultRecord):
     best: str
     preferred_by_fit: str = ""
     noise_floor: float | None = field(default=None, metadata=keyed("noise_floor_{shown_unit}"))
+    expected: float | None = field(default=None, metadata=keyed("restarted_expected_{shown_unit}"))
     use: Use = field(default_factory=Use)
     logs: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     prediction: Mapping[str, tuple[ForecastEntry, ...]] = field(default_factory=dict)
@@ -243,7 +245,7 @@ class Validation(Shown):
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
     model diverged; `because` is the sentence that says so. `floors` are the noise of the runs' positions, in the unit
     that people see, `channels` the sensors that count. Where the runs are driven there are `predictions` of each model
-    from filtered states."""
+    from filtered states. `expected` is the restarted error that the preferred model would have if it were right."""
 
     stored: StoredModels | StoredPlanar
     models: Mapping[str, Scored]
@@ -254,6 +256,7 @@ class Validation(Shown):
     set_aside: tuple[ExcludedRun, ...] = ()
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     predictions: Mapping[str, tuple[Predicted, ...]] = field(default_factory=dict)
+    expected: float | None = None
 
     @property
     def use(self) -> Judgement | None:
@@ -317,7 +320,8 @@ class Validation(Shown):
             prediction = {number: list(self._ahead_json(predicted)) for number, predicted in self.predictions.items()}
             data |= {"prediction": prediction, "use": {"of_use": self.use.of_use, "says": self.says}}
         return data | {
-            f"noise_floor_{unit}": self.floor, "best_because": self.because, "preferred_by_fit": stored.preferred,
+            f"noise_floor_{unit}": self.floor, f"restarted_expected_{unit}": self.expected,
+            "best_because": self.because, "preferred_by_fit": stored.preferred,
             "effects": list(stored.effects), f"{dof.words.force}_unit": stored.moment_unit,
             "command_delay_s": stored.command_delay, **channels_json(self.channels, measured_noises(runs, dof)),
         }  # fmt: skip
@@ -366,7 +370,24 @@ def compare(
     ranked = sorted((value, len(stored.models[n].theta), n) for n, value in values.items() if value is not None)
     best, because = _because([number for *_, number in ranked], models, drawn, stored.dof)
     floors = tuple(float(run.dof.shown(position_noise(run.time, run.position))) for run in runs)
-    return Validation(stored, models, best, because, restarts, floors)
+    expected = expected_error(stored.models[stored.preferred], models[stored.preferred].free, stored.scatter, seed)
+    return Validation(stored, models, best, because, restarts, floors, expected=expected)
+
+
+def expected_error(model: YawModel, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:
+    """Return the restarted error that the model would have if it were right, in the unit that people see.
+
+    The runs are simulated anew with the noise of theirs, once with more thrust and once with as much less by the
+    `scatter`, and scored as the measured ones. None where the scatter is not known, or the model runs away."""
+    if scatter is None or any(of_run.diverged for of_run in free):
+        return None
+    rng, errors = np.random.default_rng(seed), list[Floats]()
+    for gain in (1.0 + scatter, 1.0 - scatter):
+        noise = [position_noise(of.run.time, of.run.position) * rng.standard_normal(len(of.run)) for of in free]
+        again = remade(model, free, gain, noise)
+        errors += [error[1:] for error in restarted_errors(model, again, [find_restarts(of.run) for of in again])]
+    size = float(model.dof.shown(np.sqrt(np.mean(np.square(np.concatenate(errors))))))
+    return size if np.isfinite(size) else None
 
 
 def _because(
