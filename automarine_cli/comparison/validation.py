@@ -215,6 +215,9 @@ class ScoreEntry:
 class ForecastEntry:
     horizon_s: float
     runs: Mapping[str, float] = field(default_factory=dict)
+    rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}"))
+    constant_rate: float | None = field(default=None, metadata=keyed("constant_rate_{shown_unit}"))
+    constant: float | None = field(default=None, metadata=keyed("constant_{position}_{shown_unit}"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,6 +236,11 @@ class ValidationFile(ResultRecord):
     def __post_init__(self) -> None:
         if self.best not in self.models:
             raise SettingError(f"best: found {format_value(self.best)}, expected one of {', '.join(self.models)}")
+
+    @property
+    def judged(self) -> str:
+        """The number of the model that counts: who has no more logs cannot know which does best on them."""
+        return self.preferred_by_fit if self.preferred_by_fit in self.models else self.best
 
 
 VALIDATION = ResultKind("validation.json", "validation", ValidationFile, "validate")

@@ -32,6 +32,9 @@ OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}  # kinds of
 PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs that separate them."
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
 MAX_CANDIDATES, MAX_RIVALS = 5, 3
+ERRORS = "Errors of the worst runs without and with what is missing, and the root mean square of every run"
+WHERE = "Mean error by each variable; where a band is yellow, it is more than chance"
+WHY = "Evidence that each effect gains, beside the threshold that chance hardly reaches"
 
 
 def _sections(
@@ -64,12 +67,14 @@ def _sections(
     for effect in effects:
         if effect.learned is not None:
             drawings["learned"] = Drawing("diagnosis.learned_figure", effect.learned, dof or YAW)
+    change: list[Table | str] = ["## The gap before and after", *gaps, f"![{ERRORS}](before_after.png)"]
+    change += _moves(data) if "base" in data else []
+    if data["verdict"] == diagnose.NOTHING:  # nothing changes: what would have shown stands in its place
+        gaps, change, appendix = [part for part in appendix if isinstance(part, Table)], [*appendix], ()
     text = document(
-        f"# {title}", escape(verdict), *map(escape, below), *page,
-        "## The gap before and after", *gaps, "![Before and after](before_after.png)",
-        *(_moves(data) if "base" in data else ()),
-        "## Where the gap is", *regions_table(where.regions, unit), "![Where the gap is](where.png)",
-        "## Why", table, "![Why](why.png)", *appendix,
+        f"# {title}", escape(verdict), *map(escape, below), *page, *change,
+        "## Where the gap is", *regions_table(where.regions, unit), f"![{WHERE}](where.png)",
+        "## Why", table, f"![{WHY}](why.png)", *appendix,
     )  # fmt: skip
     return Sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
@@ -124,7 +129,7 @@ def parameter_rows(effect: NamedEffect, dof: Dof | None) -> Iterator[dict[str, A
     for parameter, card, (name, estimate) in described:
         if kind.counts(parameter, values):
             cell = parameter.choices[round(estimate.value)] if parameter.choices else estimate
-            yield {"parameter": name, "meaning": card.meaning, "estimate": cell, "unit": estimate.unit}
+            yield {"parameter": name, "estimate": cell, "unit": estimate.unit, "meaning": card.meaning}
 
 
 def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[dict[str, Any]]:
@@ -258,11 +263,9 @@ def _moves(data: Mapping[str, Any]) -> list[Table | str]:
     is_named, rows, moved = data["verdict"] == diagnose.NAMED, [], list[str]()
     for name, sizes in data["base"].items():
         old, new = (Estimate(**sizes[key]) for key in ("before", "after"))
-        row = {"parameter": name, "base model": old}
-        if is_named:
-            change = f"{(new.value - old.value) / old.value:+.1%}" if old.value else MISSING
-            row |= {"with what was missing": new, "change": change}
-        rows.append({**row, "unit": new.unit})
+        change = f"{(new.value - old.value) / old.value:+.1%}" if old.value else MISSING
+        row = {"parameter": name, "with what was missing": new, "change": change} if is_named else {"parameter": name}
+        rows.append({**row, "base model": old, "unit": new.unit})
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
             moved.append(name)
     sentence = f"The base model is fitted anew to these {data['runs']['used']} runs: it is not quite that of the file."
