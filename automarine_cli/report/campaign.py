@@ -48,7 +48,8 @@ MADE = (
     "`automarine verify` says whether anything in the folder has changed."
 )
 FIRST_DATE_S = 946_684_800.0  # 2000, in seconds since 1970: clocks that show less know no date
-LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: "Missing", TUNING.name: "Gains"}  # in the box at the top
+MISSES = "Missing"
+LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: MISSES, TUNING.name: "Gains"}  # in the box at the top
 CAPTIONS = {
     "collapse": "All runs on one curve, scaled by the fitted model: what is off the curve is thrust scatter or missing",
     "drag": "Steady rate of each run and the drag that the models give it",
@@ -348,38 +349,37 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
 
 def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
     """The result in a few lines: what was tested, the final model, how far it is off, what is missing, what is next."""
-    says, after = headlines(steps), dict[str, str]()
-    lines = {"Tested": ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))}
+    says, after, lines = headlines(steps), dict[str, str](), dict[str, dict[str, str]]()
     for result in steps.values():
-        file, motion, title = result.file, result.step.section, result.step.title
+        file, motion = result.file, result.step.section
         if motion in ("", "thrusters") or _is_superseded(result, steps):
             continue
-        label, text = LABELS.get(result.step.kind.name, title), says[result.step.name].removeprefix("named: ")
+        text = says[result.step.name].removeprefix("named: ").replace("nothing missing that", "nothing that")
         if isinstance(file, ModelFile | PlanarFile):
             after[motion] = "`automarine diagnose` says what the model lacks." if file.runs.used >= MIN_RUNS else MORE
         if isinstance(file, ModelFile) and file.proposed and f"{_before(motion)}diagnosis" not in steps:
             asks = ", ".join(f"{name} (gains {number(gain, 3)} in deviance)" for name, gain in file.proposed.items())
-            lines["Missing"] = "; ".join(filter(None, [lines.get("Missing"), f"the fit itself asks for {asks}"]))
+            lines.setdefault(MISSES, {})[motion] = f"the fit itself asks for {asks}"
             after[motion] = f"Fit again with {' and '.join(file.proposed)}: `--with {','.join(file.proposed)}`."
         if isinstance(file, DiagnosisFile):
             text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
-            text = text.replace("nothing missing that", "nothing that")  # behind the label
             there = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
             advice = " ".join(effects.get(name).card(result.dof).better for name in there)
             after[motion] = advice or (USE if file.verdict == NOTHING else PLAN)
             if file.verdict == NAMED:
                 after[motion] = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after[motion]}"
-        text = f"{motion}: " * (label != title and motion in DOFS and motion != YAW.name) + text
-        lines[label] = "; ".join(filter(None, [lines.get(label), text]))
-    lines |= {label: lines.pop(label, "") for label in LABELS.values()}  # in this order, whatever was done first
-    lines["Verdict"] = "; ".join(_of_motions({motion: worst(rows) for motion, rows in numbers.items()}))
-    box = [f"**{label}:** {escape(text)}" for label, text in lines.items() if text]
-    return bullets([*box, *(f"**Next:** {text}" for text in [" ".join(_of_motions(after))] if text)])
+        lines.setdefault(LABELS.get(result.step.kind.name, result.step.title), {})[motion] = text
+    tested = ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))
+    verdict = {motion: worst(rows) for motion, rows in numbers.items()}
+    lines |= {label: lines.pop(label, {}) for label in LABELS.values()}  # in this order, whatever was done first
+    texts = {label: _of_motions(texts, "; ") for label, texts in {**lines, "Verdict": verdict}.items()}
+    box = [f"**{label}:** {escape(text)}" for label, text in {"Tested": tested, **texts}.items() if text]
+    return bullets([*box, *(f"**Next:** {text}" for text in [_of_motions(after, " ")] if text)])
 
 
-def _of_motions(texts: Mapping[str, str]) -> list[str]:
-    """Texts by motion, with its name before each where there are several."""
-    return [f"{motion.capitalize()}: " * (len(texts) > 1) + text for motion, text in texts.items() if text]
+def _of_motions(texts: Mapping[str, str], between: str) -> str:
+    """Texts by motion in a line, with its name before each where there are several."""
+    return between.join(f"{motion}: " * (len(texts) > 1) + text for motion, text in texts.items() if text)
 
 
 def _before(motion: str) -> str:
