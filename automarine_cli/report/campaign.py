@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli import effects
-from automarine_cli.comparison.validation import VALIDATION, ValidationFile
+from automarine_cli.comparison.validation import VALIDATION, ScoreEntry, ValidationFile
 from automarine_cli.control.tuning import TUNING
 from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -58,6 +58,7 @@ CAPTIONS = {
     "inertia": "Inertia of each run beside the fitted one: runs that disagree stand out",
     "whole_runs": "Whole runs, measured and simulated",
     "planar_runs": "Whole runs, measured and predicted",
+    "validation": "Run {}: measured, and simulated by its commands alone",
     "tuning": "Loop with the present and the new gains: steps of the heading, and what a load does",
 }
 """Of figures that no page of a step shows, by their files."""
@@ -400,15 +401,10 @@ def _numbers(steps: Steps, motion: str) -> list[dict[str, str]]:
         return []
     added, base = _added_by(steps, motion)
     validated = steps.get(f"{_before(motion)}{'final_' * bool(added)}validation")
-    values, runs = {name: value for name, value in _main(fit.file).items() if value.stderr != 0}, fit.file.runs
-    if added and judged:
-        values, runs = (
-            {name: base[name].after if name in base else value for name, value in values.items()},
-            judged.file.runs,
-        )
-    estimates = {name: value.estimate for name, value in values.items()}
+    values = {name: base[name].after if name in base else value for name, value in _main(fit.file).items()}
+    estimates = {name: value.estimate for name, value in values.items() if value.stderr != 0}
     found = (result.file if result else None for result in (validated, judged))
-    return list(five_numbers(runs, estimates, *found))
+    return list(five_numbers(judged.file.runs if added and judged else fit.file.runs, estimates, *found))
 
 
 def _main(file: ModelFile | PlanarFile) -> dict[str, Given]:
@@ -421,11 +417,8 @@ def _main(file: ModelFile | PlanarFile) -> dict[str, Given]:
 
 def _good_enough(numbers: Numbers) -> list[Table | str]:
     rows = [({"motion": motion} if len(numbers) > 1 else {}) | row for motion, of in numbers.items() for row in of]
-    return [
-        "## Is it good enough?",
-        Table.of("", rows),
-        "The worst verdict decides. More: `automarine guide good-enough`.",
-    ] * bool(rows)
+    note = "The worst verdict decides. More: `automarine guide good-enough`."
+    return ["## Is it good enough?", Table.of("", rows), note] * bool(rows)
 
 
 def _sentences(steps: Steps) -> list[str]:
@@ -572,7 +565,8 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
         apart = [stem for stem in apart if stem != "before_after"]
         begin, heading, rest_of = text.partition("### Where")
         text = begin + _folded("What was tried", heading + rest_of)
-    pictures = [result.picture(stem, _caption(stem)) for stem in apart[:MAX_FIGURES]]
+    words = {stem: CAPTIONS.get(stem) or CAPTIONS.get(stem.partition("_")[0], stem) for stem in apart}
+    pictures = [result.picture(stem, words[stem].replace("{}", stem.partition("_")[2])) for stem in apart[:MAX_FIGURES]]
     if (more := len(apart) - MAX_FIGURES) > 0:
         pictures.append(f"The figures of {more} more runs are in the folder {result.step.folder}.")
     if isinstance(file, ModelFile):
@@ -591,33 +585,21 @@ def _page(result: StepResult, steps: Steps) -> list[str]:
 
 
 def _beside(result: StepResult, steps: Steps) -> Table:
-    """The errors of the final model, of the one without what was named, and of one that is right."""
+    """The errors of the final model, of the one without what was named, and those that a right model would have."""
     file, motion = result.file, result.step.section
     added, _ = _added_by(steps, motion)
     of = {f"final, with {added}": file.models[file.judged]}
     if (former := steps.get(f"{_before(motion)}validation")) is not None:
         of[f"without {added}"] = former.file.models[former.file.judged]
     free, again = f"free run [{result.dof.units.shown}]", f"restarted [{result.dof.units.shown}]"
-    rows = [
-        {"model": name, free: number(score.rmse, 3), again: number(score.restarted, 3)} for name, score in of.items()
-    ]
-    rows += [{"model": "if the final were right", free: MISSING, again: number(file.expected, 3)}] * bool(file.expected)
-    note = f"Errors over {plural(file.runs.used, 'run')}. The last line is what noise and unsteady thrust alone cause."
-    return Table.of("", rows, [note]).without_empty_columns()
+    of["noise and unsteady thrust alone"] = ScoreEntry(restarted=file.expected)
+    rows = [{"model": name, free: number(of[name].rmse, 3), again: number(of[name].restarted, 3)} for name in of]
+    note = f"Errors over {plural(file.runs.used, 'run')}."
+    return Table.of("", rows, [note]).without_empty_rows().without_empty_columns()
 
 
 def _folded(summary: str, text: str) -> str:
     return f"<details><summary>{summary}</summary>\n\n{text}\n\n</details>" * bool(text)
-
-
-def _caption(stem: str) -> str:
-    """What a figure shows; validations have one of each run."""
-    kind, _, run = stem.partition("_")
-    return (
-        f"Run {run}: measured, and simulated by its commands alone"
-        if kind == "validation"
-        else CAPTIONS.get(stem, stem)
-    )
 
 
 def _logs(steps: Steps) -> list[str]:

@@ -68,7 +68,7 @@ def _sections(
         if effect.learned is not None:
             drawings["learned"] = Drawing("diagnosis.learned_figure", effect.learned, dof or YAW)
     change: list[Table | str] = ["## The gap before and after", *gaps, f"![{ERRORS}](before_after.png)"]
-    change += _moves(data) if "base" in data else []
+    change += _moves(data) if "base" in data and data["verdict"] == diagnose.NAMED else []
     if data["verdict"] == diagnose.NOTHING:  # nothing changes: what would have shown stands in its place
         gaps, change, appendix = [part for part in appendix if isinstance(part, Table)], [*appendix], ()
     text = document(
@@ -247,7 +247,7 @@ def _(diagnosis: Diagnosis) -> Sections:
     better = bullets(library.get(effect.name).card(dof).better for effect in diagnosis.effects)
     appendix: list[Table | str] = ["## What to run next", better] if better else []
     if diagnosis.verdict != diagnose.NAMED:
-        appendix += ["## What these runs would have shown", detectable_table(diagnosis)]
+        appendix.append(detectable_table(diagnosis))
     return _sections(
         diagnosis, diagnosis.extended_model(), Drawing("diagnosis.motion_before_after", diagnosis),
         f"Diagnosis of the {dof.name} model", verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where,
@@ -260,12 +260,12 @@ def _(diagnosis: Diagnosis) -> Sections:
 
 def _moves(data: Mapping[str, Any]) -> list[Table | str]:
     """Lay out the parameters of the base model of a `diagnosis.json` before and after, and say which moved."""
-    is_named, rows, moved = data["verdict"] == diagnose.NAMED, [], list[str]()
+    rows, moved = [], list[str]()
     for name, sizes in data["base"].items():
         old, new = (Estimate(**sizes[key]) for key in ("before", "after"))
         change = f"{(new.value - old.value) / old.value:+.1%}" if old.value else MISSING
-        row = {"parameter": name, "with what was missing": new, "change": change} if is_named else {"parameter": name}
-        rows.append({**row, "base model": old, "unit": new.unit})
+        row = {"parameter": name, "with what was missing": new, "change": change}
+        rows.append(row | {"base model": old, "unit": new.unit})
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
             moved.append(name)
     sentence = f"The base model is fitted anew to these {data['runs']['used']} runs: it is not quite that of the file."
@@ -285,7 +285,8 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
         unit = card.unit or MISSING
         rows.append({"effect": name, "parameter": card.name, "smallest size seen": number(size, 2), "unit": unit})
     note = "Sizes that these runs detect with 80 % power, measured from the value at which the effect is off."
-    return Table.of("", rows, [note], header=("effect", "parameter", "smallest size seen", "unit"))
+    header = ("effect", "parameter", "smallest size seen", "unit")
+    return Table.of("Smallest effects that these runs would have shown", rows, [note], header=header)
 
 
 @sections.register

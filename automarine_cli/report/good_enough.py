@@ -1,6 +1,6 @@
 """Is a model good enough: five numbers with a verdict each, of which the worst one decides."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from automarine_cli.comparison.validation import ValidationFile
 from automarine_cli.diagnosis.diagnose import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
@@ -25,6 +25,8 @@ LIMITS = {
     "diagnosis": ("nothing missing, or named", "unexplained"),
 }
 """What is looked at: when it is good, and when the model must not be used."""
+_, _, *MEASURED, LAST = LIMITS
+MEASURES = (("error", *MEASURED), (LAST, LAST))
 
 
 def five_numbers(
@@ -39,12 +41,14 @@ def five_numbers(
         yield {**row, f"{GOOD} if": good, f"{UNFIT} if": unfit}
 
 
-def worst(rows: Iterable[Mapping[str, str]]) -> str:
-    """Return the verdict that decides, with what it is for unless it is good; empty where there is none."""
-    by_grade = {grade: [row["look at"] for row in rows if row["verdict"] == grade] for grade in reversed(GRADES)}
-    return next(
-        (f"{grade} ({', '.join(names)})" if grade != GOOD else grade for grade, names in by_grade.items() if names), ""
-    )
+def worst(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return the verdict that decides, and what it is for or what was not measured; empty where there are no rows."""
+    grades = {row["look at"]: row["verdict"] for row in rows}
+    for grade in (UNFIT, CLOSER):
+        if bad := [name for name, verdict in grades.items() if verdict == grade]:
+            return f"{grade} ({', '.join(bad)})"
+    unknown = [name for name, *ways in MEASURES if rows and all(grades[way] == MISSING for way in ways)]
+    return (f"{GOOD}, but not known: " if unknown else GOOD * bool(rows)) + ", ".join(unknown)
 
 
 def _graded(value: float, limits: tuple[float, float]) -> str:
@@ -75,8 +79,8 @@ def _errors(file: ValidationFile) -> tuple[tuple[str, str], tuple[str, str]]:
     score, ahead = file.models[model], {entry.horizon_s: entry for entry in file.prediction.get(model, ())}
     if (entry := ahead.get(JUDGED)) is not None and entry.rmse is not None:
         constant = min(size for size in (entry.constant_rate, entry.constant, float("inf")) if size is not None)
-        value = f"{number(entry.rmse, 3)} {unit}, the constant's {number(constant, 3)} {unit}"
-        return ("driven runs", ""), (value, _graded(entry.rmse / constant, AHEAD))
+        value = f"{number(entry.rmse, 3)} {unit}, the better constant's {number(constant, 3)} {unit}"
+        return ("driven runs", ""), (value, _graded(entry.rmse / max(constant, 1e-9), AHEAD))
     if score.restarted is None or not file.expected:
         return (MISSING if score.restarted is None else f"{number(score.restarted, 3)} {unit}", ""), (MISSING, "")
     ratio = score.restarted / file.expected
