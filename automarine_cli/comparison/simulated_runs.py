@@ -304,16 +304,17 @@ def restarted_errors(model: YawModel, free: Sequence[FreeRun], restarts: Sequenc
     return errors
 
 
-def remade(model: YawModel, free: Sequence[FreeRun], gain: float, noise: Sequence[Floats]) -> list[FreeRun]:
+def remade(model: YawModel, free: Sequence[FreeRun], gain: float, rng: np.random.Generator) -> list[FreeRun]:
     """Return the runs as a vehicle that is the model would have logged them, were its thrust `gain` times what it is
-    commanded, and its positions read with `noise` (N,) [rad or m] each."""
+    commanded, read by sensors as noisy as those of the runs."""
     driven = [replace(of_run.run, moment=gain * of_run.run.command) for of_run in free]
-    logs = list[Run]()
-    for (position, rate, _), of_run, error in zip(_paths(model, driven, [of.start for of in free]), free, noise):
-        run, name = of_run.run, model.dof.velocity
-        logged = {name: np.where(np.isnan(run.extras[name]), np.nan, rate)} if name in run.extras else {}
-        logs.append(replace(run, position=position + error, extras={**run.extras, **logged}))
-    return [replace(of_run, run=run) for of_run, run in zip(free, logs)]
+    name, again = model.dof.velocity, list[FreeRun]()
+    for of_run, (position, rate, _) in zip(free, _paths(model, driven, [of_run.start for of_run in free])):
+        run, (error, unsteady) = of_run.run, rng.standard_normal((2, len(of_run.run)))
+        logged = np.where(np.isnan(run.extras.get(name, np.nan)), np.nan, rate + velocity_noise(run) * unsteady)
+        position = position + position_noise(run.time, run.position) * error
+        again.append(replace(of_run, run=replace(run, position=position, extras={**run.extras, name: logged})))
+    return again
 
 
 def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:

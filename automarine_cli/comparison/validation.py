@@ -391,8 +391,7 @@ def expected_error(model: YawModel, free: Sequence[FreeRun], scatter: float | No
         return None
     rng, errors = np.random.default_rng(seed), list[Floats]()
     for gain in (1.0 + scatter, 1.0 - scatter):
-        noise = [position_noise(of.run.time, of.run.position) * rng.standard_normal(len(of.run)) for of in free]
-        again = remade(model, free, gain, noise)
+        again = remade(model, free, gain, rng)
         errors += [error[1:] for error in restarted_errors(model, again, [find_restarts(of.run) for of in again])]
     size = float(model.dof.shown(np.sqrt(np.mean(np.square(np.concatenate(errors))))))
     return size if np.isfinite(size) else None
