@@ -50,6 +50,7 @@ from automarine_cli.thrusters.map import driven_by
 SMOOTHED = 1.0  # s over which a position is smoothed for its rate; 5 samples at least
 MIN_RUNS = 3  # for an interval over runs
 DRAWS = 2000  # bootstrap resamples: how often each run is in each
+DRAWN = 3  # how often runs are simulated anew with more thrust and with less
 ALONE = np.ones((1, 1), dtype=np.int64)  # the only resample of one run
 NOTHING = np.zeros(0)
 RMS, MAX, FIT = "rms", "max", "fit"
@@ -385,12 +386,12 @@ def compare(
 def expected_error(model: YawModel, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:
     """Return the restarted error that the model would have if it were right, in the unit that people see.
 
-    The runs are simulated anew with the noise of theirs, once with more thrust and once with as much less by the
+    The runs are simulated anew with the noise of theirs, with more thrust and with as much less by the
     `scatter`, and scored as the measured ones. None where the scatter is not known, or the model runs away."""
     if scatter is None or any(of_run.diverged for of_run in free):
         return None
     rng, errors = np.random.default_rng(seed), list[Floats]()
-    for gain in (1.0 + scatter, 1.0 - scatter):
+    for gain in DRAWN * (1.0 + scatter, 1.0 - scatter):
         again = remade(model, free, gain, rng)
         errors += [error[1:] for error in restarted_errors(model, again, [find_restarts(of.run) for of in again])]
     size = float(model.dof.shown(np.sqrt(np.mean(np.square(np.concatenate(errors))))))
