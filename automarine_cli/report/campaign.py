@@ -404,7 +404,7 @@ def _numbers(steps: Steps, motion: str) -> list[dict[str, str]]:
     values = {name: base[name].after if name in base else value for name, value in _main(fit.file).items()}
     estimates = {name: value.estimate for name, value in values.items() if value.stderr != 0}
     found = (result.file if result else None for result in (validated, judged))
-    return list(five_numbers(judged.file.runs if added and judged else fit.file.runs, estimates, *found))
+    return list(five_numbers((judged if added and judged else fit).file.runs, estimates, *found))
 
 
 def _main(file: ModelFile | PlanarFile) -> dict[str, Given]:

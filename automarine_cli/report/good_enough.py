@@ -34,7 +34,7 @@ def five_numbers(
     diagnosis: DiagnosisFile | None,
 ) -> Iterator[dict[str, str]]:  # fmt: skip
     """Give a row of each number with its verdict, a dash for what was not measured."""
-    of_restarts, of_ahead = _errors(validation) if validation else (("no validation runs", ""),) * 2
+    of_restarts, of_ahead = _errors(validation) if validation else (("not validated", ""),) * 2
     found = (_runs(runs), _interval(estimates), of_restarts, of_ahead, _diagnosis(diagnosis))
     for (name, (good, unfit)), (value, verdict) in zip(LIMITS.items(), found):
         row = {"look at": name, "verdict": verdict or MISSING, "value": value}
