@@ -47,6 +47,8 @@ GIVEN = {"logs", "hold_out", "model", "extended", "columns", "thrusters", "thrus
          "check", "reference"}  # fmt: skip
 """Settings that the campaign as a whole gives its commands."""
 
+UNNAMED = "no effect was named: the fitted model is the final one"
+
 
 def _is_text(value: object) -> bool:
     return isinstance(value, str)
@@ -119,6 +121,9 @@ class Campaign:
 
     def plan(self, step: "Step", out: Path) -> dict[str, Any] | str:
         """Complete the settings of a step's command, with results in `out`; or say why it has nothing to do."""
+        from automarine_cli.diagnosis.diagnose import NAMED
+        from automarine_cli.models.store import DIAGNOSIS
+
         work, section = load(step.command), self.sections.get(step.section, {})
         settings = {key: value for key, value in section.items() if key not in KEYS.get(step.section, ())}
         if step.section == "thrusters" and "per_test" in section:
@@ -137,7 +142,9 @@ class Campaign:
         if step.models:
             model = next((place for name in step.models if (place := out / name).is_file()), None)
             if model is None:
-                return f"it needs the {motion} model, and fit-{motion} gave none"
+                return UNNAMED if step.final else f"it needs the {motion} model, and fit-{motion} gave none"
+            if step.final and DIAGNOSIS.read(model.with_name(DIAGNOSIS.file)).verdict != NAMED:
+                return UNNAMED
             settings["model"] = model
         if section.get("moment", section.get("force")) == "thrusters" or section.get("thrusters") is True:
             fitted = out / "thrusters" / "thrusters.json"

@@ -54,7 +54,7 @@ def run_campaign(
     campaigns: Sequence[Path], until: str | None, force: bool, out: Path | None, overwrite: bool,
     figure_formats: Sequence[str], jobs: int, cluster: str | None, progress: Progress,
 ) -> "CampaignRun | Campaigns":  # fmt: skip
-    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report.
+    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, validate-final, report.
 
     Sections [surge], [sway], [heave] and [planar] add a fit, a validation and a diagnosis, [tune] a controller.
     Each step has a folder in DIR, by default "results" next to the campaign file. A step is kept if its inputs,

@@ -8,7 +8,7 @@ each change of command by itself. A ramp is one change. States of the water go o
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -302,6 +302,19 @@ def restarted_errors(model: YawModel, free: Sequence[FreeRun], restarts: Sequenc
     for (i, first, last), run, (simulated, *_) in zip(pieces, runs, _paths(model, runs, states, water)):
         errors[i][first + 1 : last + 1] = (run.position - simulated)[1:]
     return errors
+
+
+def remade(model: YawModel, free: Sequence[FreeRun], gain: float, rng: np.random.Generator) -> list[FreeRun]:
+    """Return the runs as a vehicle that is the model would have logged them, were its thrust `gain` times what it is
+    commanded, read by sensors as noisy as those of the runs."""
+    driven = [replace(of_run.run, moment=gain * of_run.run.command) for of_run in free]
+    name, again = model.dof.velocity, list[FreeRun]()
+    for of_run, (position, rate, _) in zip(free, _paths(model, driven, [of_run.start for of_run in free])):
+        run, (error, unsteady) = of_run.run, rng.standard_normal((2, len(of_run.run)))
+        logged = np.where(np.isnan(run.extras.get(name, np.nan)), np.nan, rate + velocity_noise(run) * unsteady)
+        position = position + position_noise(run.time, run.position) * error
+        again.append(replace(of_run, run=replace(run, position=position, extras={**run.extras, name: logged})))
+    return again
 
 
 def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:

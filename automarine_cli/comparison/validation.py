@@ -21,6 +21,7 @@ from automarine_cli.comparison.simulated_runs import (
     free_runs,
     needed_signals,
     planar_free_runs,
+    remade,
     restarted_errors,
 )
 from automarine_cli.dofs import YAW, Dof
@@ -49,6 +50,7 @@ from automarine_cli.thrusters.map import driven_by
 SMOOTHED = 1.0  # s over which a position is smoothed for its rate; 5 samples at least
 MIN_RUNS = 3  # for an interval over runs
 DRAWS = 2000  # bootstrap resamples: how often each run is in each
+DRAWN = 3  # how often runs are simulated anew with more thrust and with less
 ALONE = np.ones((1, 1), dtype=np.int64)  # the only resample of one run
 NOTHING = np.zeros(0)
 RMS, MAX, FIT = "rms", "max", "fit"
@@ -214,6 +216,9 @@ class ScoreEntry:
 class ForecastEntry:
     horizon_s: float
     runs: Mapping[str, float] = field(default_factory=dict)
+    rmse: float | None = field(default=None, metadata=keyed("rmse_{shown_unit}"))
+    constant_rate: float | None = field(default=None, metadata=keyed("constant_rate_{shown_unit}"))
+    constant: float | None = field(default=None, metadata=keyed("constant_{position}_{shown_unit}"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,6 +229,7 @@ class ValidationFile(ResultRecord):
     best: str
     preferred_by_fit: str = ""
     noise_floor: float | None = field(default=None, metadata=keyed("noise_floor_{shown_unit}"))
+    expected: float | None = field(default=None, metadata=keyed("restarted_expected_{shown_unit}"))
     use: Use = field(default_factory=Use)
     logs: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     prediction: Mapping[str, tuple[ForecastEntry, ...]] = field(default_factory=dict)
@@ -231,6 +237,11 @@ class ValidationFile(ResultRecord):
     def __post_init__(self) -> None:
         if self.best not in self.models:
             raise SettingError(f"best: found {format_value(self.best)}, expected one of {', '.join(self.models)}")
+
+    @property
+    def judged(self) -> str:
+        """The number of the model that counts: who has no more logs cannot know which does best on them."""
+        return self.preferred_by_fit if self.preferred_by_fit in self.models else self.best
 
 
 VALIDATION = ResultKind("validation.json", "validation", ValidationFile, "validate")
@@ -243,7 +254,7 @@ class Validation(Shown):
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
     model diverged; `because` is the sentence that says so. `floors` are the noise of the runs' positions, in the unit
     that people see, `channels` the sensors that count. Where the runs are driven there are `predictions` of each model
-    from filtered states."""
+    from filtered states. `expected` is the restarted error that the preferred model would have if it were right."""
 
     stored: StoredModels | StoredPlanar
     models: Mapping[str, Scored]
@@ -254,6 +265,7 @@ class Validation(Shown):
     set_aside: tuple[ExcludedRun, ...] = ()
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     predictions: Mapping[str, tuple[Predicted, ...]] = field(default_factory=dict)
+    expected: float | None = None
 
     @property
     def use(self) -> Judgement | None:
@@ -317,7 +329,8 @@ class Validation(Shown):
             prediction = {number: list(self._ahead_json(predicted)) for number, predicted in self.predictions.items()}
             data |= {"prediction": prediction, "use": {"of_use": self.use.of_use, "says": self.says}}
         return data | {
-            f"noise_floor_{unit}": self.floor, "best_because": self.because, "preferred_by_fit": stored.preferred,
+            f"noise_floor_{unit}": self.floor, f"restarted_expected_{unit}": self.expected,
+            "best_because": self.because, "preferred_by_fit": stored.preferred,
             "effects": list(stored.effects), f"{dof.words.force}_unit": stored.moment_unit,
             "command_delay_s": stored.command_delay, **channels_json(self.channels, measured_noises(runs, dof)),
         }  # fmt: skip
@@ -366,7 +379,23 @@ def compare(
     ranked = sorted((value, len(stored.models[n].theta), n) for n, value in values.items() if value is not None)
     best, because = _because([number for *_, number in ranked], models, drawn, stored.dof)
     floors = tuple(float(run.dof.shown(position_noise(run.time, run.position))) for run in runs)
-    return Validation(stored, models, best, because, restarts, floors)
+    expected = expected_error(stored.models[stored.preferred], models[stored.preferred].free, stored.scatter, seed)
+    return Validation(stored, models, best, because, restarts, floors, expected=expected)
+
+
+def expected_error(model: YawModel, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:
+    """Return the restarted error that the model would have if it were right, in the unit that people see.
+
+    The runs are simulated anew with the noise of theirs, with more thrust and with as much less by the
+    `scatter`, and scored as the measured ones. None where the scatter is not known, or the model runs away."""
+    if scatter is None or any(of_run.diverged for of_run in free):
+        return None
+    rng, errors = np.random.default_rng(seed), list[Floats]()
+    for gain in DRAWN * (1.0 + scatter, 1.0 - scatter):
+        again = remade(model, free, gain, rng)
+        errors += [error[1:] for error in restarted_errors(model, again, [find_restarts(of.run) for of in again])]
+    size = float(model.dof.shown(np.sqrt(np.mean(np.square(np.concatenate(errors))))))
+    return size if np.isfinite(size) else None
 
 
 def _because(

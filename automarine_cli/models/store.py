@@ -219,7 +219,8 @@ class StoredModels:
 
     `preferred` is the number of the model that the fit prefers; `moment_unit` is that of the motion `dof`;
     `command_delay` [s] is that of the commands after the middle of the sample interval in which they changed; `source`
-    is the file's name, `effects` the names of what was added to the drag.
+    is the file's name, `effects` the names of what was added to the drag, `scatter` the share by which thrust differs
+    from run to run, None where the fit cannot know it.
     """
 
     models: Mapping[str, YawModel]
@@ -229,6 +230,7 @@ class StoredModels:
     source: str
     dof: Dof
     effects: tuple[str, ...] = ()
+    scatter: float | None = None
 
     @property
     def undelayed(self) -> YawModel:
@@ -284,7 +286,8 @@ def _models(file: ModelFile, codec: Codec) -> StoredModels:
             models[number] = reduce(lambda built, term: built.with_effect(*term), values, model)
     late = _command_delay(file.command_delay_s, codec)
     models = {number: model.delayed(late) for number, model in models.items()}
-    return StoredModels(models, file.preferred, unit, late, codec.name, file.dof, tuple(name for name, _ in added))
+    names, scatter = tuple(name for name, _ in added), file.gain_scatter.value if file.gain_scatter else None
+    return StoredModels(models, file.preferred, unit, late, codec.name, file.dof, names, scatter)
 
 
 def _force_unit(file: ModelFile, codec: Codec) -> str:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli import effects
-from automarine_cli.comparison.validation import VALIDATION, ValidationFile
+from automarine_cli.comparison.validation import VALIDATION, ScoreEntry, ValidationFile
 from automarine_cli.control.tuning import TUNING
-from automarine_cli.diagnosis.diagnose import MIN_RUNS
+from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ExcludedRun, OutputError
@@ -31,11 +31,12 @@ from automarine_cli.models.store import (
 )
 from automarine_cli.pipeline.records import ResultKind, Shown, to_mapping
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
+from automarine_cli.report.good_enough import five_numbers, worst
 from automarine_cli.report.log_tables import CHECK, CheckFile
-from automarine_cli.report.page import page
+from automarine_cli.report.page import page, plain
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
-from automarine_cli.text import plural
+from automarine_cli.text import listed, plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 FILES = ("report.html", "report.md")
@@ -47,10 +48,25 @@ MADE = (
     "`automarine verify` says whether anything in the folder has changed."
 )
 FIRST_DATE_S = 946_684_800.0  # 2000, in seconds since 1970: clocks that show less know no date
-LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: "Missing", TUNING.name: "Gains"}  # in the box at the top
+MISSES = "Missing"
+LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: MISSES, TUNING.name: "Gains"}  # in the box at the top
+CAPTIONS = {
+    "collapse": "All runs on one curve, scaled by the fitted model: what is off the curve is thrust scatter or missing",
+    "drag": "Steady rate of each run and the drag that the models give it",
+    "half_turns": "Measured and fitted half-turns, one a run",
+    "steps": "Measured and fitted steps, one a run",
+    "inertia": "Inertia of each run beside the fitted one: runs that disagree stand out",
+    "whole_runs": "Whole runs, measured and simulated",
+    "planar_runs": "Whole runs, measured and predicted",
+    "validation": "Run {}: measured, and simulated by its commands alone",
+    "tuning": "Loop with the present and the new gains: steps of the heading, and what a load does",
+}
+"""Of figures that no page of a step shows, by their files."""
 USE = "`automarine tune` and `automarine export` use the model."
 MORE = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
 PLAN = "`automarine plan` plans the runs that tell what is missing."
+Numbers = Mapping[str, list[dict[str, str]]]
+"""Rows of what says whether a model is good enough, by motion."""
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 
@@ -84,7 +100,8 @@ class Step:
     """A step: its name, its folder, the kind of its result, and the section of the campaign file with its settings.
 
     `logs` are kinds of logs: those of the first tuple of which there are any are taken, or all logs where there is no
-    section. `models` are files of results before it, of which it takes the first that is there.
+    section. `models` are files of results before it, of which it takes the first that is there; it is of the `final`
+    model, which there is where a diagnosis named an effect.
     """
 
     name: str
@@ -93,6 +110,7 @@ class Step:
     section: str = ""
     logs: tuple[tuple[str, ...], ...] = ()
     models: tuple[str, ...] = ()
+    final: bool = False
 
     @property
     def command(self) -> str:
@@ -100,7 +118,7 @@ class Step:
 
     @property
     def always(self) -> bool:
-        return self.section in ("", "thrusters", YAW.name)
+        return self.section in ("", "thrusters", YAW.name) and not self.final
 
     @property
     def title(self) -> str:
@@ -115,6 +133,8 @@ def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) 
     yield Step(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
     everything = tuple(kind for kinds in fitted for kind in kinds)
     yield Step(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
+    models, folder = (f"{before}diagnosis/extended_model.json",), f"{before}final_validation"
+    yield Step(f"validate-final{after}", folder, VALIDATION, motion, (("validation",),), models, final=True)
 
 
 STEPS = (
@@ -235,15 +255,15 @@ class Campaigns(Shown):
 def _(result: CampaignRun) -> Sections:
     says, did = result.says, {step.step: step.did for step in result.steps}
     rows = [
-        {"step": step.step, "": step.did,
-         "because": MISSING if step.did == "refused" else step.why or MISSING,
-         "result": says.get(step.step, MISSING)}
-        for step in result.steps if step.step != REPORT or step.did == "skipped"
+        {"step": step.step, "": step.did, "because": step.why * (step.did == "done") or MISSING,
+         "result": says.get(step.step) or (step.why if step.did == "skipped" else MISSING)}
+        for step in result.steps if step.did == "skipped" or step.step != REPORT
+        if step.did != "skipped" or "-final" not in step.step  # where nothing was named, there is none
     ]  # fmt: skip
     written = () if REPORT not in did else FILES if did[REPORT] in ("done", "kept") else ("run.json",)
     folders = [f"{folder}/" for folder in result.results]
     table = Table.of("", rows, header=("step",)).without_empty_columns()
-    return Sections([table, *result.content.cautions], listed=(*written, *folders))
+    return Sections([table, *_sentences(result.results), *result.content.cautions], listed=(*written, *folders))
 
 
 @sections.register
@@ -251,6 +271,7 @@ def _(result: Campaigns) -> Sections:
     rows = []
     for name, run in result.campaigns.items():
         cells = {step: run.says.get(step, MISSING) for step in ("fit-yaw", "validate", "diagnose")}
+        cells["validate"] = run.says.get("validate-final", cells["validate"])
         rows.append({"campaign": name} | cells | {"refused": "; ".join(run.refused) or MISSING})
     table = Table.of("", rows)
     written: dict[str, Content] = {"campaigns.json": result.to_json(), "campaigns.csv": table.to_csv()}
@@ -303,21 +324,23 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
             "here; give a folder that automarine run made, or write the results of single commands into folders of "
             "these names"
         )
-    title = title or "Identification"
+    title = title or ran.title or "Identification"
     lines = {step.name: "not run" for step in STEPS if step.always}
     lines |= {step.step: f"skipped: {step.skipped}" if step.skipped else "refused" for step in ran.steps}
     lines |= headlines(steps)
-    listed = [result for result in reversed(list(steps.values())) if result.step.section]
-    listed.sort(key=lambda result: SECTIONS.index(result.step.section))  # what is missing stands first in each
+    numbers = {motion: rows for motion in (*DOFS, PLANAR.name) if (rows := _numbers(steps, motion))}
+    pages = [result for result in reversed(list(steps.values())) if result.step.section]
+    pages.sort(key=lambda result: SECTIONS.index(result.step.section))  # what is final or missing stands first in each
     text = document(
         f"# {escape(title)}",
         *(f"**{step.step} was refused:** {escape(step.refused)}" for step in ran.steps if step.refused),
         *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
-        _result_box(steps, ran),
+        _result_box(steps, ran, numbers),
         bullets(escape(f"Caution: {line}") for line in ran.cautions),
-        *(block for result in listed for block in _page(result, steps)),
-        *_logs(steps),
+        *_good_enough(numbers),
         *_set_aside(steps),
+        *(block for result in pages for block in _page(result, steps)),
+        *_logs(steps),
         "## How this was made",
         Table.of("", [{"step": name, "result": lines[name]} for name in STEP_NAMES if name in lines]),
         *_manifests(steps),
@@ -325,29 +348,94 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
 
 
-def _result_box(steps: Steps, ran: RunFile) -> str:
+def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
     """The result in a few lines: what was tested, the final model, how far it is off, what is missing, what is next."""
-    says, after = headlines(steps), ""
-    lines = {"Tested": ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))}
+    says, after, lines = headlines(steps), dict[str, str](), dict[str, dict[str, str]]()
     for result in steps.values():
-        file, motion, title = result.file, result.step.section, result.step.title
-        if motion in ("", "thrusters"):
+        file, motion = result.file, result.step.section
+        if motion in ("", "thrusters") or _is_superseded(result, steps):
             continue
-        label = LABELS.get(result.step.kind.name, title)
-        text = f"{motion}: " * (label != title and motion in DOFS and motion != YAW.name)
-        text += says[result.step.name].removeprefix("named: ")
+        text = says[result.step.name].removeprefix("named: ").replace("nothing missing that", "nothing that")
         if isinstance(file, ModelFile | PlanarFile):
-            after = "`automarine diagnose` says what the model lacks." if file.runs.used >= MIN_RUNS else MORE
+            after[motion] = "`automarine diagnose` says what the model lacks." if file.runs.used >= MIN_RUNS else MORE
+        if isinstance(file, ModelFile) and file.proposed and f"{_before(motion)}diagnosis" not in steps:
+            asks = ", ".join(f"{name} (gains {number(gain, 3)} in deviance)" for name, gain in file.proposed.items())
+            lines.setdefault(MISSES, {})[motion] = f"the fit itself asks for {asks}"
+            after[motion] = f"Fit again with {' and '.join(file.proposed)}: `--with {','.join(file.proposed)}`."
         if isinstance(file, DiagnosisFile):
             text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
-            known = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
-            advice = " ".join(effects.get(name).card(result.dof).better for name in known)
-            after = advice or (USE if file.verdict == "nothing-missing" else PLAN)
-            if file.verdict == "named":
-                after = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after}"
-        lines[label] = "; ".join(filter(None, [lines.get(label), text]))
-    box = [f"**{label}:** {escape(text)}" for label, text in lines.items() if text]
-    return bullets([*box, *[f"**Next:** {after}"] * bool(after)])
+            there = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
+            advice = " ".join(effects.get(name).card(result.dof).better for name in there)
+            after[motion] = advice or (USE if file.verdict == NOTHING else PLAN)
+            if file.verdict == NAMED:
+                after[motion] = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after[motion]}"
+        lines.setdefault(LABELS.get(result.step.kind.name, result.step.title), {})[motion] = text
+    tested = ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))
+    verdict = {motion: worst(rows) for motion, rows in numbers.items()}
+    lines |= {label: lines.pop(label, {}) for label in LABELS.values()}  # in this order, whatever was done first
+    texts = {label: _of_motions(texts, "; ") for label, texts in {**lines, "Verdict": verdict}.items()}
+    box = [f"**{label}:** {escape(text)}" for label, text in {"Tested": tested, **texts}.items() if text]
+    return bullets([*box, *(f"**Next:** {text}" for text in [_of_motions(after, " ")] if text)])
+
+
+def _of_motions(texts: Mapping[str, str], between: str) -> str:
+    """Texts by motion in a line, with its name before each where there are several."""
+    return between.join(f"{motion}: " * (len(texts) > 1) + text for motion, text in texts.items() if text)
+
+
+def _before(motion: str) -> str:
+    """What the folders of a motion begin with."""
+    return "" if motion in (YAW.name, "tune") else f"{motion}_"
+
+
+def _is_superseded(result: StepResult, steps: Steps) -> bool:
+    """Whether it is the validation of a model that a diagnosis replaced by the final one, which was validated too."""
+    later = f"{_before(result.step.section)}final_validation"
+    return isinstance(result.file, ValidationFile) and not result.step.final and later in steps
+
+
+def _numbers(steps: Steps, motion: str) -> list[dict[str, str]]:
+    """Rows of what says whether the final model of a motion is good enough; none where there is no model."""
+    fit, judged = steps.get(motion), steps.get(f"{_before(motion)}diagnosis")
+    if fit is None:
+        return []
+    added, base = _added_by(steps, motion)
+    validated = steps.get(f"{_before(motion)}{'final_' * bool(added)}validation")
+    values = {name: base[name].after if name in base else value for name, value in _main(fit.file).items()}
+    estimates = {name: value.estimate for name, value in values.items() if value.stderr != 0}
+    found = (result.file if result else None for result in (validated, judged))
+    return list(five_numbers((judged if added and judged else fit).file.runs, estimates, *found))
+
+
+def _main(file: ModelFile | PlanarFile) -> dict[str, Given]:
+    """Inertia and main drag of a model, by their names."""
+    if isinstance(file, PlanarFile):
+        return {name: value for name, value in file.parameters.items() if name in MASSES}
+    values, names = dict(file.main_parameters()), file.dof.symbols
+    return {name: value for name, value in values.items() if name != names.linear or names.quadratic not in values}
+
+
+def _good_enough(numbers: Numbers) -> list[Table | str]:
+    rows = [({"motion": motion} if len(numbers) > 1 else {}) | row for motion, of in numbers.items() for row in of]
+    note = "The worst verdict decides. More: `automarine guide good-enough`."
+    return ["## Is it good enough?", Table.of("", rows), note] * bool(rows)
+
+
+def _sentences(steps: Steps) -> list[str]:
+    """What the validations of the final models and the diagnoses say first."""
+    says, sentences = headlines(steps), list[str]()
+    for result in steps.values():
+        motion, text = result.step.section, ""
+        if isinstance(result.file, DiagnosisFile):
+            text = plain(next((line for line in result.markdown().splitlines()[1:] if line), ""))
+        elif isinstance(result.file, ValidationFile) and not _is_superseded(result, steps):
+            use, error = result.file.use.says, f"{result.dof.position} error of " * (motion != PLANAR.name)
+            text = use if isinstance(use, str) else " ".join(use)
+            text = text or f"{error}{says[result.step.name]}."
+        if text:
+            text = f"{motion}: " * (motion != YAW.name) + text
+            sentences.append(text[0].upper() + text[1:])
+    return sentences
 
 
 def _dates(steps: Steps) -> str:
@@ -381,10 +469,11 @@ def _headline(result: StepResult, steps: Steps) -> str:
     file = result.file
     match file:
         case CheckFile():
-            idle = sum(run.get("half_turn") is None for run in file.yaw_runs)
+            idle = [str(run.get("run")) for run in file.yaw_runs if run.get("half_turn") is None]
             aside = len(file.runs.set_aside)
             parts = [plural(file.logs, "log"), plural(file.runs.used, "run")]
-            parts += [f"{idle} without a half-turn"] * bool(idle) + [f"{aside} set aside"] * bool(aside)
+            parts += [f"{len(idle)} without a half-turn ({listed(idle)})"] * bool(idle)
+            parts += [f"{aside} set aside"] * bool(aside)
             return ", ".join(parts)
         case ThrusterFile():
             laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
@@ -392,13 +481,14 @@ def _headline(result: StepResult, steps: Steps) -> str:
             error = f"R² {number(file.r2)}, error {number(file.error_percent, 2)} % of full scale"
             return f"{file.chosen or file.form} law{values}, {error}"
         case ModelFile():
-            return _of_model(file, result.dof, steps)
+            return _of_model(file, result.step.section, steps)
         case PlanarFile():
-            masses = {name: value for name, value in file.parameters.items() if name in MASSES}
-            return f"{file.structure}: {_values(masses)}" if masses else file.structure
+            return f"{file.structure}: {_values(masses)}" if (masses := _main(file)) else file.structure
         case ValidationFile():
             return _of_validation(file, result, steps)
         case DiagnosisFile():
+            if file.verdict == NOTHING:
+                return f"nothing missing that these {'levels' if file.of_thrusters else 'runs'} could show"
             names = ", ".join(effect.name for effect in file.effects)
             verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
             gap, of = file.gap_held_out or file.gap, " of runs held out" * (file.gap_held_out is not None)
@@ -411,10 +501,10 @@ def _headline(result: StepResult, steps: Steps) -> str:
     return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
-def _of_model(file: ModelFile, dof: Dof, steps: Steps) -> str:
+def _of_model(file: ModelFile, motion: str, steps: Steps) -> str:
     """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
     before = dict(file.main_parameters())
-    added, base = _added_by(steps, dof)
+    added, base = _added_by(steps, motion)
     after, model = {name: base[name].after for name in before if name in base}, named_model(file.preferred)
     if len(after) < len(before):
         return f"{model}: {_values(before)}"
@@ -424,26 +514,32 @@ def _of_model(file: ModelFile, dof: Dof, steps: Steps) -> str:
 
 def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> str:
     """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
-    dof, planar = result.dof, file.motion == PLANAR.name
-    model = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
-    score, fit = file.models[model], steps.get(PLANAR.name if planar else dof.name)
+    dof, motion, score = result.dof, result.step.section, file.models[file.judged]
+    fit = steps.get(f"{_before(motion)}diagnosis" if result.step.final else motion)
     logs = fit.logs if fit else set()
     again = len(logs & result.logs)
     fitted = f" ({again} logs were fitted)" if again else " not fitted" if logs else ""
     band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
-    error = f"{number(score.rmse, 3)}{band} {dof.units.shown} free run"
+    (added, _), unit, planar = _added_by(steps, motion), dof.units.shown, file.motion == PLANAR.name
+    names = [(f"the model with {added}" if result.step.final else f"without {added}") * bool(added)]
+    names.append(named_model(file.judged) * (not result.step.final and not planar))
+    errors = [f"{number(score.rmse, 3)}{band} {unit} free run", f"{number(score.restarted, 3)} {unit} restarted"]
+    errors = ["heading " + errors[0]] if planar else errors
+    former = steps.get(f"{_before(motion)}validation") if result.step.final else None
+    if former is not None:
+        without = former.file.models[former.file.judged]
+        sizes = [without.rmse, without.restarted][: len(errors)]
+        errors[-1] += f" (without: {', '.join(number(size, 3) for size in sizes)})"
+    noise = f"noise {number(file.noise_floor, 2)} {unit}" * (not planar)
     over = f"over {plural(file.runs.used, 'run')}{fitted}"
-    if planar:
-        return f"heading {error} {over}"
-    added, _ = _added_by(steps, dof)
-    details = f"{number(score.restarted, 3)} {dof.units.shown} restarted, noise {number(file.noise_floor, 2)}"
-    return f"without {added}, " * bool(added) + f"{named_model(model)}: {error}, {details} {dof.units.shown}, {over}"
+    name = ", ".join(filter(None, names))
+    return f"{name}: " * bool(name) + ", ".join(filter(None, [*errors, noise, over]))
 
 
-def _added_by(steps: Steps, dof: Dof) -> tuple[str, Mapping[str, Any]]:
+def _added_by(steps: Steps, motion: str) -> tuple[str, Mapping[str, Any]]:
     """Name what the diagnosis of a motion added to its model, and give the parameters that moved; empty for nothing."""
-    result = steps.get("diagnosis" if dof is YAW else f"{dof.name}_diagnosis")
-    if result is None or result.file.verdict != "named" or result.file.of_thrusters:
+    result = steps.get(f"{_before(motion)}diagnosis")
+    if result is None or result.file.verdict != NAMED or result.file.of_thrusters:
         return "", {}
     return " and ".join(effect.name for effect in result.file.effects), result.file.base
 
@@ -460,28 +556,55 @@ def _interval(value: Given) -> str:
 
 def _page(result: StepResult, steps: Steps) -> list[str]:
     """The page of a step: its Markdown with headings a level lower and pictures by their place from here, and the
-    figures that it does not show; tables of models that were rejected are folded."""
-    file, first = result.file, list[str]()
+    figures that it does not show. What was rejected is folded, and so is where nothing missing was looked for."""
+    file, first, title = result.file, list[str](), result.step.title
+    added, _ = _added_by(steps, result.step.section)
     text = re.sub(r"^## ", "### ", re.sub(r"\A# .*\n", "", result.markdown()), flags=re.MULTILINE)
     inside = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
     text = inside.sub(lambda match: result.picture(match[2], match[1]), text)
+    if _is_superseded(result, steps):
+        return [f"## {title} without {added}", _folded("Tables of the models without it", text)]
     stems = sorted({path.stem for kind in ("png", "svg") for path in result.folder.glob(f"*.{kind}")})
     apart = [stem for stem in stems if f"/{stem}." not in text and not stem.endswith(".slide")]
-    pictures = [result.picture(stem, stem.replace("_", " ").capitalize()) for stem in apart[:MAX_FIGURES]]
+    if isinstance(file, DiagnosisFile) and file.verdict == NOTHING:
+        apart = [stem for stem in apart if stem != "before_after"]
+        begin, heading, rest_of = text.partition("### Where")
+        text = begin + _folded("What was tried", heading + rest_of)
+    words = {stem: CAPTIONS.get(stem) or CAPTIONS.get(stem.partition("_")[0], stem) for stem in apart}
+    pictures = [result.picture(stem, words[stem].replace("{}", stem.partition("_")[2])) for stem in apart[:MAX_FIGURES]]
     if (more := len(apart) - MAX_FIGURES) > 0:
         pictures.append(f"The figures of {more} more runs are in the folder {result.step.folder}.")
     if isinstance(file, ModelFile):
         rejected = tuple(f"Model {number}" for number in file.models if number != file.preferred)
-        added, _ = _added_by(steps, result.dof)
         lines = [f"This is the model without {added}, which the diagnosis added: the final numbers are at the top."]
         lines = [*lines * bool(added), file.preferred_because, *sentences_of(file.channels, result.dof)]
         lines += [str(file.buoyancy.get("says", ""))]
         lines += [f"Warning: {line}" for line in file.warnings if not line.startswith(rejected)]
         rows = [{"parameter": name, "value [95 % interval]": _interval(e)} for name, e in file.main_parameters()]
         first = [*map(escape, lines), Table.of(named_model(file.preferred).capitalize(), rows).to_markdown()]
-        text = f"<details><summary>Tables 1 and 2: all models</summary>\n\n{text}\n\n</details>" * bool(text)
-        return [f"## {result.step.title}", *first, *pictures, text]
-    return [f"## {result.step.title}", text, *pictures]
+        text = _folded("Tables 1 and 2: all models", text)
+        return [f"## {title}", *first, *pictures, text]
+    if result.step.final:
+        return [f"## {title}", _beside(result, steps).to_markdown(), *pictures, _folded("Every score and run", text)]
+    return [f"## {title}", text, *pictures]
+
+
+def _beside(result: StepResult, steps: Steps) -> Table:
+    """The errors of the final model, of the one without what was named, and those that a right model would have."""
+    file, motion = result.file, result.step.section
+    added, _ = _added_by(steps, motion)
+    of = {f"final, with {added}": file.models[file.judged]}
+    if (former := steps.get(f"{_before(motion)}validation")) is not None:
+        of[f"without {added}"] = former.file.models[former.file.judged]
+    free, again = f"free run [{result.dof.units.shown}]", f"restarted [{result.dof.units.shown}]"
+    of["noise and unsteady thrust alone"] = ScoreEntry(restarted=file.expected)
+    rows = [{"model": name, free: number(of[name].rmse, 3), again: number(of[name].restarted, 3)} for name in of]
+    note = f"Errors over {plural(file.runs.used, 'run')}."
+    return Table.of("", rows, [note]).without_empty_rows().without_empty_columns()
+
+
+def _folded(summary: str, text: str) -> str:
+    return f"<details><summary>{summary}</summary>\n\n{text}\n\n</details>" * bool(text)
 
 
 def _logs(steps: Steps) -> list[str]:

@@ -34,6 +34,9 @@ LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had bee
 MAX_CANDIDATES, MAX_RIVALS = 5, 3
 OWN, ALONE = ", own thrust and start", ", from the commands alone"  # how whole runs are simulated
 HELD_OUT = "No effect or drag is fitted to runs held out; from the commands alone nothing is (with 95 % intervals). "
+ERRORS = "Errors of the worst runs without and with what is missing, and the root mean square of every run"
+WHERE = "Mean error by each variable; where a band is yellow, it is more than chance"
+WHY = "Evidence that each effect gains, beside the threshold that chance hardly reaches"
 
 
 def _sections(
@@ -67,12 +70,14 @@ def _sections(
     for effect in effects:
         if effect.learned is not None:
             drawings["learned"] = Drawing("diagnosis.learned_figure", effect.learned, dof or YAW)
+    change: list[Table | str] = ["## The error before and after", *gaps, f"![{ERRORS}{caption}](before_after.png)"]
+    change += _moves(data) if "base" in data and data["verdict"] == diagnose.NAMED else []
+    if data["verdict"] == diagnose.NOTHING:  # nothing changes: what would have shown stands in its place
+        gaps, change, appendix = [part for part in appendix if isinstance(part, Table)], [*appendix], ()
     text = document(
-        f"# {title}", escape(verdict), *map(escape, below), *page,
-        "## The error before and after", *gaps, f"![Before and after{caption}](before_after.png)",
-        *(_moves(data) if "base" in data else ()),
-        "## Where the gap is", *regions_table(where.regions, unit), "![Where the gap is](where.png)",
-        "## Why", table, "![Why](why.png)", *appendix,
+        f"# {title}", escape(verdict), *map(escape, below), *page, *change,
+        "## Where the gap is", *regions_table(where.regions, unit), f"![{WHERE}](where.png)",
+        "## Why", table, f"![{WHY}](why.png)", *appendix,
     )  # fmt: skip
     return Sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
@@ -127,7 +132,7 @@ def parameter_rows(effect: NamedEffect, dof: Dof | None) -> Iterator[dict[str, A
     for parameter, card, (name, estimate) in described:
         if kind.counts(parameter, values):
             cell = parameter.choices[round(estimate.value)] if parameter.choices else estimate
-            yield {"parameter": name, "meaning": card.meaning, "estimate": cell, "unit": estimate.unit}
+            yield {"parameter": name, "estimate": cell, "unit": estimate.unit, "meaning": card.meaning}
 
 
 def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[dict[str, Any]]:
@@ -260,7 +265,7 @@ def _(diagnosis: Diagnosis) -> Sections:
     better = bullets(library.get(effect.name).card(dof).better for effect in diagnosis.effects)
     appendix: list[Table | str] = ["## What to run next", better] if better else []
     if diagnosis.verdict != diagnose.NAMED:
-        appendix += ["## What these runs would have shown", detectable_table(diagnosis)]
+        appendix.append(detectable_table(diagnosis))
     return _sections(
         diagnosis, diagnosis.extended_model(), Drawing("diagnosis.motion_before_after", diagnosis, alone),
         f"Diagnosis of the {dof.name} model", verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where,
@@ -273,14 +278,12 @@ def _(diagnosis: Diagnosis) -> Sections:
 
 def _moves(data: Mapping[str, Any]) -> list[Table | str]:
     """Lay out the parameters of the base model of a `diagnosis.json` before and after, and say which moved."""
-    is_named, rows, moved = data["verdict"] == diagnose.NAMED, [], list[str]()
+    rows, moved = [], list[str]()
     for name, sizes in data["base"].items():
         old, new = (Estimate(**sizes[key]) for key in ("before", "after"))
-        row = {"parameter": name, "base model": old}
-        if is_named:
-            change = f"{(new.value - old.value) / old.value:+.1%}" if old.value else MISSING
-            row |= {"with what was missing": new, "change": change}
-        rows.append({**row, "unit": new.unit})
+        change = f"{(new.value - old.value) / old.value:+.1%}" if old.value else MISSING
+        row = {"parameter": name, "with what was missing": new, "change": change}
+        rows.append(row | {"base model": old, "unit": new.unit})
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
             moved.append(name)
     sentence = f"The base model is fitted anew to these {data['runs']['used']} runs: it is not quite that of the file."
@@ -300,7 +303,8 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
         unit = card.unit or MISSING
         rows.append({"effect": name, "parameter": card.name, "smallest size seen": number(size, 2), "unit": unit})
     note = "Sizes that these runs detect with 80 % power, measured from the value at which the effect is off."
-    return Table.of("", rows, [note], header=("effect", "parameter", "smallest size seen", "unit"))
+    header = ("effect", "parameter", "smallest size seen", "unit")
+    return Table.of("Smallest effects that these runs would have shown", rows, [note], header=header)
 
 
 @sections.register

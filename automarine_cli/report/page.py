@@ -135,5 +135,5 @@ def figure(folder: Path, place: str, alt: str) -> str:
             size = f' style="max-width:{PIXELS_PER_POINT * float(wide[1]):.0f}px"' if wide else ""
             data = base64.b64encode(content).decode()
             image = f'<img src="data:image/{kind};base64,{data}" alt="{escape(alt)}"{size}>'
-            return f"<figure>{image}<figcaption>{escape(alt)}</figcaption></figure>"
+            return f'<figure tabindex="0">{image}<figcaption>{escape(alt)}</figcaption></figure>'
     return f"<p>The figure “{escape(alt)}” is not in its folder.</p>"

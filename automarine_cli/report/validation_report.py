@@ -162,5 +162,15 @@ def _notes(result: Validation) -> list[str]:
         f"Restarted: simulated anew from the smoothed log {'; or '.join(rules)} (even a perfect model shows the "
         "smoothing error).",
         f"Noise level of the {dof.position}, estimated without a model: {number(result.floor, 3)} {dof.units.shown}.",
+        *([_expected(result)] if result.expected is not None else []),
         *(["Brackets: 95 % bootstrap intervals over runs."] if len(result.runs) >= 3 else []),
     ]
+
+
+def _expected(result: Validation) -> str:
+    stored, dof = result.stored, result.dof
+    scatter = 0.0 if isinstance(stored, StoredPlanar) else stored.scatter or 0.0
+    return (
+        f"If the model were right, its restarted error would be about {number(result.expected, 2)} {dof.units.shown}: "
+        f"the noise, and thrust that differs by {100 * scatter:.1f} % from run to run."
+    )

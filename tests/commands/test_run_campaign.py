@@ -10,14 +10,14 @@ import pytest
 from click.testing import Result
 from few_candidates import few_candidates
 from figures import drawn
-from repository import tree
+from repository import SAMPLE_RUNS, tree
 from small_campaign import CAMPAIGN, make_small_campaign
 
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.commands.verify import verify
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.pipeline import results_folder
-from automarine_cli.report.campaign import CampaignRun
+from automarine_cli.report.campaign import CampaignRun, read_steps
 
 EARLY = "fit-yaw"  # as far as most of these tests go: a second of work
 FEW = ("dead-band", "bias-moment")  # will do for a diagnosis here
@@ -60,11 +60,11 @@ def test_a_campaign_done_to_its_end_is_kept_whole(place: Path) -> None:
         result = again(place, until=None, progress=progress)
     assert fates(result) == {
         "check": "kept", "fit-thrusters": "kept", "fit-yaw": "kept",
-        "validate": "done", "diagnose": "done", "report": "done",
+        "validate": "done", "diagnose": "done", "validate-final": "skipped", "report": "done",
     }  # fmt: skip
     assert lines[4:8] == [
-        "3/6 fit-yaw 2/6", "3/6 fit-yaw: kept (inputs, settings and versions unchanged) 0/0",
-        "4/6 validate 3/6", "4/6 validate: done, SECONDS s 0/0",
+        "3/7 fit-yaw 2/7", "3/7 fit-yaw: kept (inputs, settings and versions unchanged) 0/0",
+        "4/7 validate 3/7", "4/7 validate: done, SECONDS s 0/0",
     ]  # fmt: skip
     written = tree(place / "out")
     assert {"report.html", "report.md", "run.json", "manifest.json", "yaw/drag.svg", "yaw/drag.png"} <= set(written)
@@ -77,8 +77,41 @@ def test_a_campaign_done_to_its_end_is_kept_whole(place: Path) -> None:
     assert verify([place / "out"], inputs=[place]).whole
 
     second = again(place, until=None)
-    assert set(fates(second).values()) == {"kept"} and second.says == result.says
+    assert set(fates(second).values()) == {"kept", "skipped"} and second.says == result.says
     assert tree(place / "out") == written
+
+
+HIDDEN = """
+schema = "automarine/campaign/1"
+[logs]
+steps = ["hidden_one/tau_*[26].csv"]
+manoeuvres = ["hidden_one/reversal_*"]
+validation = ["hidden_one/falling.csv", "hidden_one/there_and_back.csv"]
+"""
+
+
+def test_the_final_model_is_validated_where_an_effect_was_named(tmp_path: Path, run: Callable[..., Result]) -> None:
+    """The swirl hidden in the samples: with it noise and thrust explain the restarted error, without it they do not."""
+    shutil.copytree(SAMPLE_RUNS / "hidden_one", tmp_path / "hidden_one")
+    (tmp_path / "campaign.toml").write_text(HIDDEN, encoding="utf-8")
+    with few_candidates(("water-swirl", "dead-band"), curves=False):
+        shown = run("run", tmp_path / "campaign.toml", "-o", tmp_path / "out")
+    first, *_, error = [line for line in shown.stdout.partition("\nResults are in")[0].splitlines() if line]
+    assert first.startswith("Named: water-swirl; ") and error.startswith(
+        "Heading error of the model with water-swirl: "
+    )
+    assert "because" not in shown.stdout and "skipped  the campaign names no thruster tests" in shown.stdout
+    steps = read_steps(tmp_path / "out")
+    before, after = steps["validation"].file, steps["final_validation"].file
+    assert after.models["3"].restarted < 2.0 * after.expected < before.models["3"].restarted
+    assert after.models["3"].rmse < 0.5 * before.models["3"].rmse
+    text = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
+    assert "](final_validation/validation_falling." in text and "](validation/" not in text
+    again = run_campaign(tmp_path / "campaign.toml", out=tmp_path / "out", until="validate-final")
+    assert fates(again)["validate-final"] == "kept"
+    (tmp_path / "campaign.toml").write_text(HIDDEN.replace("validation", "# validation"), encoding="utf-8")
+    again = run_campaign(tmp_path / "campaign.toml", out=tmp_path / "out", until="validate")
+    assert (tmp_path / "out" / "diagnosis").is_dir() and fates(again)["validate"] == "skipped"
 
 
 @pytest.mark.slow
@@ -88,7 +121,7 @@ def test_same_bytes_of_every_step_on_two_processes_and_elsewhere(small_day: Path
         shutil.copytree(small_day / "pool", folder / "pool")
         with drawn(), few_candidates(FEW):
             result = run_campaign(folder / "pool" / "campaign.toml", out=folder / "out", jobs=jobs)
-        assert set(fates(result).values()) == {"done"}
+        assert [step for step, did in fates(result).items() if did != "done"] == ["validate-final"]  # nothing missing
         trees.append(tree(folder / "out"))
     first, second = trees
     assert [name for name in sorted(first | second) if first.get(name) != second.get(name)] == []

@@ -71,6 +71,26 @@ def test_noisy_runs_score_their_noise(stored: StoredModels, noise_deg: float) ->
     assert overall["restarted_rmse"].value < 3 * noise_deg
 
 
+@pytest.mark.parametrize(
+    ("noise_deg", "scatter", "gyro_deg_s"), [(1.0, 0.0, 0.0), (0.3, 0.06, 0.0), (1.0, 0.04, 0.0), (1.0, 0.02, 0.8)]
+)
+def test_a_right_model_has_the_restarted_error_expected_of_it(
+    stored: StoredModels, noise_deg: float, scatter: float, gyro_deg_s: float
+) -> None:
+    """Runs of the true model whose thrust differs from run to run, by commands that do not say so."""
+    runs, draws = noisy(24, noise_deg), np.random.default_rng(5).standard_normal(24)
+    for i, gain in enumerate(1.0 + scatter * (draws - draws.mean()) / draws.std()):
+        moments = tuple(gain * np.array(STEPS[i % 3 :]))
+        run, clean = (sequence_run(moments, noise_deg=noise, seed=i) for noise in (noise_deg, 0.0))
+        rate = np.gradient(clean.position, clean.time)
+        rate += np.deg2rad(gyro_deg_s) * np.random.default_rng(100 + i).standard_normal(len(rate))
+        extras = {"yaw_rate": rate} if gyro_deg_s else {}
+        runs[i] = replace(run, name=f"run {i}", moment=runs[i].moment, extras=extras)
+    result = compare(replace(stored, scatter=scatter), runs)
+    assert result.expected == pytest.approx(result.models["3"].overall["restarted_rmse"].value, rel=0.1)
+    assert compare(replace(stored, scatter=None), runs[:3]).expected is None
+
+
 def test_the_best_is_named_with_a_reason(stored: StoredModels) -> None:
     result = compare(stored, noisy(5))
     assert result.best == "3"

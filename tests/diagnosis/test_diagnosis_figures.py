@@ -52,7 +52,9 @@ def test_nothing_missing_says_what_would_have_been_seen(nothing: Diagnosis) -> N
     assert nothing.verdict == "nothing-missing" and nothing.where.regions == ()
     text = page(nothing)
     assert text.startswith("# Diagnosis") and "Nothing missing that these runs could show" in text
-    assert "## What these runs would have shown" in text and "| dead-band | width |" in text
+    first, _, tried = text.partition("## Where the gap is")
+    assert "**Smallest effects that these runs would have shown**" in first and "| dead-band | width |" in first
+    assert "## Why" in tried and "before" not in text and "What it does" not in text
 
 
 def test_where_draws_what_stands_out_and_lists_the_rest(lag: Diagnosis, nothing: Diagnosis) -> None:

@@ -15,7 +15,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import DIAGNOSIS, StoredModels, load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.diagnosis_report import verdict_sentence
+from automarine_cli.report.diagnosis_report import ERRORS, verdict_sentence
 from automarine_cli.report.sections import sections
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -86,7 +86,7 @@ def test_they_stand_together_and_are_read_back(found: Mapping[float, Diagnosis])
     title = shown.figures["before_after"]().get_suptitle()
     for text in (verdict_sentence(diagnosis), title, str(shown.files["diagnosis.md"]).replace("\\", "")):
         assert f"{own['after_deg']:.3g}" in text and f"{free['after_deg']:.3g} [{low}, {high}]" in text
-    caption = re.search(r"!\[Before and after(.*)\]\(before_after.png\)", str(shown.files["diagnosis.md"]))
+    caption = re.search(rf"!\[{ERRORS}(.*)\]\(before_after.png\)", str(shown.files["diagnosis.md"]))
     assert caption is not None and f"{free['after_deg']:.3g} ({low}, {high})" in caption[1] and "\\" not in caption[1]
     data: dict[str, Any] = diagnosis.to_json()
     read = DIAGNOSIS.of(data, "diagnosis.json").from_commands

@@ -23,10 +23,16 @@ from small_campaign import make_small_campaign
 import automarine_cli as am
 from automarine_cli import effects
 from automarine_cli.commands.report import report
+from automarine_cli.comparison.validation import ForecastEntry, ScoreEntry, ValidationFile
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import OutputError
+from automarine_cli.estimate import Estimate
+from automarine_cli.models.store import DiagnosisFile, GapEntry
+from automarine_cli.pipeline.records import RunsUsed
 from automarine_cli.report.campaign import headlines, make_report, read_steps
+from automarine_cli.report.good_enough import five_numbers, worst
 from automarine_cli.report.page import figure
+from automarine_cli.report.tables import MISSING
 from automarine_cli.text import printable
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -164,11 +170,12 @@ def test_links_lead_somewhere_and_ids_are_unique(page: Elements) -> None:
 
 
 def test_every_figure_is_drawn_and_told_in_words(folder: Path, page: Elements) -> None:
-    pictures = sorted(path.read_bytes() for path in folder.glob("*/*.svg"))
+    assert read_steps(folder)["diagnosis"].file.verdict == "nothing-missing"  # before is after: two equal lines
+    pictures = sorted(path.read_bytes() for path in folder.glob("*/*.svg") if path.stem != "before_after")
     sources = [image["src"].partition(",") for image in page.all("img")]
     assert {head for head, _, _ in sources} == {"data:image/svg+xml;base64"}
     assert sorted(base64.b64decode(data) for _, _, data in sources) == pictures
-    assert len(pictures) >= 9 and all(len(image["alt"]) > 2 for image in page.all("img"))
+    assert len(pictures) >= 8 and all(len(image["alt"]) > 2 for image in page.all("img"))
     assert all(image["style"].startswith("max-width:") for image in page.all("img"))
 
 
@@ -178,7 +185,7 @@ def test_a_figure_of_another_program_stays_a_picture(tmp_path: Path) -> None:
     (tmp_path / "yaw" / "drag.svg").write_text('<svg onload="alert(1)"><script>alert(2)</script></svg>')
     text = figure(tmp_path, "yaw/drag.png", 'say "hi" <now>')
     assert re.sub("base64,[A-Za-z0-9+/=]*", "", text) == (
-        '<figure><img src="data:image/svg+xml;" alt="say &quot;hi&quot; &lt;now&gt;">'
+        '<figure tabindex="0"><img src="data:image/svg+xml;" alt="say &quot;hi&quot; &lt;now&gt;">'
         "<figcaption>say &quot;hi&quot; &lt;now&gt;</figcaption></figure>"
     )
     assert "is not in its folder" in figure(tmp_path / "yaw", "../yaw/drag.png", "")
@@ -240,6 +247,10 @@ def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
         },
         "gap": {"fitted_runs": {"before_deg": 3.0, "after_deg": 1.0, "noise_floor_deg": 0.9}},
     })  # fmt: skip
+    write(tmp_path, "final_validation/validation.json", {
+        "schema": "automarine/validation/1", "models": {"3": {"heading_rmse_deg": 15.4, "restarted_rmse_deg": 5.3}},
+        "best": "3", "noise_floor_deg": 1.05, "restarted_expected_deg": 3.7,
+    })  # fmt: skip
     text, lines = make_report(tmp_path).files["report.md"], headlines(read_steps(tmp_path))
     assert lines["fit-yaw"] == (
         "model 3 (quadratic drag) with water-swirl: k_rr 1.247 [1.227, 1.267] nu s², I_r 1.017 [0.997, 1.037] nu s² "
@@ -253,7 +264,58 @@ def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
         f"- **Next:** Use `diagnosis/extended_model.json`, the model with it. To see water-swirl better: {reveals}."
         in box
     )
+    assert "- **Error:** the model with water-swirl: 15.4 deg free run, 5.30 deg restarted (without: 42.0, –)" in box
+    assert "- **Verdict:** good\n" in box and "42" not in box.replace("(without: 42.0", "")
+    assert "| restarted error | good | 5.30 deg, 1.4 times the 3.7 deg of a right model |" in text
+    assert "| final, with water-swirl | 15.4 | 5.30 |" in text and "| without water-swirl | 42.0 | – |" in text
     assert "This is the model without water-swirl" in text.partition("## Yaw model")[2]
+
+
+def test_a_fit_that_asks_for_an_effect_says_so_where_nothing_was_diagnosed(tmp_path: Path) -> None:
+    write_model(tmp_path, proposed={"input-delay": 879.0})
+    box = make_report(tmp_path).files["report.md"].partition("## ")[0]
+    assert "- **Missing:** the fit itself asks for input-delay (gains 879 in deviance)" in box
+    assert "- **Next:** Fit again with input-delay: `--with input-delay`." in box
+
+
+def test_nothing_missing_is_said_in_one_sentence(folder: Path, files: dict[str, str]) -> None:
+    text = files["report.md"]
+    assert "- **Missing:** nothing that these levels could show" in text.partition("## ")[0]
+    page = text.partition("## Diagnosis")[2].partition("\n## ")[0]
+    assert page.startswith("\n\nNothing missing that these levels could show: ")
+    assert "before" not in page and (folder / "diagnosis" / "before_after.png").is_file()
+
+
+GRADES = ("good", "look closer", "do not use")
+
+
+@pytest.mark.parametrize(
+    ("restarted", "half", "used", "verdict", "grade"),
+    [
+        (5.5, 0.04, 6, "named", 0), (5.7, 0.06, 5, "suspected", 1), (11.5, 1.1, 6, "unexplained", 2),
+    ],
+)  # fmt: skip
+def test_five_numbers_are_graded_by_their_limits(
+    restarted: float, half: float, used: int, verdict: str, grade: int
+) -> None:
+    score = ScoreEntry(rmse=40.0, restarted=restarted)
+    validation = ValidationFile(schema="", models={"3": score}, best="3", expected=3.7, dof=YAW)
+    diagnosis = DiagnosisFile(schema="", verdict=verdict, gap=GapEntry(before=1, after=1, noise_floor=1), dof=YAW)
+    inertia = Estimate(2.0, 0.5, (2.0 - 2.0 * half, 2.0), "")
+    rows = list(five_numbers(RunsUsed(used), {"I_r": inertia, "k_rr": None}, validation, diagnosis))
+    assert [row["verdict"] for row in rows] == [
+        GRADES[used < 6], GRADES[grade], GRADES[grade], MISSING, GRADES[grade],
+    ]  # fmt: skip
+    assert worst(rows).startswith(GRADES[grade])
+
+
+def test_driven_runs_are_graded_by_their_predictions() -> None:
+    ahead = {"3": (ForecastEntry(2.0, rmse=9.0), ForecastEntry(5.0, rmse=4.0, constant_rate=9.0, constant=8.0))}
+    score = {"3": ScoreEntry(rmse=40.0, restarted=99.0)}
+    file = ValidationFile(schema="", models=score, best="3", expected=1.0, prediction=ahead, dof=YAW)
+    rows = {row["look at"]: row for row in five_numbers(RunsUsed(9), {}, file, None)}
+    assert rows["error 5 s ahead"]["verdict"] == "good" and rows["restarted error"]["verdict"] == MISSING
+    assert worst([*rows.values()]) == "good, but not known: diagnosis" and worst([]) == ""
 
 
 def test_the_box_says_when_the_runs_were_where_their_clocks_know_it(tmp_path: Path) -> None:
