@@ -21,6 +21,7 @@ KINDS = {
     "clean": "clean", "scatter": "thrust scatters by 3 %", "between": "switched between samples",
     "delay": "delay of 0.25 s",
 }  # fmt: skip
+README_KINDS = {"clean": "equal thrust in all runs", "scatter": "thrust varies by 3 % from run to run"}
 SIZES = (12, 24, 72)
 NAMELESS = ("suspected", "unexplained", "refused")
 MARKS = ("right", "tie", "half", "wrong", "missed")
@@ -176,29 +177,44 @@ def ahead(found: Row) -> Iterator[str]:
 
 
 def readme_lines(found: Row) -> str:
-    """A table of one row a question: automarine, and the best of the others."""
+    """A table of one row a question: automarine, and the best of the others; the better one is bold."""
     rows = []
     if "fit" in found:
         for kind in ("clean", "scatter"):
             rms = {t: of["I_r"]["rms"] for t in fit_tools(found) if (of := pooled(found, t, kind))}
-            rows.append([f"error of inertia over the least possible: {KINDS[kind]}", *best_of(rms, "{}")])
+            ours, best = (campaigns(found, tool, kind) for tool in (OURS, min(rms.keys() - {OURS}, key=rms.__getitem__)))
+            count = f"{ours} campaigns" if ours == best else f"{ours} campaigns, other tool {best}"
+            rows.append([f"error of inertia¹, {README_KINDS[kind]} ({count})", *best_of(rms, "{}")])
     if some := found.get("names"):
-        right = {tool: -float(row["right"]) for tool, row in some.items()}
-        best = min((tool for tool in right if tool != OURS), key=right.__getitem__, default=None)
-        shown = {tool: f"{row['right']} right, {row['false claims']} false claims" for tool, row in some.items()}
-        total = some[OURS]["campaigns"]
-        rows.append([f"what is missing, of {total} campaigns", shown[OURS], f"{best}: {shown[best]}" if best else "-"])
-    if some := {row["tool"]: row["ratio"][HORIZONS.index(5)] for row in found.get("predict", [])}:
-        rows.append(["error 5 s ahead on real logs over the best tool's, median", *best_of(some, "{}")])
+        wrong = {tool: (-float(row["right"]), tool) for tool, row in some.items()}
+        best = min((tool for tool in wrong if tool != OURS), key=wrong.__getitem__)
+        ours, other = (f"{some[t]['right']} right, {some[t]['false claims']} false" for t in (OURS, best))
+        ours, other = (ours, f"**{other}**") if wrong[best] < wrong[OURS] else (f"**{ours}**", other)
+        rows.append([f"hidden effect named, {some[OURS]['campaigns']} simulated campaigns", ours, f"{best}: {other}"])
+    for horizon in (5, 15) if found.get("predict") else ():
+        ratio = {row["tool"]: row["ratio"][HORIZONS.index(horizon)] for row in found["predict"]}
+        halves = found["predict"][0]["halves"]
+        said = f"error {horizon} s ahead over the best tool's, median of {halves} halves (3 real vehicles, 1 simulated)"
+        rows.append([said, *best_of(ratio, "{}")])
     if tables := found.get("thrusters"):
         means = {tool: float(np.mean([row[tool] for row in tables])) for tool in found["given thrusters"]}
-        rows.append(["error of a thruster map on levels left out, mean", *best_of(means, "{} %")])
+        said = f"error of a thruster map on levels left out, mean of {len(tables)} bollard tables"
+        rows.append([said, *best_of(means, "{} %")])
     return table(["question", OURS, "best other tool"], rows)
 
 
+def campaigns(found: Row, tool: str, kind: str) -> int:
+    """Count what a tool was measured on."""
+    return sum(row["campaigns"] for row in found["fit"]["rows"] if (row["tool"], row["kind"]) == (tool, kind))
+
+
 def best_of(errors: Mapping[str, float], shown: str) -> list[str]:
-    best = min((tool for tool in errors if tool != OURS), key=errors.__getitem__, default=None)
-    return [shown.format(number(errors[OURS])), f"{best}: {shown.format(number(errors[best]))}" if best else "-"]
+    """Our error and the least of the others'; the smaller is bold, and both are where they look the same."""
+    best = min(errors.keys() - {OURS}, key=errors.__getitem__)
+    cells = {tool: shown.format(number(errors[tool])) for tool in (OURS, best)}
+    least = cells[min(cells, key=errors.__getitem__)]
+    ours, other = (f"**{cell}**" if cell == least else cell for cell in cells.values())
+    return [ours, f"{best}: {other}"]
 
 
 def put(text: str, heading: str, block: str) -> str:
@@ -218,7 +234,7 @@ def written(page: str, readme: str, found: Row) -> tuple[str, str]:
     """Both pages with the numbers of the results."""
     for heading, block in blocks(found).items():
         page = put(page, heading, block) if block else page
-    return page, put(readme, "Why not MATLAB, a script or PySINDy?", readme_lines(found).rstrip())
+    return page, put(readme, "Compared with other tools", readme_lines(found).rstrip())
 
 
 def write() -> None:
