@@ -182,7 +182,9 @@ def readme_lines(found: Row) -> str:
     if "fit" in found:
         for kind in ("clean", "scatter"):
             rms = {t: of["I_r"]["rms"] for t in fit_tools(found) if (of := pooled(found, t, kind))}
-            ours, best = (campaigns(found, tool, kind) for tool in (OURS, min(rms.keys() - {OURS}, key=rms.__getitem__)))
+            ours, best = (
+                campaigns(found, tool, kind) for tool in (OURS, min(rms.keys() - {OURS}, key=rms.__getitem__))
+            )
             count = f"{ours} campaigns" if ours == best else f"{ours} campaigns, other tool {best}"
             rows.append([f"error of inertia¹, {README_KINDS[kind]} ({count})", *best_of(rms, "{}")])
     if some := found.get("names"):
