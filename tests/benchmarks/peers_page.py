@@ -42,7 +42,7 @@ def blocks(found: Row) -> dict[str, str]:
     return {
         "Where another tool is ahead": "\n".join(ahead(found)),
         "Fit inertia and drag": fit_table(found),
-        "Coverage of intervals": fit_table(found, coverage=True),
+        "Coverage of intervals": coverage_table(found),
         "Name what is missing": names_table(found),
         "Predict real logs": predict_table(found),
         "Map a thruster": thrusters_table(found),
@@ -90,24 +90,40 @@ def fit_tools(found: Row) -> list[str]:
     return list(dict.fromkeys(row["tool"] for row in found["fit"]["rows"]))
 
 
-def fit_table(found: Row, coverage: bool = False) -> str:
-    """A row a tool: bias ± spread in bounds, or coverage in percent, of inertia and drag by kind of campaign."""
+COLUMNS = [(kind, name) for kind in KINDS for name in ("I_r", "k_rr")]
+
+
+def fit_table(found: Row) -> str:
+    """A row a tool: bias ± spread in bounds of inertia and drag by kind of campaign; the least rms error is bold."""
     if "fit" not in found:
         return ""
+    of = {(tool, kind): pooled(found, tool, kind) for tool in fit_tools(found) for kind in KINDS}
+    least = {(kind, name): min(x[name]["rms"] for (_, k), x in of.items() if k == kind and x) for kind, name in COLUMNS}
     rows = []
     for tool in fit_tools(found):
         cells = []
-        for kind in KINDS:
-            of = pooled(found, tool, kind)
-            for name in ("I_r", "k_rr"):
-                each = of.get(name, {"coverage": None})
-                if coverage or not of:
-                    cells.append("-" if each["coverage"] is None else f"{each['coverage']:.0f}")
-                else:
-                    cells.append(f"{'-' if each['bias'] < 0 else '+'}{number(abs(each['bias']))}±{number(each['sd'])}")
-        if not coverage or set(cells) != {"-"}:
-            rows.append([tool, *cells])
-    return table(["tool", *(f"{kind}: {name}" for kind in KINDS for name in ("I_r", "k_rr"))], rows)
+        for kind, name in COLUMNS:
+            if not (each := of[tool, kind].get(name)):
+                cells.append("-")
+                continue
+            cell = f"{'-' if each['bias'] < 0 else '+'}{number(abs(each['bias']))}±{number(each['sd'])}"
+            cells.append(f"**{cell}**" if number(each["rms"]) == number(least[kind, name]) else cell)
+        rows.append([tool, *cells])
+    return table(["tool", *(f"{kind}: {name}" for kind, name in COLUMNS)], rows)
+
+
+def coverage_table(found: Row) -> str:
+    """A row a tool and number of runs: coverage in percent of inertia and drag by kind, with the campaigns of each."""
+    rows = []
+    for tool in fit_tools(found) if "fit" in found else ():
+        for size in SIZES:
+            of = {r["kind"]: r for r in found["fit"]["rows"] if (r["tool"], r["runs"]) == (tool, size)}
+            some = [of[kind][name]["coverage"] if kind in of else None for kind, name in COLUMNS]
+            if any(covered is not None for covered in some):
+                count = max(row["campaigns"] for row in of.values())
+                cells = ("-" if covered is None else f"{covered:.0f}" for covered in some)
+                rows.append([tool, str(size), str(count), *cells])
+    return table(["tool", "runs", "campaigns", *(f"{kind}: {name}" for kind, name in COLUMNS)], rows)
 
 
 def names_table(found: Row) -> str:
@@ -119,11 +135,12 @@ def names_table(found: Row) -> str:
 
 
 def predict_table(found: Row) -> str:
-    rows = [
-        [row["tool"], *map(number, row["ratio"]), *map(str, row["best"]), str(row["failed"])]
-        for row in found.get("predict", [])
-    ]
-    head = ["tool", *(f"{h} s: error over the best" for h in HORIZONS), *(f"best at {h} s" for h in HORIZONS), "failed"]
+    worst, rows = HORIZONS.index(5), list[list[str]]()
+    for row in found.get("predict", []):
+        errors = [*map(number, row["ratio"]), number(row["worst"][worst])]
+        rows.append([row["tool"], *errors, *map(str, row["best"]), str(row["failed"])])
+    ratios, best = ([form.format(h) for h in HORIZONS] for form in ("{} s: error over the best", "best at {} s"))
+    head = ["tool", *ratios, "worst half at 5 s", *best, "failed"]
     return table(head, rows)
 
 
@@ -154,7 +171,7 @@ def ahead(found: Row) -> Iterator[str]:
             rms = {tool: of[name]["rms"] for tool in fit_tools(found) if (of := pooled(found, tool, kind))}
             best = min((tool for tool in rms if tool != OURS), key=rms.__getitem__, default=OURS)
             if rms[best] < AHEAD * rms[OURS]:
-                both = f"{best} {number(rms[best])} bounds, automarine {number(rms[OURS])}"
+                both = f"{best} {number(rms[best])} times the least error, automarine {number(rms[OURS])}"
                 yield f"- **Fit, {shown}, {said}:** {both}."
     seconds = {tool: taken["24"] for tool, taken in found.get("fit", {}).get("seconds", {}).items() if "24" in taken}
     if seconds and (faster := [t for t in seconds if seconds[t] < AHEAD * seconds[OURS]]):
@@ -182,11 +199,10 @@ def readme_lines(found: Row) -> str:
     if "fit" in found:
         for kind in ("clean", "scatter"):
             rms = {t: of["I_r"]["rms"] for t in fit_tools(found) if (of := pooled(found, t, kind))}
-            ours, best = (
-                campaigns(found, tool, kind) for tool in (OURS, min(rms.keys() - {OURS}, key=rms.__getitem__))
-            )
-            count = f"{ours} campaigns" if ours == best else f"{ours} campaigns, other tool {best}"
-            rows.append([f"error of inertia¹, {README_KINDS[kind]} ({count})", *best_of(rms, "{}")])
+            least = min(rms.keys() - {OURS}, key=rms.__getitem__)
+            count, fewer = (campaigns(found, tool, kind) for tool in (OURS, least))
+            among = f"{count} campaigns" if count == fewer else f"{count} campaigns, other tool {fewer}"
+            rows.append([f"error of inertia¹, {README_KINDS[kind]} ({among})", *best_of(rms, "{}")])
     if some := found.get("names"):
         wrong = {tool: (-float(row["right"]), tool) for tool, row in some.items()}
         best = min((tool for tool in wrong if tool != OURS), key=wrong.__getitem__)
@@ -196,8 +212,8 @@ def readme_lines(found: Row) -> str:
     for horizon in (5, 15) if found.get("predict") else ():
         ratio = {row["tool"]: row["ratio"][HORIZONS.index(horizon)] for row in found["predict"]}
         halves = found["predict"][0]["halves"]
-        said = f"error {horizon} s ahead over the best tool's, median of {halves} halves (3 real vehicles, 1 simulated)"
-        rows.append([said, *best_of(ratio, "{}")])
+        among = f"median of {halves} halves of logs (3 real vehicles, 1 simulated)"
+        rows.append([f"error {horizon} s ahead over the best tool's, {among}", *best_of(ratio, "{}")])
     if tables := found.get("thrusters"):
         means = {tool: float(np.mean([row[tool] for row in tables])) for tool in found["given thrusters"]}
         said = f"error of a thruster map on levels left out, mean of {len(tables)} bollard tables"
