@@ -137,7 +137,7 @@ def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] |
     if low > CURVED or high < -CURVED:
         why = "The gain of the thrust goes with the size of the command, as with a dead-band or a curve of the thrust"
     elif prior.scatter is not None and prior.scatter >= WILD:
-        why = f"The thrust seems to scatter by {prior.scatter:.0%} from run to run, more than thrusters do"
+        why = f"The thrust seems to scatter by {100 * prior.scatter:.0f} % from run to run, more than thrusters do"
     else:
         return None
     names = {term.name for term in prior.model.terms}
