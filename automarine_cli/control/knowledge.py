@@ -99,7 +99,7 @@ def read_knowledge(
     force = file.force_range
     largest = max(map(abs, force)) if force else None
     models = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]
-    present = {term.name for term in prior.model.terms}
+    present = {term.name for term in prior.model.terms} | ({DELAY} if delay is not None else set())
     if len(bare.terms) < len(prior.model.terms):
         have = {term.name for term in bare.terms}
         names = [term.name for term in prior.model.terms if term.name not in have]
