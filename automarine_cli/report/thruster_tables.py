@@ -71,14 +71,13 @@ def sentences(result: ThrusterFit) -> tuple[str, ...]:
 
 def _answer(analysis: Analysis) -> str:
     """Say the map of one thruster: its equation with its numbers, and its error."""
-    chosen, values = analysis.chosen, dict[str, list[str]]()
-    for (name, side), value in analysis.estimates.items():
-        values.setdefault(side, []).append(f"{name} = {number(value.value, 3)}")
-    says = "; ".join([chosen.form.equation, *(f"{side} {', '.join(of)}" for side, of in values.items())])
+    says, cells = analysis.chosen.form.equation, analysis.estimates.items()
     if _is_square(analysis):
-        says = ", ".join(f"{number(law.value, 3)} n² {side}" for side, law in analysis.square.items())
-    says = f"F = {says} [N]" if _is_square(analysis) else chosen.form.equation if chosen.form.interpolates else says
-    return f"Thruster map: {says}; error {number(analysis.percent(chosen.error), 2)} % of full scale."
+        laws = (f"{number(law.value, 3)} n² {side}" for side, law in analysis.square.items())
+        says = f"F = {', '.join(laws)} [N]"
+    elif not analysis.chosen.form.interpolates:
+        says = "; ".join([says, *(f"{side} {name} = {number(value.value, 3)}" for (name, side), value in cells)])
+    return f"Thruster map: {says}; error {number(analysis.percent(analysis.chosen.error), 2)} % of full scale."
 
 
 def thrusters(result: ThrusterFit) -> Table:
