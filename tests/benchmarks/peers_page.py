@@ -217,7 +217,8 @@ def readme_lines(found: Row) -> str:
         rows.append([f"error {horizon} s ahead over the best tool's, {among}", *best_of(ratio, "{}")])
     if tables := found.get("thrusters"):
         means = {tool: float(np.mean([row[tool] for row in tables])) for tool in found["given thrusters"]}
-        said = f"error of a thruster map on levels left out, mean of {len(tables)} bollard tables"
+        named = len({row["table"] for row in tables})
+        said = f"error of a thruster map on levels left out, mean of {len(tables)} splits of {named} bollard tables"
         rows.append([said, *best_of(means, "{} %")])
     return table(["question", OURS, "best other tool"], rows)
 
