@@ -233,7 +233,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         said = f"{DRAG_LAWS[model].capitalize()} drag: {spread}" if means.min() > 0 else named_model(model).capitalize()
         ax.set_title(f"{said}\n${dof.symbols.inertia}$ {interval(ml)} {ml.unit}", loc="left")
         ax.set(xlabel=_full_force(fit), ylim=(min(0.0, ax.get_ylim()[0]), None))
-    axes[0, 0].set_ylabel(f"${dof.symbols.inertia}$ of one run / fitted ${dof.symbols.inertia}$")
+    axes[0, 0].set_ylabel(f"${dof.symbols.inertia}$ of one run [× fitted ${dof.symbols.inertia}$]")
     style.legend_below(figure, axes[0, 0], ncols=4)
     return figure
 
