@@ -38,8 +38,17 @@ $(DOCS_READY): $(READY)
 	touch $@
 
 demo: $(READY) ## Thrusters, yaw model, validation, a diagnosis of sample_runs and a controller, into OUT/demo
-	$(MAKE) fit-thrusters fit-yaw validate diagnose-one tune OUT=$(OUT)/demo
-	echo
+	echo "== 1/5 Bollard tests: the thruster map"
+	$(MAKE) fit-thrusters OUT=$(OUT)/demo
+	printf '\n%s\n' "== 2/5 Step runs: inertia and drag (truth: I_r 1.018, k_rr 1.257)"
+	$(MAKE) fit-yaw OUT=$(OUT)/demo
+	printf '\n%s\n' "== 3/5 Four other runs, predicted from their commands alone"
+	$(MAKE) validate OUT=$(OUT)/demo
+	printf '\n%s\n' "== 4/5 A second campaign with a hidden effect: fit, then diagnose (truth: water-swirl, chi 0.15, T_w 10 s)"
+	$(MAKE) diagnose-one OUT=$(OUT)/demo
+	printf '\n%s\n' "== 5/5 A heading controller for the vehicle of that campaign"
+	$(MAKE) tune OUT=$(OUT)/demo
+	printf '\n%s\n' "== All results"
 	echo "Tables:  $(OUT)/demo/yaw/table1.md  $(OUT)/demo/yaw/table2.md  $(OUT)/demo/validation/validation.md"
 	echo "Plots:   $(OUT)/demo/thrusters/*.png  $(OUT)/demo/yaw/*.png  $(OUT)/demo/validation/*.png"
 	echo "Hidden:  $(OUT)/demo/diagnose_one/diagnosis.md  $(OUT)/demo/diagnose_one/*.png"

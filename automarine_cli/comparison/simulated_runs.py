@@ -246,7 +246,7 @@ LONGEST = 1.5  # s to either side
 SHORTEST = 1.0  # s between restarts; changes that follow each other sooner are one ramp
 EVERY = 15.0  # s between restarts where the command changes all the time
 ALL_THE_TIME, RAMPING = 0.2, 0.5  # changes a sample, share of the time on ramps
-AT_CHANGES = "before each change of {force}, a ramp being one"
+AT_CHANGES = "before each change of {force} (a ramp is one change)"
 AT_TIMES = f"every {EVERY:g} s, because the {{force}} changes all the time"
 NEVER = "never: the {force} does not change after the start"
 

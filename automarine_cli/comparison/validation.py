@@ -377,7 +377,7 @@ def compare(
         models[number] = Scored(free, errors, {name: pooled(errors, score, drawn) for name, score in SCORES.items()})
     values = {number: scored.overall["rmse"].value for number, scored in models.items()}
     ranked = sorted((value, len(stored.models[n].theta), n) for n, value in values.items() if value is not None)
-    best, because = _because([number for *_, number in ranked], models, drawn, stored.dof)
+    best, because = _because([number for *_, number in ranked], models, drawn, stored)
     floors = tuple(float(run.dof.shown(position_noise(run.time, run.position))) for run in runs)
     expected = expected_error(stored.models[stored.preferred], models[stored.preferred].free, stored.scatter, seed)
     return Validation(stored, models, best, because, restarts, floors, expected=expected)
@@ -398,23 +398,28 @@ def expected_error(model: YawModel, free: Sequence[FreeRun], scatter: float | No
     return size if np.isfinite(size) else None
 
 
+EQUAL = 0.01  # share of the error below which a lead is of no use
+
+
 def _because(
-    ranked: Sequence[str], models: Mapping[str, Scored], drawn: NDArray[np.int64], dof: Dof
+    ranked: Sequence[str], models: Mapping[str, Scored], drawn: NDArray[np.int64], stored: StoredModels
 ) -> tuple[str | None, str]:
-    """Say which model follows the runs best, and whether its lead over the next could be chance."""
+    """Say which model follows the runs best, and whether its lead over the next could be chance or matters."""
     if not ranked:
         return None, "No model follows these runs: every simulation diverges."
-    best = ranked[0]
-    if len(models) == 1:
-        return best, f"Model {best} is the only one."
-    says = f"Model {best} has the smallest free-run {dof.position} error over all runs"
-    for number in ranked[1:2]:
-        gap = lead(models[best].errors, models[number].errors, drawn)
-        says += f", {_digits(gap.value)} {dof.units.shown} below model {number}"
-        if gap.ci95 is not None:
-            sure = "" if gap.ci95[0] > 0 else ": it may be chance"
-            says += f". The lead's 95 % interval over runs is {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])}{sure}"
-    return best, f"{says}."
+    best, *behind = ranked
+    if not behind:
+        return best, f"Model {best} is the only one" + " that follows all runs" * (len(models) > 1) + "."
+    second, error = behind[0], models[best].overall["rmse"].value or 0.0
+    gap = lead(models[best].errors, models[second].errors, drawn)
+    between = "" if gap.ci95 is None else " [{}, {}]".format(*map(_digits, gap.ci95))
+    apart = f"{_digits(gap.value)}{between} {stored.dof.units.shown}"
+    if (gap.value or 0.0) > EQUAL * error and (gap.ci95 is None or gap.ci95[0] > 0):
+        says = f"Model {best} has the smallest free-run {stored.dof.position} error"
+        return best, f"{says}, {apart} below model {second}."
+    sizes = {number: len(stored.models[number].theta) for number in sorted((best, second))}
+    simpler = f"; model {min(sizes, key=sizes.__getitem__)} is simpler" * (len(set(sizes.values())) > 1)
+    return best, f"Models {' and '.join(sizes)} are equally good, {apart} apart{simpler}."
 
 
 def _digits(gap: float | None) -> str:

@@ -99,7 +99,7 @@ def read_knowledge(
     force = file.force_range
     largest = max(map(abs, force)) if force else None
     models = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]
-    present = {term.name for term in prior.model.terms}
+    present = {term.name for term in prior.model.terms} | ({DELAY} if delay is not None else set())
     if len(bare.terms) < len(prior.model.terms):
         have = {term.name for term in bare.terms}
         names = [term.name for term in prior.model.terms if term.name not in have]
@@ -137,7 +137,7 @@ def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] |
     if low > CURVED or high < -CURVED:
         why = "The gain of the thrust goes with the size of the command, as with a dead-band or a curve of the thrust"
     elif prior.scatter is not None and prior.scatter >= WILD:
-        why = f"The thrust seems to scatter by {prior.scatter:.0%} from run to run, more than thrusters do"
+        why = f"The thrust seems to scatter by {100 * prior.scatter:.0f} % from run to run, more than thrusters do"
     else:
         return None
     names = {term.name for term in prior.model.terms}
@@ -224,7 +224,7 @@ def _sizes(model: YawModel) -> Floats:
 def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None) -> tuple[float, bool, str]:
     """The longest delay beyond the model's, whether nothing is known of it, and a sentence on it."""
     if delay is not None:
-        return delay, False, f"Delays up to {delay:g} s beyond the model's are allowed for, as asked."
+        return delay, False, f"The gains allow for delays up to {delay:g} s beyond the model's (--delay)."
     # A diagnosis confines the delay to half a sample interval: a longer one it shows only as an effect.
     fitted = judged is None and prior.file is not None and prior.file.command_delay_s is not None
     if fitted or any(term.name in LATE for term in prior.model.terms):
@@ -233,7 +233,7 @@ def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None
     late = max((visible[name] for name in LATE[:2] if name in visible), default=None)
     if late is None:
         return 0.0, True, ""
-    return late, False, f"Delays up to {late:.2g} s are allowed for: longer ones the diagnosis would have seen."
+    return late, False, f"The gains allow for delays up to {late:.2g} s. The diagnosis would have detected longer ones."
 
 
 def authority(

@@ -190,7 +190,7 @@ class Tuning(Shown, Problem):
 
     def target_text(self) -> str:
         assert self.new is not None
-        share = f"{self.new.share_with(self.task.margin):.0%}"
+        share = f"{100 * self.new.share_with(self.task.margin):.0f} %"
         holds = f"Disk margin {self.task.margin:g} or more for {share} of the vehicles that the model allows."
         notes = [f"From {self.source} by automarine tune.", holds, *headlines(self)]
         if self.target.beyond and self.target.firmware:
@@ -222,7 +222,7 @@ def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
         result = _judged(replace(problem, task=replace(task, seconds=longer * seconds)), present)
         if result is not None:
             return result
-    why = f"The best gains that keep a disk margin of {task.margin:g} do not settle for {design.SHARE:.0%} of the"
+    why = f"The best gains with a disk margin of {task.margin:g} do not settle for {100 * design.SHARE:.0f} % of the"
     return _reached(problem, "cannot-promise", f"{why} vehicles that the model allows. {_more(problem.target)}")
 
 
@@ -247,16 +247,16 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
     if dear is not None:
         return _reached(problem, "cannot-promise", *dear, old=old)
     if chosen is None:
-        why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {design.SHARE:.0%} of the vehicles"
-        why = f"{why} that the model allows. {_more(target)}"
+        why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {100 * design.SHARE:.0f} % of the"
+        why = f"{why} vehicles that the model allows. {_more(target)}"
         return _reached(problem, "cannot-promise", why, old=old, beyond=_beyond(short, problem))
     new = design.outcome(problem, chosen)
     if not design.keeps(new, problem):
         return None
     if old is not None and keeps and not new.rejects(task):
         return _reached(problem, "leave", _leave(old, task), old=old)
-    share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
-    before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
+    share = f"{100 * new.share_with(task.margin):.0f} % of the vehicles that the model allows"
+    before = "" if old is None else f"; with the present ones for {100 * old.share_with(task.margin):.0f} %"
     why = f"They keep a disk margin of {task.margin:g} for {share}{before}."
     beyond = _beyond(short, problem) if target.at_ends(new.gains) else None
     return _reached(problem, "gains", why, old=old, new=new, beyond=beyond)
@@ -273,7 +273,7 @@ def _beyond(short: Problem, problem: Problem) -> Outcome | None:
 
 
 def _leave(old: Outcome, task: Task) -> str:
-    share = f"{old.share_with(task.margin):.0%} of the vehicles that the model allows"
+    share = f"{100 * old.share_with(task.margin):.0f} % of the vehicles that the model allows"
     more = "" if old.rejects(task) else " No others reject the load in time."
     return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle.{more}"
 

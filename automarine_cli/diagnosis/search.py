@@ -242,8 +242,8 @@ def compensating(study: DiagnosisProblem, base: CandidateFit, final: CandidateFi
         if alone < USELESS:
             pairs[pair] = (
                 f"{' and '.join(pair)} undo each other (correlation {together:.2f}; alone either gains at most "
-                f"{max(alone, 0.0):.0%} of what both do): together they may stand for one law that is not in the "
-                "library."
+                f"{100 * max(alone, 0.0):.0f} % of what both do): together they may stand for one law that is not in "
+                "the library."
             )
     return pairs
 

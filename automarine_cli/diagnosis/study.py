@@ -68,10 +68,10 @@ class LimitCycle:
     def sentence(self, dof: Dof) -> str:
         force, position = dof.words.force, dof.words.position
         return (
-            f"Command and {position} swing together every {self.period:.2g} s ({self.share:.0%} of the commanded "
-            f"{force}), the {position} {np.degrees(self.phase):.0f} degrees of the cycle behind the {force}: a limit "
-            "cycle of the controller. A lag, a delay or a dead-band makes one; a periodic disturbance of that period "
-            "is not believed."
+            f"Command and {position} swing together every {self.period:.2g} s ({100 * self.share:.0f} % of the "
+            f"commanded {force}), the {position} {np.degrees(self.phase):.0f} degrees of the cycle behind the {force}: "
+            "a limit cycle of the controller. A lag, a delay or a dead-band makes one; a periodic disturbance of that "
+            "period is not believed."
         )
 
 

@@ -199,7 +199,8 @@ def _verdict(
     tied = next((effect for effect in effects if effect.confidence < rules.EVEN), None)
     if tied is not None:
         alternatives = " or ".join(rival.name for rival in tied.rivals)
-        return SUSPECTED, f"A tie: the levels do not tell {tied.name} ({tied.confidence:.0%}) from {alternatives}."
+        share = f"{100 * tied.confidence:.0f} %"
+        return SUSPECTED, f"A tie: the levels do not tell {tied.name} ({share}) from {alternatives}."
     return NAMED, ""
 
 

@@ -17,6 +17,7 @@ from automarine_cli.filters.kalman import FilterResult, Predicted, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.known import Prior
+from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.mixed_model import natural_of, search_of
 from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.whole_runs import (
@@ -435,7 +436,7 @@ motion, and in the plane."""
 class Judgement:
     """What the preferred model is worth, by quantity and horizon, on each of so many `runs` by a fit to the others: of
     positions of one motion, or of heading and either place on the water or speeds. `proposed` is what the evidence
-    would add (the deviance gained, by effect), `large` a sentence where the disturbance is as large as the commands.
+    would add (the deviance gained, by effect), `large` a sentence where something else than the commands pushes hard.
 
     For people to look at, where a filter followed the runs: `predictions` of the position on the nodes of the `course`.
     """
@@ -567,6 +568,21 @@ def prefer_driven(
     how = "best" if chosen == best else "as well as any with more parameters"
     over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
     return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
+
+
+EVIDENT = 0.005  # share of the largest command by which an unknown push is no chance; hidden effects make 0.03 to 0.1
+
+
+def unknown_push(fit: OutputErrorFit, runs: Sequence[Run]) -> str:
+    """A sentence where noise and scattered thrust do not explain runs that were fitted whole; else empty."""
+    dof, of = fit.model.dof, max(float(np.abs(run.command).max()) for run in runs) / fit.model.inertia
+    if fit.mixed.factor_interval(DISTURBANCE)[0] < EVIDENT * of:
+        return ""
+    return (
+        f"Noise and thrust scatter do not explain these runs: a push of {100 * fit.mixed.factor(DISTURBANCE) / of:.2g} "
+        f"% of the largest {dof.words.force} is left. {dof.words.inertia.capitalize()} and drag may be wrong. Find the "
+        f"missing effect with `automarine diagnose LOGS --model {dof.name}_model.json`."
+    )
 
 
 def large_disturbance(course: Course, inertia: Floats, random: Mapping[str, float]) -> str:

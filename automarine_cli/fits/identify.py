@@ -589,8 +589,9 @@ def _fit_whole(
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
         preference = whole_runs.prefer(fits)
-        predictions = driven.whole_predictions(course, fits[preference.number])
-        use = driven.Judgement({dof.position: driven.worth_of(predictions)}, len(moving))
+        fit = fits[preference.number]
+        worth = {dof.position: driven.worth_of(driven.whole_predictions(course, fit))}
+        use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
         how = "by output error, for the evidence asks for no disturbance"
     else:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
@@ -599,9 +600,9 @@ def _fit_whole(
         preference = driven.prefer_driven(fits, ahead, dof) or whole_runs.prefer(fits)
         number = preference.number
         [(fits[number], proposed)] = map_jobs(partial(driven.widened, course), [fits[number]], "widening intervals")
-        fit, worth = fits[number], driven.worth_of(ahead[number])
+        fit, worth = fits[number], {dof.position: driven.worth_of(ahead[number])}
         large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
-        use = driven.Judgement({dof.position: worth}, len(moving), ahead[number], course, proposed, large)
+        use = driven.Judgement(worth, len(moving), ahead[number], course, proposed, large)
         how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
         period = float(np.median([run.sample_period for run in moving]))
         if (count := averaged_over(period)) > 1:

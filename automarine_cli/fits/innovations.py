@@ -534,4 +534,4 @@ def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
             used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{bound})")
         if sensor.why:
             lines.append(sensor.why if sensor.used else f"The {name} does not count. {sensor.why}")
-    return [f"Sensors that count: {' and '.join(used)}.", *lines]
+    return [f"Sensors used: {' and '.join(used)}.", *lines]

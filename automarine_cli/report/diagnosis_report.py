@@ -57,7 +57,7 @@ def _sections(
         page += _effect(effect, dof, parameters)
         for row in parameters:
             columns = {head: value for head, value in row.items() if head != "meaning"}
-            rows.append({"effect": name, **columns, "confidence": f"{effect.confidence:.0%}"})
+            rows.append({"effect": name, **columns, "confidence": f"{100 * effect.confidence:.0f} %"})
     tried, gaps = candidates(data, effects), gap_tables(data, unit, key, notes[0])
     threshold = f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}"
     fitted = [row for row in tried if row["is"] != "not fitted"][:MAX_CANDIDATES]
@@ -92,7 +92,7 @@ def _sections(
 
 def _rivals(effect: NamedEffect) -> list[str]:
     lines = [
-        f"Cannot be excluded: {rival.label or rival.name} (weight {rival.confidence:.0%}). "
+        f"Cannot be excluded: {rival.label or rival.name} (weight {100 * rival.confidence:.0f} %). "
         f"Told apart by {rival.split_by}."
         for rival in effect.rivals[:MAX_RIVALS]
     ]
@@ -107,7 +107,7 @@ def _effect(effect: NamedEffect, dof: Dof | None, parameters: Sequence[Mapping[s
     if dof and law:
         yield f"`{dof.fill(law.equation)}`"
     yield Table.of("", parameters)
-    yield f"Confidence that it is this effect: {effect.confidence:.0%}."
+    yield f"Confidence that it is this effect: {100 * effect.confidence:.0f} %."
     yield bullets(map(escape, _rivals(effect)))
     if effect.learned is not None:
         yield "![What was learned](learned.png)\n\nThe curve as a table is in diagnosis.json, under `learned`."
@@ -189,7 +189,7 @@ def regions_table(regions: Sequence[Region], unit: str) -> list[Table]:
     rows = [
         {"variable": region.variable, "from": number(region.low, 3), "to": number(region.high, 3),
          "unit": region.unit or MISSING, f"gap [{unit}]": number(region.gap, 3),
-         "share of the gap": f"{region.share:.0%}", "p": number(region.p_value, 2), "runs": len(region.runs)}
+         "share of the gap": f"{100 * region.share:.0f} %", "p": number(region.p_value, 2), "runs": len(region.runs)}
         for region in regions
     ]  # fmt: skip
     note = (

@@ -317,7 +317,7 @@ def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
     noises = fit.found.fit.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
-    yield f"Sensors that count (noise in rad, m and seconds): {', '.join(channels)}."
+    yield f"Sensors used (noise in rad, m and seconds): {', '.join(channels)}."
 
 
 def prediction_table(use: Judgement) -> Table:

@@ -237,7 +237,7 @@ def escape(text: str) -> str:
     commands that our own sentences name stay code."""
     text = re.sub(r"([\\|`*<>\[\]$~]|^#)", r"\\\1", _one_line(text))
     text = re.sub(r"(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\\_", text)
-    return re.sub(r"\\`(automarine [a-z-]+)\\`", r"`\1`", re.sub(r"&(?=#?\w+;)", "&amp;", text))
+    return re.sub(r"\\`(automarine [\w. -]+)\\`", r"`\1`", re.sub(r"&(?=#?\w+;)", "&amp;", text))
 
 
 def _markdown_row(row: Sequence[str]) -> str:

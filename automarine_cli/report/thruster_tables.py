@@ -60,13 +60,24 @@ def tables(result: ThrusterFit, details: Table) -> tuple[Table, ...]:
 
 
 def sentences(result: ThrusterFit) -> tuple[str, ...]:
-    lines, reduction = [result.analysis.because, result.tare.says], result.reduction
+    lines, reduction = [_answer(result.analysis), result.analysis.because, result.tare.says], result.reduction
     if reduction.plateaus:
         left_out = f"; {reduction.left_out} were left out" * (reduction.left_out > 0)
         lines.append(f"{reduction.samples} samples were reduced to {reduction.plateaus} plateaus{left_out}.")
     if result.logs.missing:
         lines.append(f"{result.logs.missing} rows without a control signal or a force were left out.")
     return (*lines, *result.notes)
+
+
+def _answer(analysis: Analysis) -> str:
+    """Say the map of one thruster: its equation with its numbers, and its error."""
+    says, cells = analysis.chosen.form.equation, analysis.estimates.items()
+    if _is_square(analysis):
+        laws = (f"{number(law.value, 3)} n² {side}" for side, law in analysis.square.items())
+        says = f"F = {', '.join(laws)} [N]"
+    elif not analysis.chosen.form.interpolates:
+        says = "; ".join([says, *(f"{side} {name} = {number(value.value, 3)}" for (name, side), value in cells)])
+    return f"Thruster map: {says}; error {number(analysis.percent(analysis.chosen.error), 2)} % of full scale."
 
 
 def thrusters(result: ThrusterFit) -> Table:

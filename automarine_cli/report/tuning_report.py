@@ -64,9 +64,9 @@ def _promised_table(tuning: Tuning) -> Table:
     for name, outcome in tuning.outcomes():
         bands = margins_of(outcome) | promises(outcome, dof)
         columns[name] = {key: cell(of) for key, of in bands.items()}
-        columns[name]["settles"] = f"{np.mean(outcome.scores.settles):.0%}"
-        columns[name]["keeps"] = f"{outcome.share_with(task.margin):.0%}"
-        columns[name]["rejects"] = f"{np.mean(outcome.scores.left <= task.band):.0%}"
+        columns[name]["settles"] = f"{100 * np.mean(outcome.scores.settles):.0f} %"
+        columns[name]["keeps"] = f"{100 * outcome.share_with(task.margin):.0f} %"
+        columns[name]["rejects"] = f"{100 * np.mean(outcome.scores.left <= task.band):.0f} %"
     rows = [{"": label} | {name: cells[key] for name, cells in columns.items()} for key, label in words.items()]
     count = sum(len(crowd) for crowd in tuning.crowds)
     return Table.of("What to expect", rows, [

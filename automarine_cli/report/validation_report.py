@@ -85,19 +85,20 @@ def overall_table(result: Validation) -> Table:
 
 
 def run_table(result: Validation) -> Table:
+    """Lay out runs down, the best model first across: a narrow terminal leaves out the others."""
     rows, dof = list[dict[str, str]](), result.dof
     starts = next(iter(result.models.values())).free
+    order = sorted(result.models, key=lambda model: model != result.best)
     for i, (run, floor, restarts) in enumerate(zip(result.runs, result.floors, result.restarts)):
-        scores = {model: scored.values[i] for model, scored in result.models.items()}
-        rows.append({
-            "run": run.name,
-            "s": number(float(run.time[-1] - run.time[0]), 3),
-            f"noise {dof.units.shown}": number(floor, 2),
-            **{f"model {m}": DIVERGED if of["rmse"] is None else number(of["rmse"], 3) for m, of in scores.items()},
-            **{f"{m} restarted": number(of["restarted_rmse"], 3) for m, of in scores.items()},
-            "horizon s": number(restarts.horizon, 3),
+        rows.append({"run": run.name, f"noise {dof.units.shown}": number(floor, 2)})
+        for model in order:
+            scores = result.models[model].values[i]
+            rows[-1][f"model {model}"] = DIVERGED if scores["rmse"] is None else number(scores["rmse"], 3)
+            rows[-1][f"{model} restarted"] = number(scores["restarted_rmse"], 3)
+        rows[-1] |= {
+            "horizon s": number(restarts.horizon, 3), "s": number(float(run.time[-1] - run.time[0]), 3),
             "start": starts[i].start.how.split(":")[0],
-        })  # fmt: skip
+        }  # fmt: skip
     return Table.of(
         f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted", rows
     )
@@ -159,8 +160,8 @@ def _notes(result: Validation) -> list[str]:
     dof, rules = result.dof, dict.fromkeys(restarts.rule for restarts in result.restarts)
     return [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone.",
-        f"Restarted: simulated anew from the smoothed log {'; or '.join(rules)} (even a perfect model shows the "
-        "smoothing error).",
+        f"Restarted: simulated anew from the smoothed log {'; or '.join(rules)}. Even a perfect model shows "
+        "the smoothing error.",
         f"Noise level of the {dof.position}, estimated without a model: {number(result.floor, 3)} {dof.units.shown}.",
         *([_expected(result)] if result.expected is not None else []),
         *(["Brackets: 95 % bootstrap intervals over runs."] if len(result.runs) >= 3 else []),

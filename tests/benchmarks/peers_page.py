@@ -21,6 +21,7 @@ KINDS = {
     "clean": "clean", "scatter": "thrust scatters by 3 %", "between": "switched between samples",
     "delay": "delay of 0.25 s",
 }  # fmt: skip
+README_KINDS = {"clean": "equal thrust in all runs", "scatter": "thrust varies by 3 % from run to run"}
 SIZES = (12, 24, 72)
 NAMELESS = ("suspected", "unexplained", "refused")
 MARKS = ("right", "tie", "half", "wrong", "missed")
@@ -34,6 +35,7 @@ OKABE_ITO = {
     "polynomial": ("#E69F00", "^"), "monotone spline": ("#0072B2", "v"),
 }  # fmt: skip
 """Colours that the colour-blind tell apart, and a marker each."""
+HOUSE_BLUE = "#0072B2"
 
 
 def blocks(found: Row) -> dict[str, str]:
@@ -41,7 +43,7 @@ def blocks(found: Row) -> dict[str, str]:
     return {
         "Where another tool is ahead": "\n".join(ahead(found)),
         "Fit inertia and drag": fit_table(found),
-        "Coverage of intervals": fit_table(found, coverage=True),
+        "Coverage of intervals": coverage_table(found),
         "Name what is missing": names_table(found),
         "Predict real logs": predict_table(found),
         "Map a thruster": thrusters_table(found),
@@ -89,24 +91,40 @@ def fit_tools(found: Row) -> list[str]:
     return list(dict.fromkeys(row["tool"] for row in found["fit"]["rows"]))
 
 
-def fit_table(found: Row, coverage: bool = False) -> str:
-    """A row a tool: bias ± spread in bounds, or coverage in percent, of inertia and drag by kind of campaign."""
+COLUMNS = [(kind, name) for kind in KINDS for name in ("I_r", "k_rr")]
+
+
+def fit_table(found: Row) -> str:
+    """A row a tool: bias ± spread in bounds of inertia and drag by kind of campaign; the least rms error is bold."""
     if "fit" not in found:
         return ""
+    of = {(tool, kind): pooled(found, tool, kind) for tool in fit_tools(found) for kind in KINDS}
+    least = {(kind, name): min(x[name]["rms"] for (_, k), x in of.items() if k == kind and x) for kind, name in COLUMNS}
     rows = []
     for tool in fit_tools(found):
         cells = []
-        for kind in KINDS:
-            of = pooled(found, tool, kind)
-            for name in ("I_r", "k_rr"):
-                each = of.get(name, {"coverage": None})
-                if coverage or not of:
-                    cells.append("-" if each["coverage"] is None else f"{each['coverage']:.0f}")
-                else:
-                    cells.append(f"{'-' if each['bias'] < 0 else '+'}{number(abs(each['bias']))}±{number(each['sd'])}")
-        if not coverage or set(cells) != {"-"}:
-            rows.append([tool, *cells])
-    return table(["tool", *(f"{kind}: {name}" for kind in KINDS for name in ("I_r", "k_rr"))], rows)
+        for kind, name in COLUMNS:
+            if not (each := of[tool, kind].get(name)):
+                cells.append("-")
+                continue
+            cell = f"{'-' if each['bias'] < 0 else '+'}{number(abs(each['bias']))}±{number(each['sd'])}"
+            cells.append(f"**{cell}**" if number(each["rms"]) == number(least[kind, name]) else cell)
+        rows.append([tool, *cells])
+    return table(["tool", *(f"{kind}: {name}" for kind, name in COLUMNS)], rows)
+
+
+def coverage_table(found: Row) -> str:
+    """A row a tool and number of runs: coverage in percent of inertia and drag by kind, with the campaigns of each."""
+    rows = []
+    for tool in fit_tools(found) if "fit" in found else ():
+        for size in SIZES:
+            of = {r["kind"]: r for r in found["fit"]["rows"] if (r["tool"], r["runs"]) == (tool, size)}
+            some = [of[kind][name]["coverage"] if kind in of else None for kind, name in COLUMNS]
+            if any(covered is not None for covered in some):
+                count = max(row["campaigns"] for row in of.values())
+                cells = ("-" if covered is None else f"{covered:.0f}" for covered in some)
+                rows.append([tool, str(size), str(count), *cells])
+    return table(["tool", "runs", "campaigns", *(f"{kind}: {name}" for kind, name in COLUMNS)], rows)
 
 
 def names_table(found: Row) -> str:
@@ -118,11 +136,12 @@ def names_table(found: Row) -> str:
 
 
 def predict_table(found: Row) -> str:
-    rows = [
-        [row["tool"], *map(number, row["ratio"]), *map(str, row["best"]), str(row["failed"])]
-        for row in found.get("predict", [])
-    ]
-    head = ["tool", *(f"{h} s: error over the best" for h in HORIZONS), *(f"best at {h} s" for h in HORIZONS), "failed"]
+    worst, rows = HORIZONS.index(5), list[list[str]]()
+    for row in found.get("predict", []):
+        errors = [*map(number, row["ratio"]), number(row["worst"][worst])]
+        rows.append([row["tool"], *errors, *map(str, row["best"]), str(row["failed"])])
+    ratios, best = ([form.format(h) for h in HORIZONS] for form in ("{} s: error over the best", "best at {} s"))
+    head = ["tool", *ratios, "worst half at 5 s", *best, "failed"]
     return table(head, rows)
 
 
@@ -153,7 +172,7 @@ def ahead(found: Row) -> Iterator[str]:
             rms = {tool: of[name]["rms"] for tool in fit_tools(found) if (of := pooled(found, tool, kind))}
             best = min((tool for tool in rms if tool != OURS), key=rms.__getitem__, default=OURS)
             if rms[best] < AHEAD * rms[OURS]:
-                both = f"{best} {number(rms[best])} bounds, automarine {number(rms[OURS])}"
+                both = f"{best} {number(rms[best])} times the least error, automarine {number(rms[OURS])}"
                 yield f"- **Fit, {shown}, {said}:** {both}."
     seconds = {tool: taken["24"] for tool, taken in found.get("fit", {}).get("seconds", {}).items() if "24" in taken}
     if seconds and (faster := [t for t in seconds if seconds[t] < AHEAD * seconds[OURS]]):
@@ -176,29 +195,46 @@ def ahead(found: Row) -> Iterator[str]:
 
 
 def readme_lines(found: Row) -> str:
-    """A table of one row a question: automarine, and the best of the others."""
+    """A table of one row a question: automarine, and the best of the others; the better one is bold."""
     rows = []
     if "fit" in found:
         for kind in ("clean", "scatter"):
             rms = {t: of["I_r"]["rms"] for t in fit_tools(found) if (of := pooled(found, t, kind))}
-            rows.append([f"error of inertia over the least possible: {KINDS[kind]}", *best_of(rms, "{}")])
+            least = min(rms.keys() - {OURS}, key=rms.__getitem__)
+            count, fewer = (campaigns(found, tool, kind) for tool in (OURS, least))
+            among = f"{count} campaigns" if count == fewer else f"{count} campaigns, other tool {fewer}"
+            rows.append([f"error of inertia¹, {README_KINDS[kind]} ({among})", *best_of(rms, "{}")])
     if some := found.get("names"):
-        right = {tool: -float(row["right"]) for tool, row in some.items()}
-        best = min((tool for tool in right if tool != OURS), key=right.__getitem__, default=None)
-        shown = {tool: f"{row['right']} right, {row['false claims']} false claims" for tool, row in some.items()}
-        total = some[OURS]["campaigns"]
-        rows.append([f"what is missing, of {total} campaigns", shown[OURS], f"{best}: {shown[best]}" if best else "-"])
-    if some := {row["tool"]: row["ratio"][HORIZONS.index(5)] for row in found.get("predict", [])}:
-        rows.append(["error 5 s ahead on real logs over the best tool's, median", *best_of(some, "{}")])
+        wrong = {tool: (-float(row["right"]), tool) for tool, row in some.items()}
+        best = min((tool for tool in wrong if tool != OURS), key=wrong.__getitem__)
+        ours, other = (f"{some[t]['right']} right, {some[t]['false claims']} false" for t in (OURS, best))
+        ours, other = (ours, f"**{other}**") if wrong[best] < wrong[OURS] else (f"**{ours}**", other)
+        rows.append([f"hidden effect named, {some[OURS]['campaigns']} simulated campaigns", ours, f"{best}: {other}"])
+    for horizon in (5, 15) if found.get("predict") else ():
+        ratio = {row["tool"]: row["ratio"][HORIZONS.index(horizon)] for row in found["predict"]}
+        halves = found["predict"][0]["halves"]
+        among = f"median of {halves} halves of logs (3 real vehicles, 1 simulated)"
+        rows.append([f"error {horizon} s ahead over the best tool's, {among}", *best_of(ratio, "{}")])
     if tables := found.get("thrusters"):
         means = {tool: float(np.mean([row[tool] for row in tables])) for tool in found["given thrusters"]}
-        rows.append(["error of a thruster map on levels left out, mean", *best_of(means, "{} %")])
+        named = len({row["table"] for row in tables})
+        said = f"error of a thruster map on levels left out, mean of {len(tables)} splits of {named} bollard tables"
+        rows.append([said, *best_of(means, "{} %")])
     return table(["question", OURS, "best other tool"], rows)
 
 
+def campaigns(found: Row, tool: str, kind: str) -> int:
+    """Count what a tool was measured on."""
+    return sum(row["campaigns"] for row in found["fit"]["rows"] if (row["tool"], row["kind"]) == (tool, kind))
+
+
 def best_of(errors: Mapping[str, float], shown: str) -> list[str]:
-    best = min((tool for tool in errors if tool != OURS), key=errors.__getitem__, default=None)
-    return [shown.format(number(errors[OURS])), f"{best}: {shown.format(number(errors[best]))}" if best else "-"]
+    """Our error and the least of the others'; the smaller is bold, and both are where they look the same."""
+    best = min(errors.keys() - {OURS}, key=errors.__getitem__)
+    cells = {tool: shown.format(number(errors[tool])) for tool in (OURS, best)}
+    least = cells[min(cells, key=errors.__getitem__)]
+    ours, other = (f"**{cell}**" if cell == least else cell for cell in cells.values())
+    return [ours, f"{best}: {other}"]
 
 
 def put(text: str, heading: str, block: str) -> str:
@@ -218,7 +254,7 @@ def written(page: str, readme: str, found: Row) -> tuple[str, str]:
     """Both pages with the numbers of the results."""
     for heading, block in blocks(found).items():
         page = put(page, heading, block) if block else page
-    return page, put(readme, "Why not MATLAB, a script or PySINDy?", readme_lines(found).rstrip())
+    return page, put(readme, "Compared with other tools", readme_lines(found).rstrip())
 
 
 def write() -> None:
@@ -231,25 +267,28 @@ def write() -> None:
 
 
 def fit_figure(found: Row) -> Figure:
-    """Errors of inertia and drag over the bound, against the number of runs."""
+    """Errors of inertia and drag over the bound, against the number of runs; ours in colour."""
     figure = Figure((8.0, 4.6), layout="constrained")
-    axes = figure.subplots(2, len(KINDS), sharex=True, sharey=True)
+    drawn = {kind: KINDS[kind] for kind in README_KINDS}
+    axes = figure.subplots(2, len(drawn), sharex=True, sharey=True)
     for row, (name, said) in zip(axes, {"I_r": "inertia", "k_rr": "drag"}.items()):
-        for ax, (kind, shown) in zip(row, KINDS.items()):
+        for ax, (kind, shown) in zip(row, drawn.items()):
             for tool in fit_tools(found):
                 some = {
                     r["runs"]: r[name]["rms"] for r in found["fit"]["rows"] if (r["tool"], r["kind"]) == (tool, kind)
                 }
-                colour, marker = OKABE_ITO[tool]
-                ax.plot(list(some), list(some.values()), color=colour, marker=marker, markersize=5, lw=1.2, label=tool)
+                look = (
+                    {"color": HOUSE_BLUE, "lw": 4.0, "ms": 9} if tool == OURS else {"color": "0.45", "lw": 1.0, "ms": 5}
+                )
+                ax.plot(list(some), list(some.values()), marker=OKABE_ITO[tool][1], label=tool, **look)
             ax.axhline(1.0, color="0.6", lw=1, ls="--")
             ax.set(xscale="log", yscale="log", xticks=SIZES, xticklabels=SIZES, ylim=(0.2, 300))
             ax.minorticks_off()
             if name == "I_r":
-                ax.set_title(shown.replace("switched ", "switched\n").replace("scatters ", "scatters\n"), fontsize=10)
+                ax.set_title(shown, fontsize=10)
             else:
                 ax.set_xlabel("runs")
-        row[0].set_ylabel(f"rms error of {said}\n[least possible error]")
+        row[0].set_ylabel(f"rms error of {said}\n[least possible error]\nbetter ↓")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     return figure
 

@@ -65,7 +65,7 @@ def channels_in(path: Path) -> dict[str, dict[str, Any]]:
 def test_results_say_which_sensors_they_rest_on(steps: Path, run: Run, tmp_path: Path) -> None:
     model = tmp_path / "yaw" / "yaw_model.json"
     result = run("fit-yaw", steps, "-o", model.parent)
-    assert "Sensors that count: heading (noise " in result.stdout and "yaw rate (noise 0." in result.stdout
+    assert "Sensors used: heading (noise " in result.stdout and "yaw rate (noise 0." in result.stdout
     channels = channels_in(model)
     assert [channel["used"] for channel in channels.values()] == [True, True]
     assert channels["yaw_rate"]["noise"]["unit"] == "deg/s"
@@ -76,7 +76,7 @@ def test_results_say_which_sensors_they_rest_on(steps: Path, run: Run, tmp_path:
             result = run(command, steps, "--model", model, "-o", tmp_path / command)
         assert result.exit_code == 0, result.output
         assert set(channels_in(tmp_path / command / name)) == {"heading", "yaw_rate"}
-        assert "Sensors that count" in (tmp_path / command / name.replace("json", "md")).read_text()
+        assert "Sensors used" in (tmp_path / command / name.replace("json", "md")).read_text()
 
 
 def test_a_choice_is_recorded_and_plans_count_on_the_gyro_that_a_model_rests_on(

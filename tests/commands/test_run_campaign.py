@@ -97,7 +97,7 @@ def test_the_final_model_is_validated_where_an_effect_was_named(tmp_path: Path, 
     with few_candidates(("water-swirl", "dead-band"), curves=False):
         shown = run("run", tmp_path / "campaign.toml", "-o", tmp_path / "out")
     first, *_, error = [line for line in shown.stdout.partition("\nResults are in")[0].splitlines() if line]
-    assert first.startswith("Named: water-swirl; ") and error.startswith(
+    assert first.startswith("Named: water-swirl. ") and error.startswith(
         "Heading error of the model with water-swirl: "
     )
     assert "because" not in shown.stdout and "skipped  the campaign names no thruster tests" in shown.stdout

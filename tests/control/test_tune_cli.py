@@ -142,7 +142,7 @@ def test_what_the_fit_itself_asks_for_is_settled_first(run: Run, tmp_path: Path)
 @pytest.mark.parametrize(
     ("more", "why"),
     [
-        ({"gain_scatter": 0.3}, "The thrust seems to scatter by 30% from run to run"),
+        ({"gain_scatter": 0.3}, "The thrust seems to scatter by 30 % from run to run"),
         ({"gain_exponent": estimate(0.9, "1")}, "The gain of the thrust goes with the size of the command"),
         ({"gain_scatter": 0.02, "gain_exponent": estimate(0.04, "1", 1.0)}, ""),
     ],
@@ -207,14 +207,14 @@ def test_what_a_dead_band_does_after_a_while_is_seen(tmp_path: Path) -> None:
     ]
     path = written(tmp_path, model(0.16, 1.47, 1.0, "nu", effects=effects))
     design = am.tune(path, target="pid", full=1.0, beyond_range=True)
-    assert design.verdict == "cannot-promise" and "do not settle for 95%" in design.why
+    assert design.verdict == "cannot-promise" and "do not settle for 95 %" in design.why
 
 
 def test_no_gains_keep_a_margin_that_none_can_keep(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model(29.0, 30.0, 40.0, lag=0.2, delay=0.5))
     found = run("tune", path, "--for", "ardurover", "--full", "40")
     assert found.exit_code == 0
-    assert "No gains within the documented ranges keep a disk margin of 0.75 for 95% of" in found.stdout
+    assert "No gains within the documented ranges keep a disk margin of 0.75 for 95 % of" in found.stdout
 
 
 def test_depth_is_designed_by_the_same_code(run: Run, tmp_path: Path) -> None:

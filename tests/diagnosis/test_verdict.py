@@ -205,5 +205,5 @@ def test_effects_that_undo_each_other_are_told(sign: int, monkeypatch: pytest.Mo
         monkeypatch.setattr(search, "without", lambda *_, alone=alone: alone)
         pairs = compensating(study, base, both)
         assert bool(pairs) == told
-        assert not told or "undo each other (correlation 0.95; alone either gains at most 20% of" in pairs[both.added]
+        assert not told or "undo each other (correlation 0.95; alone either gains at most 20 % of" in pairs[both.added]
     assert compensating(study, base, replace(both, added=("bias-moment",))) == {}

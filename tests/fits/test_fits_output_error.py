@@ -11,9 +11,11 @@ import pytest
 from identified import identify
 from made_campaigns import PAPER, Vehicle, both_ways, campaign, moving_run, rescaled, shifted
 from made_runs import mirrored
+from repository import SAMPLE_RUNS
 from scipy import stats
 from step_fits import fitted_steps
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.identify import YawFit, fit_warnings
 from automarine_cli.fits.innovations import channel_noises, channels_json
@@ -21,7 +23,9 @@ from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_model import jackknife
 from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
+from automarine_cli.logs.find import find_logs
 from automarine_cli.runs.half_turn import half_turns
+from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 
 TRUTH = {"I_r": PAPER.inertia, "k_rr": PAPER.k_rr}
@@ -184,6 +188,24 @@ def test_runs_that_move_from_the_start_are_fitted_whole() -> None:
     assert content["fitted_to"] == "whole runs"
     for entry in content["models"].values():
         assert entry["velocity_error"] is None and entry["sse"] is None and "(--fit-to whole-runs)" in entry["why"]
+
+
+PUSHED = "Noise and thrust scatter do not explain these runs: a push of "
+
+
+@pytest.mark.parametrize("scatter", [0.03, 0.05])
+def test_scattered_thrust_is_no_unknown_push(scatter: float) -> None:
+    clean = [*campaign(seed=2, gain_scatter=scatter)[::3], *moving(4)[0]]
+    assert not [says for says in identify(clean, fit_to="whole-runs").warnings if says.startswith(PUSHED)]
+
+
+def test_water_that_turns_along_is_an_unknown_push_and_the_warning_names_the_command() -> None:
+    hidden = [
+        SAMPLE_RUNS / "hidden_one" / f"{name}.csv" for name in ("falling", "reversal_+0.8", "reversal_-0.8", "rising")
+    ]
+    runs = load_runs(find_logs(hidden), dof=YAW).runs
+    (says,) = (says for says in identify(runs, fit_to="whole-runs").warnings if says.startswith(PUSHED))
+    assert says.endswith("`automarine diagnose LOGS --model yaw_model.json`.")
 
 
 def test_runs_that_move_are_fitted_whole_without_being_told_and_never_as_half_turns() -> None:

@@ -52,7 +52,7 @@ A section also has the options of its command, such as [`fit-yaw`](commands/fit-
 LIMITS_HEAD = """# The limits file: what the next campaign may cost
 
 [`plan`](commands/plan.md) reads this file with `--limits`; `--example-limits` prints it. Every line may be left out.
-*off* means not set. *nu* is a share of full yaw command.
+*off* means not set. About 1 *nu* is full command.
 
 |section|key|default|meaning|
 |---|---|---|---|

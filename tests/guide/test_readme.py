@@ -8,9 +8,11 @@ import tomllib
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 import yaml
-from repository import ROOT
+from golden import OUTPUTS, read
+from repository import ROOT, SAMPLE_RUNS
 
 from automarine_cli import __version__
 from automarine_cli.commands import CommandGroup, automarine
@@ -209,6 +211,28 @@ def test_the_licence_is_where_the_package_takes_it_from() -> None:
 def test_readme_is_short_and_begins_with_the_two_commands() -> None:
     assert PAGES["README.md"].count("\n") < 120
     assert re.findall(r"^\$ (.*)$", fences("README.md")[0], flags=re.MULTILINE) == ["make demo", "make test"]
+
+
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+DEMO = ("fit-yaw", "validate-yaw", "diagnose-one", "diagnose-one", "tune")  # what prints the rows of README's results
+
+
+def not_printed(shown: str, printed: str) -> list[str]:
+    """Numbers of a text that no printed one rounds to, but for one in the last decimal."""
+    found = np.array([float(number) for number in NUMBER.findall(printed)])
+    steps = {number: 10.0 ** -len(number.partition(".")[2]) for number in NUMBER.findall(shown)}
+    return [number for number, step in steps.items() if np.abs(found - float(number)).min(initial=9.0) > 1.5 * step]
+
+
+def test_results_of_the_demo_are_those_that_its_commands_print() -> None:
+    rows = re.findall(r"^\|([^|]*)\|([^|]*)\|([^|]*)\|$", PAGES["README.md"], flags=re.MULTILINE)[2 : 2 + len(DEMO)]
+    outputs = [read(OUTPUTS / f"{name}.txt")["printed"] for name in DEMO]
+    assert [not_printed(step + result, text) for (step, result, _), text in zip(rows, outputs, strict=True)] == [[]] * 5
+    logs = " ".join(
+        (SAMPLE_RUNS / name).read_text(encoding="utf-8") for name in ("truth.json", "hidden_one.truth.json")
+    )
+    assert not_printed("".join(truth for *_, truth in rows), logs) == []
+    assert not_printed("1.018, 2.5", "1.02 1.0175") == ["2.5"]
 
 
 def test_the_count_of_words_can_fail() -> None:

@@ -282,7 +282,7 @@ def test_nothing_missing_is_said_in_one_sentence(folder: Path, files: dict[str, 
     text = files["report.md"]
     assert "- **Missing:** nothing that these levels could show" in text.partition("## ")[0]
     page = text.partition("## Diagnosis")[2].partition("\n## ")[0]
-    assert page.startswith("\n\nNothing missing that these levels could show: ")
+    assert page.startswith("\n\nNothing missing that these levels could show. ")
     assert "before" not in page and (folder / "diagnosis" / "before_after.png").is_file()
 
 

@@ -102,17 +102,17 @@ class ArduSub(ParameterFile):
     gyro_hz = 20.0
     period = 1.0 / 400.0
     parameters = (
-        Parameter("ATC_ANG_YAW_P", "turn rate asked for per error of heading", "1/s", 6.0, 0.0, 6.0, True),
-        Parameter("ATC_RAT_YAW_P", "output per error of the rate", "1/(rad/s)", 0.180, 0.0, 0.50, True),
-        Parameter("ATC_RAT_YAW_I", "the same, summed up over time", "1/rad", 0.018, 0.0, 0.05, True),
-        Parameter("ATC_RAT_YAW_D", "output per change of the error of the rate", "1/(rad/s²)", 0.0, 0.0, 0.02, True),
-        Parameter("ATC_RAT_YAW_IMAX", "most output of the summed-up part", "1", 0.222, 0.0, 1.0, True),
-        Parameter("ATC_RAT_YAW_FLTT", "low-pass of the rate asked for", "Hz", 5.0, 0.0, 100.0),
-        Parameter("ATC_RAT_YAW_FLTE", "low-pass of the error of the rate", "Hz", 0.0, 0.0, 100.0),
-        Parameter("ATC_RAT_YAW_FLTD", "low-pass of its change", "Hz", 5.0, 0.0, 100.0, True),
+        Parameter("ATC_ANG_YAW_P", "requested turn rate per heading error", "1/s", 6.0, 0.0, 6.0, True),
+        Parameter("ATC_RAT_YAW_P", "output per rate error", "1/(rad/s)", 0.180, 0.0, 0.50, True),
+        Parameter("ATC_RAT_YAW_I", "output per integral of the rate error", "1/rad", 0.018, 0.0, 0.05, True),
+        Parameter("ATC_RAT_YAW_D", "output per change of the rate error", "1/(rad/s²)", 0.0, 0.0, 0.02, True),
+        Parameter("ATC_RAT_YAW_IMAX", "limit of the integral term", "1", 0.222, 0.0, 1.0, True),
+        Parameter("ATC_RAT_YAW_FLTT", "low-pass of the requested rate", "Hz", 5.0, 0.0, 100.0),
+        Parameter("ATC_RAT_YAW_FLTE", "low-pass of the rate error", "Hz", 0.0, 0.0, 100.0),
+        Parameter("ATC_RAT_YAW_FLTD", "low-pass of the change of the rate error", "Hz", 5.0, 0.0, 100.0, True),
         Parameter("ATC_SLEW_YAW", "fastest turn of the target heading", "cdeg/s", 6000.0, 500.0, 18000.0, True),
-        Parameter("ATC_ACCEL_Y_MAX", "its largest acceleration", "cdeg/s²", 110000.0, 0.0, 72000.0, True),
-        Parameter("ATC_INPUT_TC", "time in which a step of it is smoothed", "s", 0.15, 0.0, 1.0),
+        Parameter("ATC_ACCEL_Y_MAX", "largest acceleration of the target heading", "cdeg/s²", 1.1e5, 0.0, 7.2e4, True),
+        Parameter("ATC_INPUT_TC", "time over which a step of the target heading is smoothed", "s", 0.15, 0.0, 1.0),
     )  # fmt: skip
 
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
@@ -194,13 +194,13 @@ class ArduRover(ParameterFile):
     gyro_hz = 4.0
     period = 0.02
     parameters = (
-        Parameter("ATC_STR_ANG_P", "turn rate asked for per error of heading", "1/s", 2.0, 1.0, 10.0, True),
-        Parameter("ATC_STR_RAT_FF", "output per rate asked for", "1/(rad/s)", 0.2, 0.0, 3.0, True),
-        Parameter("ATC_STR_RAT_P", "output per error of the rate", "1/(rad/s)", 0.2, 0.0, 2.0, True),
-        Parameter("ATC_STR_RAT_I", "the same, summed up over time", "1/rad", 0.2, 0.0, 2.0, True),
-        Parameter("ATC_STR_RAT_D", "output per change of the error of the rate", "1/(rad/s²)", 0.0, 0.0, 0.4, True),
-        Parameter("ATC_STR_RAT_IMAX", "most output of the summed-up part", "1", 1.0, 0.0, 1.0),
-        Parameter("ATC_STR_RAT_FLTE", "low-pass of the error of the rate", "Hz", 10.0, 0.0, 100.0),
+        Parameter("ATC_STR_ANG_P", "requested turn rate per heading error", "1/s", 2.0, 1.0, 10.0, True),
+        Parameter("ATC_STR_RAT_FF", "output per requested rate", "1/(rad/s)", 0.2, 0.0, 3.0, True),
+        Parameter("ATC_STR_RAT_P", "output per rate error", "1/(rad/s)", 0.2, 0.0, 2.0, True),
+        Parameter("ATC_STR_RAT_I", "output per integral of the rate error", "1/rad", 0.2, 0.0, 2.0, True),
+        Parameter("ATC_STR_RAT_D", "output per change of the rate error", "1/(rad/s²)", 0.0, 0.0, 0.4, True),
+        Parameter("ATC_STR_RAT_IMAX", "limit of the integral term", "1", 1.0, 0.0, 1.0),
+        Parameter("ATC_STR_RAT_FLTE", "low-pass of the rate error", "Hz", 10.0, 0.0, 100.0),
         Parameter("ATC_STR_RAT_MAX", "fastest turn", "deg/s", 120.0, 0.0, 1000.0, True),
         Parameter("ATC_STR_ACC_MAX", "largest acceleration of the turn", "deg/s²", 120.0, 0.0, 1000.0, True),
     )  # fmt: skip

@@ -26,8 +26,8 @@ class Pid(Target):
     period = 0.05
     timed = True
     parameters = (
-        Parameter("K_p", "output per error of position", "1/{x}", None, searched=True),
-        Parameter("K_i", "output per error of position, summed up over time", "1/({x} s)", None, searched=True),
+        Parameter("K_p", "output per position error", "1/{x}", None, searched=True),
+        Parameter("K_i", "output per integral of the position error", "1/({x} s)", None, searched=True),
         Parameter("K_d", "output per velocity", "s/{x}", None, searched=True),
         Parameter("b", "weight of the reference in the proportional part", "1", None, 0.0, 1.0, searched=True),
         Parameter("T_f", "time constant of the low-pass of the derivative", "s", None, searched=True),

@@ -31,14 +31,14 @@ def plan_figure(plan: Plan) -> Figure:
     figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
     half = int(np.searchsorted(minutes, 0.5 * minutes[-1]))
     wider = max(plan.errors[name][half] / plan.errors[name][-1] for name in names)
-    advice = "Go on to the end" if wider > WORTH_IT else "Stop at half"
+    advice = "Play the whole plan" if wider > WORTH_IT else "Half of the plan is enough"
     time = f"after {minutes[half]:.0f} of {minutes[-1]:.0f} minutes"
     figure.suptitle(f"{advice}: {time} intervals are up to {wider:.2g} times as wide")
     for ax, name in zip(axes.flat, names):
         percent = plan.errors[name]
         ax.plot(minutes[MIN_RUNS - 1 :], percent[MIN_RUNS - 1 :], color=COLOURS["blue"], marker="o", markevery=[-1])
         ax.set_title(f"{name}: {percent[-1]:.2g} %", loc="left", parse_math=False)
-        ax.set(xlabel="minutes in the pool", ylabel="standard error [%]")
+        ax.set(xlabel="minutes in the pool", ylabel="standard error [%]", ylim=(0.0, None))
     return figure
 
 

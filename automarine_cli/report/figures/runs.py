@@ -47,6 +47,8 @@ def validation_figure(free: Mapping[str, FreeRun], stored: StoredModels, floor: 
     positions, errors, command = axes[:, 0]
     positions.plot(run.time - run.time[0], measured, "o", **MEASURED)
     for model, simulated in free.items():
+        if model == "2" != preferred and "3" in free:  # 3 would hide it
+            continue
         error = np.where(simulated.diverged, np.nan, dof.shown(simulated.error))
         rmse = "diverges" if simulated.diverged else f"rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {unit}"
         look = style.model_look(model, preferred)
@@ -155,9 +157,9 @@ def half_turns_figure(fit: YawFit) -> Figure:
         look: dict[str, Any] = {"color": style.COLOURS["vermilion"], "ls": "--", "label": words.reach}
         ax.hlines((-180.0, 180.0), 0.0, 1.0, transform=ax.get_yaxis_transform(), **look)
     x = dof.symbols.position_print
-    ylabel = f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]"
+    ylabel = f"{words.position.capitalize()} minus start {words.position} {x} − {x}₀ [{dof.units.shown}]"
     ax.set(xlabel="Time since the step [s]", ylabel=ylabel)
-    ax.set_title(f"{plural(len(fitted), words.step)}, one a run, in colour where fitted", loc="left")
+    ax.set_title(f"Fitted (in colour): {fit.fitted_to} of {plural(len(fitted), 'run')}", loc="left")
     style.legend_below(figure, ax)
     figure.colorbar(drawn, label=_size_of_force(fit), pad=0.01)
     return figure
@@ -180,7 +182,7 @@ def _lines(ax: Axes, lines: Sequence[Floats], **look: Any) -> LineCollection:
 
 @style.house_style
 def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
-    """Draw steady velocity against force with the three curves of Table 1, residuals below (the paper's Fig. 7)."""
+    """Draw steady velocity against force with the curves of Table 1, residuals below (the paper's Fig. 7)."""
     dof, moment = fit.dof, np.array([turn.moment for turn in fit.turns])
     rate = f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]"
     labels = _full_force(fit), rate, f"Residual [{fit.moment_unit}]"
@@ -190,7 +192,8 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     preferred, left, sym = fit.preferred.number, dict[str, float](), dof.symbols
     letters, v = {sym.linear: sym.linear, sym.quadratic: sym.quadratic_math}, sym.velocity
     terms = {sym.linear: rf"{sym.linear}\,{v}", sym.quadratic: rf"{sym.quadratic_math}\,|{v}|\,{v}"}
-    for model, drag in ((model, seed.drag[model]) for model in DRAG_LAWS if model in seed.drag):
+    shown = [model for model in DRAG_LAWS if model in seed.drag and (model != "2" or model == preferred)]  # 3 hides it
+    for model, drag in ((model, seed.drag[model]) for model in shown):
         there = {name: drag.estimates[name] for name in letters if name in drag.estimates}
         sizes = ", ".join(f"${letters[name]}$ {interval(estimate)} {estimate.unit}" for name, estimate in there.items())
         label = f"model {model}: ${sym.force_math} = {' + '.join(terms[name] for name in there)}$ with {sizes}"
@@ -201,7 +204,7 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     said = dict.fromkeys(model for model in (preferred, max(left, key=left.__getitem__)) if model in left)
     texts = [f"{DRAG_LAWS[model]} drag leaves {number(left[model], 2)} {fit.moment_unit}" for model in said]
     title = ", ".join(texts)
-    top.set_title(title[0].upper() + title[1:], loc="left")
+    top.set_title(f"{title[0].upper()}{title[1:]} (least squares of the steady rates)", loc="left")
     style.legend_below(figure, top, ncols=1)
     return figure
 
@@ -228,9 +231,9 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
             ax.fill_between(ends, low, high, color=style.COLOURS[colour], alpha=0.15, lw=0)
         spread = f"means differ by a factor of {number(float(means.max() / means.min()), 2)}"
         said = f"{DRAG_LAWS[model].capitalize()} drag: {spread}" if means.min() > 0 else named_model(model).capitalize()
-        ax.set_title(f"{said}\n{dof.symbols.inertia} {interval(ml)} {ml.unit}", loc="left")
+        ax.set_title(f"{said}\n${dof.symbols.inertia}$ {interval(ml)} {ml.unit}", loc="left")
         ax.set(xlabel=_full_force(fit), ylim=(min(0.0, ax.get_ylim()[0]), None))
-    axes[0, 0].set_ylabel(f"${dof.symbols.inertia}$ of a run [× overall]")
+    axes[0, 0].set_ylabel(f"${dof.symbols.inertia}$ of one run [× fitted ${dof.symbols.inertia}$]")
     style.legend_below(figure, axes[0, 0], ncols=4)
     return figure
 
@@ -262,7 +265,8 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     alike = dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0])
     top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label=named_model("3"))
     rms, ways = number(float(np.sqrt(np.mean(off**2))), 2), ", each way with its own drag" * bool(difference)
-    top.set_title(f"All runs on one curve{ways}: {rms} {unit} off it", loc="left")
+    scatter = f"thrust scatters by {100 * fit.preferred.gain_scatter.value:.1f} %"
+    top.set_title(f"All runs on one curve{ways}: {rms} {unit} off it\n({scatter})", loc="left")
     top.legend(loc="upper left")
     figure.colorbar(drawn, ax=[top, bottom], label=_size_of_force(fit), pad=0.01)
     return figure

@@ -146,7 +146,7 @@ def residuals_figure(
         for line, label, two in zip(runs[i][1], labels, TWO_LOOKS):
             ax.plot(*line, look, lw=0.9, label=label, **two)
         ax.set_title(shortened(runs[i][0], LONGEST_NAME), parse_math=False)
-        ax.set_ylabel(f"off by [{unit}]")
+        ax.set_ylabel(f"error [{unit}]")
     axes[places[-1]].set_xlabel(x_label)
     rows = np.arange(len(order))
     axes["all"].hlines(rows, *np.sort(sizes[order]).T, color="0.7")
