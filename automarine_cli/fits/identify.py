@@ -569,8 +569,8 @@ def _fit_whole(
 ) -> YawFit:
     steered, undriven = without_undriven(runs)
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
-    free, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
-    usable, contrary = without_contrary(free)
+    loose, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
+    usable, contrary = without_contrary(loose)
     chosen = choose_channels(usable, usable[0].dof, channels) if usable else NOTHING_TO_CHOOSE
     moving = tuple(chosen.cleaned(run) for run in usable)
     short = tuple(ExcludedRun(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
@@ -584,7 +584,9 @@ def _fit_whole(
     words, refused = dof.words, dict[str, str]()
     use: driven.Judgement
     signals = tuple(dict.fromkeys(need for name in with_effects for need in effects.get(name).needs))
-    course = make_course(moving, at_rest, signals, channels=chosen.names)
+    # until it is let go, something that no model knows holds the vehicle against its constant force
+    free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
+    course = make_course(free, at_rest, signals, channels=chosen.names)
     if not driven.is_driven(moving, at_rest, chosen.names, with_effects):
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))

@@ -107,6 +107,14 @@ def test_a_held_vehicle_stays_until_its_command_changes() -> None:
         assert rate == pytest.approx(float(steady_rate(net, 0.0, 45.0 + way)), rel=0.03)
 
 
+def test_whole_runs_forecast_from_the_moment_at_which_the_vehicle_is_let_go() -> None:
+    """Before, it is held against its buoyancy, which a filter would take for thrust and rate: 31 cm after 5 s."""
+    use = FITS["heave"](LOGS["heave"], fit_to="whole-runs").use
+    assert use is not None
+    (ahead,) = (score for score in use.worth["depth"] if score.horizon == 5.0)
+    assert ahead.error < 0.03  # m, with a noise of 0.01
+
+
 @pytest.mark.slow
 def test_a_floating_vehicle_that_drifts_has_a_start_speed_of_its_own() -> None:
     """Let go at the start of the log it already rises when the step comes; whole runs take that."""
