@@ -170,7 +170,7 @@ def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[
             before, after, floor = (sizes[f"{word}_{key}"] for word in ("before", "after", "noise_floor"))
             closed = MISSING
             if before and after and (above := before**2 - floor**2) > 0.02 * floor**2:
-                closed = f"{np.clip((before**2 - after**2) / above, 0.0, 1.0):.0%}"
+                closed = f"{100 * np.clip((before**2 - after**2) / above, 0.0, 1.0):.0f} %"
             columns = dict(zip((f"before [{unit}]", f"after [{unit}]"), errors_of(sizes, key)))
             label = name.replace("_", " ").replace("runs", "levels" if "levels" in data else "runs") + how
             noise = {f"noise [{unit}]": number(floor, 3), "closed above the noise": closed}
@@ -281,7 +281,7 @@ def _moves(data: Mapping[str, Any]) -> list[Table | str]:
     rows, moved = [], list[str]()
     for name, sizes in data["base"].items():
         old, new = (Estimate(**sizes[key]) for key in ("before", "after"))
-        change = f"{(new.value - old.value) / old.value:+.1%}" if old.value else MISSING
+        change = f"{100 * (new.value - old.value) / old.value:+.1f} %" if old.value else MISSING
         row = {"parameter": name, "with what was missing": new, "change": change}
         rows.append(row | {"base model": old, "unit": new.unit})
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
