@@ -2,7 +2,7 @@
 named, suspected, nothing missing or unexplained."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -26,6 +26,7 @@ from automarine_cli.diagnosis.search import (
     search,
     variants,
     varied,
+    without,
 )
 from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, log_density, missed, run_effects_given, study_of
 from automarine_cli.dofs import Dof
@@ -72,6 +73,11 @@ class Gap:
         return self.after > STANDS * self.floor
 
     @property
+    def closed(self) -> float:
+        """Share of the mean square above the noise that is gone."""
+        return (self.before**2 - self.after**2) / max(self.above(self.before), 1e-24)
+
+    @property
     def in_noises(self) -> str:
         floor = max(self.floor, 1e-12)
         return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
@@ -100,6 +106,66 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
         return study.residual(trial.fit.fitted)
     simulated = run_effects_given(problem, problem.search(trial.fit.theta), trial.fit.variances)[1]
     return study.residual(simulated)
+
+
+@dataclass(frozen=True)
+class Share:
+    """What an effect explains by itself, against the model `without` it, in which all else is refitted: the `evidence`
+    that is lost [deviance], and of runs held out the log odds for it and the gap without and with it."""
+
+    without: CandidateFit
+    evidence: float
+    support: float | None = None
+    gap: Gap | None = None
+
+    @property
+    def borne_out(self) -> bool:
+        """Whether runs held out are ODDS times as likely with it, or it closes most of their gap above the noise,
+        where something else makes some of them less likely."""
+        if self.support is None or self.gap is None:
+            return True
+        plain = self.gap.before > STANDS * self.gap.floor and self.gap.closed >= 1.0 - MAX_LEFT
+        return plain or self.support > np.log(ODDS)
+
+
+def support(gained: Floats) -> float:
+    """Log odds for an effect from runs that no fit saw, whose log densities gain so much by it, (R,)."""
+    return float(np.clip(gained, -LOUDEST, LOUDEST).sum())
+
+
+def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str, Share]:
+    """The share of each effect of the final model, the largest first."""
+    final, parts = result.final, dict[str, Share]()
+    for name in final.added:
+        reduced = result.base if len(final.added) == 1 else without(study, final, name)
+        if reduced is None:
+            continue
+        parts[name] = Share(reduced, reduced.evidence - final.evidence)
+        if held_out is not None:
+            densities = [log_density(held_out, trial.model, trial.fit) for trial in (final, reduced)]
+            after, before = (np.where(np.isfinite(x), x, -1e9) for x in densities)  # where a simulation runs away
+            odds = support(after - before)
+            parts[name] = replace(parts[name], support=odds, gap=gap(held_out, reduced, final))
+    return dict(sorted(parts.items(), key=lambda item: -item[1].evidence))
+
+
+def confirmed(
+    study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem
+) -> tuple[SearchResult, dict[str, Share], tuple[str, ...]]:
+    """The search without those of several effects that runs held out do not bear out by themselves, taken out one by
+    one, the worst first; the shares of what stays; and which of the others these runs speak for, if not enough."""
+    suspects: tuple[str, ...] = ()
+    while True:
+        parts = shares(study, result, held_out)
+        doubted = {name: part.support or 0.0 for name, part in parts.items() if not part.borne_out}
+        if not doubted or len(result.final.added) < 2:
+            return result, parts, suspects
+        name = min(doubted, key=doubted.__getitem__)
+        suspects += (name,) * (doubted[name] > 0.0)
+        result = replace(
+            result, final=parts[name].without, rivals={n: others for n, others in result.rivals.items() if n != name},
+            compensating={pair: says for pair, says in result.compensating.items() if name not in pair},
+        )  # fmt: skip
 
 
 DECIDING = 5.0  # horizons [s] up to this have a veto; over longer ones commands answer what no prediction knows
@@ -206,6 +272,10 @@ LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay whe
 MAX_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
 STEADIER = 0.005  # share of thrust by which its scatter over runs has to fall where the held-out gap does not
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
+ODDS = 20.0
+"""Times by which an effect has to make runs held out more likely, against the model without it refitted. Where it is
+chance, odds on runs that no fit saw have a mean of one, and reach this in at most 1 of 20 cases (Markov's inequality;
+Wasserman, Ramdas, Balakrishnan 2020, PNAS 117:16880)."""
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
 effect shows plainly says no more than that."""
@@ -221,7 +291,8 @@ class NamedEffect:
     """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
 
     `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
-    that was learned, `label` the name with what it adds, where the name alone does not tell."""
+    that was learned, `label` the name with what it adds, where the name alone does not tell. `evidence` [deviance] and
+    the log odds of runs held out are against the model without it alone (`Share`)."""
 
     name: str
     law: str
@@ -232,6 +303,8 @@ class NamedEffect:
     rivals: tuple[NamedRival, ...]
     learned: Any = None
     label: str = ""
+    evidence: float | None = None
+    held_out_log_odds: float | None = None
 
     def to_json(self) -> dict[str, object]:
         plain = {
@@ -273,12 +346,14 @@ def diagnosis_json(
 class Verdict:
     """What may be said; `result` is the search as far as that holds: without effects where none is named or suspected.
 
-    `why` says what keeps effects from being named, or what is unexplained; `remainder` what stays beside named ones."""
+    `why` says what keeps effects from being named, or what is unexplained; `remainder` what stays beside named ones;
+    `shares` are those of the effects named or suspected, the largest first."""
 
     word: str
     result: SearchResult
     why: str = ""
     remainder: str = ""
+    shares: Mapping[str, Share] = field(default_factory=dict)
 
     @property
     def leaves(self) -> CandidateFit:
@@ -287,14 +362,14 @@ class Verdict:
 
 
 def verdict_of(
-    study: DiagnosisProblem, result: SearchResult, where: ResidualRegions, held_out: DiagnosisProblem | None,
-    ahead: ForecastGain | None,
-) -> Verdict:  # fmt: skip
+    study: DiagnosisProblem, result: SearchResult, where: ResidualRegions, held_out: DiagnosisProblem | None
+) -> Verdict:
     """The verdict on a search over the runs of `study`, whose base model has its gap at `where`.
 
     A name needs more evidence than chance gives, and runs that are predicted better than without it by more than
-    chance: those of `held_out`, and each fitted run from the others. Of driven runs `ahead`, the outlook on the runs
-    held out, has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what is both is chance.
+    chance: those of `held_out`, which ask each name by itself, and each fitted run from the others. Of driven runs the
+    outlook on the runs held out has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what
+    is both is chance.
     """
     last = result if result.final.added else result.doubtful
     holdout = None if held_out is None or last is None else gap(held_out, last.base, last.final)
@@ -303,6 +378,14 @@ def verdict_of(
         if reason:
             without_effects = replace(result, final=result.base, p_values={}, rivals={}, doubtful=None)
             return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, result)}")
+    parts, beside = dict[str, Share](), tuple[str, ...]()
+    ahead = None
+    if last is not None and held_out is not None:
+        borne_out, parts, beside = confirmed(study, last, held_out)
+        if borne_out is not last:
+            result = last = borne_out
+            holdout = gap(held_out, last.base, last.final)
+        ahead = outlook(held_out, last.base, last.final)
     doubt = "" if last is None else _borne_out(study, last, held_out, holdout, ahead)
     if last is None or (last is not result and doubt):
         if not where.regions:
@@ -313,13 +396,26 @@ def verdict_of(
         (p_value,) = last.p_values.values()
         doubt = f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
     else:
-        doubt = _no_name(result, holdout) or doubt
+        doubt = _no_name(result, holdout) or doubt or _by_itself(parts)
     if doubt:
-        return Verdict(SUSPECTED, last, doubt)
-    if holdout is None or study.driven or not holdout.exceeds_noise:
-        return Verdict(NAMED, result, remainder=result.equals)
-    remainder = f"A residual remains: on the held-out runs the gap is {holdout.in_noises}."
-    return Verdict(NAMED, result, remainder=remainder)
+        return Verdict(SUSPECTED, last, doubt, shares=parts)
+    remainder = result.equals
+    if holdout is not None and not study.driven and holdout.exceeds_noise:
+        remainder = f"A residual remains: on the held-out runs the gap is {holdout.in_noises}."
+    if beside:
+        remainder += f" Only suspected: {' and '.join(beside)}; the held-out runs do not confirm it by itself."
+    return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
+
+
+def _by_itself(parts: Mapping[str, Share]) -> str:
+    """Why runs held out do not bear an effect out by itself; empty where they do."""
+    for name, part in parts.items():
+        if not part.borne_out and part.support is not None:
+            return (
+                f"The held-out runs are {np.exp(part.support):.2g} times as likely with {name} as without it: a name "
+                f"takes {ODDS:g}."
+            )
+    return ""
 
 
 def _no_name(result: SearchResult, holdout: Gap | None) -> str:
@@ -442,12 +538,13 @@ def is_autocorrelated(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     return bool(correlation * np.sqrt(observed.sum()) > -special.ndtri(1e-3))
 
 
-def named_effects(study: DiagnosisProblem, result: SearchResult) -> tuple[NamedEffect, ...]:
-    """List the effects of the final model, each with its rivals and what their cards say would tell them apart; a
-    learned one with its curve, and a sentence that says whether it is thrust or a moment."""
+def named_effects(study: DiagnosisProblem, result: SearchResult, parts: Mapping[str, Share]) -> tuple[NamedEffect, ...]:
+    """List the effects of the final model, the one that explains most first, each with its rivals and what their cards
+    say would tell them apart; a learned one with its curve, and a sentence that says whether it is thrust or a
+    moment."""
     entries, dof, curve = [], study.base.dof, curve_of(result.final)
-    for name in result.final.added:
-        effect, p_value = effects.get(name), result.p_values[name]
+    for name in (*parts, *(name for name in result.final.added if name not in parts)):
+        effect, p_value, part = effects.get(name), result.p_values[name], parts.get(name)
         odds = [NamedRival(rival, odd, split_by(name, rival, dof)) for rival, odd in result.odds(name).items()]
         weight, rivals = listed_rivals(odds)
         parameters = parameter_estimates(study, result.final, name)
@@ -455,8 +552,25 @@ def named_effects(study: DiagnosisProblem, result: SearchResult) -> tuple[NamedE
         law = ", ".join(p.choices[round(estimate.value)] for p, estimate in pairs if p.choices)
         learned = curve if curve is not None and name == PREFIX + curve.variable else None
         says = effect.card(dof).says if learned is None else sentence(learned, result)
-        entries.append(NamedEffect(name, law, says, parameters, weight * (1.0 - p_value), p_value, rivals, learned))
+        confidence = weight * (1.0 - p_value)
+        entry = NamedEffect(name, law, says, parameters, confidence, p_value, rivals, learned)
+        if part is not None:
+            runs = part.gap or gap(study, part.without, result.final, fitted=True)
+            says = f"{says} {_small(study, runs, part, result.final)}".rstrip()
+            entry = replace(entry, says=says, evidence=part.evidence, held_out_log_odds=part.support)
+        entries.append(entry)
     return tuple(entries)
+
+
+def _small(study: DiagnosisProblem, runs: Gap, part: Share, final: CandidateFit) -> str:
+    """That an effect changes the positions by less than their noise, which steadier thrust may outweigh; or empty."""
+    dof, (without_it, with_it) = study.base.dof, runs.residuals
+    observed = with_it[with_it != 0.0]
+    change = float(np.sqrt(((without_it - with_it) ** 2).sum() / max(observed.size, 1)))
+    if change >= runs.floor or part.without.fit.factor(GAIN) - final.fit.factor(GAIN) >= STEADIER:
+        return ""
+    change_shown, noise = (f"{dof.shown(size):.2g} {dof.units.shown}" for size in (change, runs.floor))
+    return f"It is small: it changes the {dof.words.position} by {change_shown}, and the noise is {noise}."
 
 
 def split_by(name: str, rival: str, dof: Dof) -> str:
@@ -624,19 +738,18 @@ def diagnose_runs(
     where = find_where(result.study, result.base, seed)
 
     def explained(search_result: SearchResult) -> bool:
-        return verdict_of(search_result.study, search_result, where, None, None).word != UNEXPLAINED
+        return verdict_of(search_result.study, search_result, where, None).word != UNEXPLAINED
 
     result = learn(result.study, result, seed, map_fn, explained)
     study = result.study
     held_out = replace(study, runs=tuple(unfitted)) if unfitted else None
     if held_out is not None:
         result = _best_law(study, result, held_out, map_fn)
-    last = result if result.final.added else result.doubtful or result
-    ahead = None if held_out is None else outlook(held_out, last.base, last.final)
-    conclusion = verdict_of(study, result, where, held_out, ahead)
+    conclusion = verdict_of(study, result, where, held_out)
     before, after, listed = conclusion.result.base, conclusion.result.final, conclusion.word in (NAMED, SUSPECTED)
+    parts = conclusion.shares or (shares(study, conclusion.result, held_out) if listed else {})
     return Diagnosis(
-        study, conclusion, named_effects(study, conclusion.result) if listed else (), where,
+        study, conclusion, named_effects(study, conclusion.result, parts) if listed else (), where,
         gap(study, before, after, fitted=True), held_out, None if held_out is None else gap(held_out, before, after),
         detectable(study, result), outlook(study, before, after),
         None if held_out is None else outlook(held_out, before, after), chosen,

@@ -13,7 +13,7 @@ from made_driven import turned
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import diagnose, search
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, split_by
+from automarine_cli.diagnosis.diagnose import ODDS, Diagnosis, Gap, confirmed, diagnose_runs, shares, split_by, support
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.diagnosis.scores import Scores, score
 from automarine_cli.diagnosis.search import (
@@ -136,6 +136,46 @@ def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tie
 def test_the_card_of_the_look_alike_says_what_tells_two_effects_apart(name: str, rival: str, text_of: str) -> None:
     assert (rival in effects.get(name).mistaken_for) == (text_of == name)
     assert split_by(name, rival, YAW) == effects.get(text_of).card(YAW).separated_by
+
+
+def chosen_by_chance(random: np.random.Generator, size: float) -> bool:
+    """Whether runs held out bear out the best of 30 effects, of which the first is there in a size; 24 runs of unit
+    noise were fitted, and 8 held out."""
+    fitted, held_out = random.standard_normal((24, 30)), random.standard_normal((8, 30))
+    fitted[:, 0] += size
+    held_out[:, 0] += size
+    best = int(np.argmax(np.abs(fitted.mean(axis=0))))
+    of_best, seen = fitted[:, best].mean(), held_out[:, best]
+    return support(0.5 * (seen**2 - (seen - of_best) ** 2)) > np.log(ODDS)
+
+
+@pytest.mark.parametrize(("size", "least", "most"), [(0.0, 0.0, 1.0 / ODDS), (2.5, 0.99, 1.0)])
+def test_runs_held_out_bear_out_what_is_there_and_chance_at_most_at_the_rate_stated(
+    size: float, least: float, most: float
+) -> None:
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        assert least <= np.mean([chosen_by_chance(random, size) for _ in range(500)]) <= most
+
+
+def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three effects found in one order, of which the second is the largest, and runs held out know nothing of the
+    first."""
+    lost, odds = {NAME: 25.0, "dead-band": 900.0, SMALL: 40.0}, {NAME: 0.4, "dead-band": 5.0, SMALL: 1.0}
+    blank: Any = SimpleNamespace(runs=range(8))
+
+    def trial(*names: str) -> CandidateFit:
+        fit: Any = SimpleNamespace(density=np.full(8, sum(odds[name] for name in names) / 2.0))
+        return CandidateFit(names, blank, fit, 1000.0 - sum(lost[name] for name in names))
+
+    monkeypatch.setattr(diagnose, "without", lambda _, final, out: trial(*(name for name in final.added if name != out)))
+    monkeypatch.setattr(diagnose, "log_density", lambda _, __, fit: fit.density)
+    monkeypatch.setattr(diagnose, "gap", lambda *_: Gap(1.0, 1.0, 1.0))
+    found = SearchResult(blank, trial(), trial(*lost), (), dict.fromkeys(lost, 0.001), {NAME: {"wall": 1.0}})
+    assert list(shares(blank, found, None)) == ["dead-band", SMALL, NAME]
+    result, parts, suspected = confirmed(blank, found, blank)
+    assert result.final.added == ("dead-band", SMALL) and list(parts) == ["dead-band", SMALL]
+    assert suspected == (NAME,) and NAME not in result.rivals
 
 
 # Several effects that are one in disguise, and effects that undo each other
