@@ -22,6 +22,7 @@ from automarine_cli.diagnosis.search import (
     SearchResult,
     clear,
     gain_exponent,
+    may_be_nothing,
     obstacle,
     search,
     variants,
@@ -111,21 +112,30 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
 @dataclass(frozen=True)
 class Share:
     """What an effect explains by itself, against the model `without` it, in which all else is refitted: the `evidence`
-    that is lost [deviance], and of runs held out the log odds for it and the gap without and with it."""
+    that is lost [deviance], the share of thrust by which runs are `steadier` with it, whether its size `may_be_nothing`
+    beside the others; and of runs held out the log odds for it and the gap without and with it."""
 
     without: CandidateFit
     evidence: float
+    steadier: float = 0.0
+    may_be_nothing: bool = False
     support: float | None = None
     gap: Gap | None = None
 
-    @property
-    def borne_out(self) -> bool:
-        """Whether runs held out are ODDS times as likely with it, or it closes most of their gap above the noise,
-        where something else makes some of them less likely."""
+    def doubt(self, name: str) -> str:
+        """Why runs held out do not bear it out by itself; empty where they do, or there are none.
+
+        Where something else makes some of them less likely, it may close most of their gap instead."""
         if self.support is None or self.gap is None:
-            return True
-        plain = self.gap.before > STANDS * self.gap.floor and self.gap.closed >= 1.0 - MAX_LEFT
-        return plain or self.support > np.log(ODDS)
+            return ""
+        stands, closed = self.gap.before > STANDS * self.gap.floor, self.gap.closed
+        if self.support <= np.log(ODDS) and not (stands and closed >= 1.0 - MAX_LEFT):
+            odds = f"{np.exp(self.support):.2g} times as likely with {name} as without it"
+            return f"The held-out runs are {odds}: a name takes {ODDS:g}."
+        if stands and closed < NOTICED and self.steadier < STEADIER:
+            share = f"{max(closed, 0.0):.0%} of the held-out error above the noise"
+            return f"{name} closes {share}: a name takes {NOTICED:.0%}."
+        return f"The 95 % interval of the size of {name} holds zero." if self.may_be_nothing else ""
 
 
 def support(gained: Floats) -> float:
@@ -140,7 +150,9 @@ def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisPro
         reduced = result.base if len(final.added) == 1 else without(study, final, name)
         if reduced is None:
             continue
-        parts[name] = Share(reduced, reduced.evidence - final.evidence)
+        steadier = 0.0 if study.driven else reduced.fit.factor(GAIN) - final.fit.factor(GAIN)
+        nothing = study.driven and may_be_nothing(study, final, name)
+        parts[name] = Share(reduced, reduced.evidence - final.evidence, steadier, nothing)
         if held_out is not None:
             densities = [log_density(held_out, trial.model, trial.fit) for trial in (final, reduced)]
             after, before = (np.where(np.isfinite(x), x, -1e9) for x in densities)  # where a simulation runs away
@@ -157,7 +169,7 @@ def confirmed(
     suspects: tuple[str, ...] = ()
     while True:
         parts = shares(study, result, held_out)
-        doubted = {name: part.support or 0.0 for name, part in parts.items() if not part.borne_out}
+        doubted = {name: part.support or 0.0 for name, part in parts.items() if part.doubt(name)}
         if not doubted or len(result.final.added) < 2:
             return result, parts, suspects
         name = min(doubted, key=doubted.__getitem__)
@@ -276,6 +288,9 @@ ODDS = 20.0
 """Times by which an effect has to make runs held out more likely, against the model without it refitted. Where it is
 chance, odds on runs that no fit saw have a mean of one, and reach this in at most 1 of 20 cases (Markov's inequality;
 Wasserman, Ramdas, Balakrishnan 2020, PNAS 117:16880)."""
+NOTICED = 0.1
+"""Share of the mean square of the held-out error above the noise that a name has to close by itself: less, the error
+falls by under a twentieth, which is what another choice of runs to fit changes, and nobody would notice."""
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
 effect shows plainly says no more than that."""
@@ -396,7 +411,8 @@ def verdict_of(
         (p_value,) = last.p_values.values()
         doubt = f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
     else:
-        doubt = _no_name(result, holdout) or doubt or _by_itself(parts)
+        doubt = _no_name(result, holdout) or doubt
+        doubt = doubt or next(filter(None, (part.doubt(name) for name, part in parts.items())), "")
     if doubt:
         return Verdict(SUSPECTED, last, doubt, shares=parts)
     remainder = result.equals
@@ -405,17 +421,6 @@ def verdict_of(
     if beside:
         remainder += f" Only suspected: {' and '.join(beside)}; the held-out runs do not confirm it by itself."
     return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
-
-
-def _by_itself(parts: Mapping[str, Share]) -> str:
-    """Why runs held out do not bear an effect out by itself; empty where they do."""
-    for name, part in parts.items():
-        if not part.borne_out and part.support is not None:
-            return (
-                f"The held-out runs are {np.exp(part.support):.2g} times as likely with {name} as without it: a name "
-                f"takes {ODDS:g}."
-            )
-    return ""
 
 
 def _no_name(result: SearchResult, holdout: Gap | None) -> str:
@@ -556,18 +561,18 @@ def named_effects(study: DiagnosisProblem, result: SearchResult, parts: Mapping[
         entry = NamedEffect(name, law, says, parameters, confidence, p_value, rivals, learned)
         if part is not None:
             runs = part.gap or gap(study, part.without, result.final, fitted=True)
-            says = f"{says} {_small(study, runs, part, result.final)}".rstrip()
+            says = f"{says} {_small(dof, runs, part)}".rstrip()
             entry = replace(entry, says=says, evidence=part.evidence, held_out_log_odds=part.support)
         entries.append(entry)
     return tuple(entries)
 
 
-def _small(study: DiagnosisProblem, runs: Gap, part: Share, final: CandidateFit) -> str:
+def _small(dof: Dof, runs: Gap, part: Share) -> str:
     """That an effect changes the positions by less than their noise, which steadier thrust may outweigh; or empty."""
-    dof, (without_it, with_it) = study.base.dof, runs.residuals
+    without_it, with_it = runs.residuals
     observed = with_it[with_it != 0.0]
     change = float(np.sqrt(((without_it - with_it) ** 2).sum() / max(observed.size, 1)))
-    if change >= runs.floor or part.without.fit.factor(GAIN) - final.fit.factor(GAIN) >= STEADIER:
+    if change >= runs.floor or part.steadier >= STEADIER:
         return ""
     change_shown, noise = (f"{dof.shown(size):.2g} {dof.units.shown}" for size in (change, runs.floor))
     return f"It is small: it changes the {dof.words.position} by {change_shown}, and the noise is {noise}."

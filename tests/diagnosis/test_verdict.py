@@ -161,14 +161,16 @@ def test_runs_held_out_bear_out_what_is_there_and_chance_at_most_at_the_rate_sta
 def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three effects found in one order, of which the second is the largest, and runs held out know nothing of the
     first."""
-    lost, odds = {NAME: 25.0, "dead-band": 900.0, SMALL: 40.0}, {NAME: 0.4, "dead-band": 5.0, SMALL: 1.0}
-    blank: Any = SimpleNamespace(runs=range(8))
+    lost, odds = {NAME: 25.0, "dead-band": 900.0, SMALL: 40.0}, {NAME: 0.2, "dead-band": 5.0, SMALL: 0.5}
+    blank: Any = SimpleNamespace(driven=False)
 
     def trial(*names: str) -> CandidateFit:
-        fit: Any = SimpleNamespace(density=np.full(8, sum(odds[name] for name in names) / 2.0))
+        fit: Any = SimpleNamespace(density=np.full(8, sum(odds[name] for name in names)), factor=lambda _: 0.0)
         return CandidateFit(names, blank, fit, 1000.0 - sum(lost[name] for name in names))
 
-    monkeypatch.setattr(diagnose, "without", lambda _, final, out: trial(*(name for name in final.added if name != out)))
+    monkeypatch.setattr(
+        diagnose, "without", lambda _, final, out: trial(*(name for name in final.added if name != out))
+    )
     monkeypatch.setattr(diagnose, "log_density", lambda _, __, fit: fit.density)
     monkeypatch.setattr(diagnose, "gap", lambda *_: Gap(1.0, 1.0, 1.0))
     found = SearchResult(blank, trial(), trial(*lost), (), dict.fromkeys(lost, 0.001), {NAME: {"wall": 1.0}})
