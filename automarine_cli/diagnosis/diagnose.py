@@ -66,9 +66,6 @@ class Gap:
     residuals: tuple[Floats, ...] = ()
     horizon: float | None = None
 
-    def above(self, size: float) -> float:
-        return size**2 - self.floor**2
-
     @property
     def exceeds_noise(self) -> bool:
         return self.after > STANDS * self.floor
@@ -76,7 +73,13 @@ class Gap:
     @property
     def closed(self) -> float:
         """Share of the mean square above the noise that is gone."""
-        return (self.before**2 - self.after**2) / max(self.above(self.before), 1e-24)
+        return (self.before**2 - self.after**2) / max(self.before**2 - self.floor**2, 1e-24)
+
+    def little(self, least: float) -> str:
+        """How little of what stands above the noise is gone, in words; empty from the share `least`."""
+        if self.before <= STANDS * self.floor or self.closed >= least:
+            return ""
+        return f"closes {max(self.closed, 0.0):.0%} of the held-out error above the noise: a name takes {least:.0%}."
 
     @property
     def in_noises(self) -> str:
@@ -128,13 +131,12 @@ class Share:
         Where something else makes some of them less likely, it may close most of their gap instead."""
         if self.support is None or self.gap is None:
             return ""
-        stands, closed = self.gap.before > STANDS * self.gap.floor, self.gap.closed
-        if self.support <= np.log(ODDS) and not (stands and closed >= 1.0 - MAX_LEFT):
+        plain = self.gap.before > STANDS * self.gap.floor and self.gap.closed >= 1.0 - MAX_LEFT
+        if self.support <= np.log(ODDS) and not plain:
             odds = f"{np.exp(self.support):.2g} times as likely with {name} as without it"
             return f"The held-out runs are {odds}: a name takes {ODDS:g}."
-        if stands and closed < NOTICED and self.steadier < STEADIER:
-            share = f"{max(closed, 0.0):.0%} of the held-out error above the noise"
-            return f"{name} closes {share}: a name takes {NOTICED:.0%}."
+        if (little := self.gap.little(CONTRIBUTES)) and self.steadier < STEADIER:
+            return f"{name} by itself {little}"
         return f"The 95 % interval of the size of {name} holds zero." if self.may_be_nothing else ""
 
 
@@ -288,9 +290,10 @@ ODDS = 20.0
 """Times by which an effect has to make runs held out more likely, against the model without it refitted. Where it is
 chance, odds on runs that no fit saw have a mean of one, and reach this in at most 1 of 20 cases (Markov's inequality;
 Wasserman, Ramdas, Balakrishnan 2020, PNAS 117:16880)."""
-NOTICED = 0.1
-"""Share of the mean square of the held-out error above the noise that a name has to close by itself: less, the error
-falls by under a twentieth, which is what another choice of runs to fit changes, and nobody would notice."""
+NOTICED, CONTRIBUTES = 0.1, 0.05
+"""Shares of the mean square of the held-out error above the noise that names have to close together, of driven runs,
+and each by itself, as each may do some of the work of the others. With less the error falls by under a twentieth:
+nobody would notice, and another choice of runs to fit changes it as much."""
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
 effect shows plainly says no more than that."""
@@ -442,7 +445,8 @@ def _borne_out(
     """Why runs that were not fitted do not bear effects out; empty where nothing speaks against them."""
     if study.driven:
         doubt = "" if ahead is None else ahead.doubt(study.base.dof)
-        return f"The held-out runs do not confirm it: {doubt}." if doubt else ""
+        little = f"What was added {little}" if holdout and (little := holdout.little(NOTICED)) else ""
+        return f"The held-out runs do not confirm it: {doubt}." if doubt else little
     gained = result.final.fit.predictive - result.base.fit.predictive
     if held_out is not None:
         after, before = (log_density(held_out, trial.model, trial.fit) for trial in (result.final, result.base))
@@ -455,7 +459,7 @@ def _borne_out(
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
             f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
         )
-    if holdout and holdout.exceeds_noise and holdout.above(holdout.after) > MAX_LEFT * holdout.above(holdout.before):
+    if holdout and holdout.exceeds_noise and holdout.closed < 1.0 - MAX_LEFT:
         return f"Most of the gap of the held-out runs remains: it is {holdout.in_noises}."
     steadier = result.base.fit.factor(GAIN) - result.final.fit.factor(GAIN)
     if holdout and holdout.after >= holdout.before and steadier < STEADIER:

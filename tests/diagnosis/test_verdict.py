@@ -13,7 +13,17 @@ from made_driven import turned
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import diagnose, search
-from automarine_cli.diagnosis.diagnose import ODDS, Diagnosis, Gap, confirmed, diagnose_runs, shares, split_by, support
+from automarine_cli.diagnosis.diagnose import (
+    ODDS,
+    Diagnosis,
+    Gap,
+    Share,
+    confirmed,
+    diagnose_runs,
+    shares,
+    split_by,
+    support,
+)
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.diagnosis.scores import Scores, score
 from automarine_cli.diagnosis.search import (
@@ -156,6 +166,25 @@ def test_runs_held_out_bear_out_what_is_there_and_chance_at_most_at_the_rate_sta
     for seed in range(4):
         random = np.random.default_rng(seed)
         assert least <= np.mean([chosen_by_chance(random, size) for _ in range(500)]) <= most
+
+
+@pytest.mark.parametrize(
+    ("part", "doubt"),
+    [
+        ({"support": 10.0, "gap": Gap(3.0, 2.0, 1.0)}, ""),
+        ({"support": 2.9, "gap": Gap(3.0, 2.5, 1.0)}, "18 times as likely with it as without it: a name takes 20."),
+        ({"support": -3.0, "gap": Gap(3.0, 1.5, 1.0)}, ""),  # some runs hold something else: most of the error is gone
+        ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0)}, "closes 4% of the held-out error above the noise"),
+        ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0), "steadier": 0.01}, ""),  # the gains of single runs had hidden it
+        ({"support": 10.0, "gap": Gap(1.2, 1.19, 1.0)}, ""),  # so near the noise no share is known
+        ({"support": 10.0, "gap": Gap(3.0, 2.0, 1.0), "may_be_nothing": True}, "holds zero"),
+        ({}, ""),
+    ],
+)
+def test_a_name_is_borne_out_by_itself_or_says_what_it_lacks(part: dict[str, Any], doubt: str) -> None:
+    blank: Any = None
+    says = Share(blank, 30.0, **part).doubt("it")
+    assert doubt in says and bool(doubt) == bool(says)
 
 
 def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
