@@ -115,11 +115,12 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
 @dataclass(frozen=True)
 class Share:
     """What an effect explains by itself, against the model `without` it, in which all else is refitted: the `evidence`
-    that is lost [deviance], the share of thrust by which runs are `steadier` with it, whether its size `may_be_nothing`
-    beside the others; and of runs held out the log odds for it and the gap without and with it."""
+    that is lost [deviance], how often chance would gain as much, the share of thrust by which runs are `steadier` with
+    it, whether its size `may_be_nothing` beside the others; and of runs held out the log odds and the gap."""
 
     without: CandidateFit
     evidence: float
+    p_value: float
     steadier: float = 0.0
     may_be_nothing: bool = False
     support: float | None = None
@@ -132,9 +133,10 @@ class Share:
         if self.support is None or self.gap is None:
             return ""
         plain = self.gap.before > STANDS * self.gap.floor and self.gap.closed >= 1.0 - MAX_LEFT
-        if self.support <= np.log(ODDS) and not plain:
-            odds = f"{np.exp(self.support):.2g} times as likely with {name} as without it"
-            return f"The held-out runs are {odds}: a name takes {ODDS:g}."
+        odds, needed = float(np.exp(self.support)), self.p_value / CONFIRMED
+        if odds < needed and not plain:
+            likely = f"{odds:.2g} times as likely with {name} as without it"
+            return f"The held-out runs are {likely}: a name so near chance takes {needed:.2g} times."
         if (little := self.gap.little(CONTRIBUTES)) and self.steadier < STEADIER:
             return f"{name} by itself {little}"
         return f"The 95 % interval of the size of {name} holds zero." if self.may_be_nothing else ""
@@ -154,7 +156,7 @@ def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisPro
             continue
         steadier = 0.0 if study.driven else reduced.fit.factor(GAIN) - final.fit.factor(GAIN)
         nothing = study.driven and may_be_nothing(study, final, name)
-        parts[name] = Share(reduced, reduced.evidence - final.evidence, steadier, nothing)
+        parts[name] = Share(reduced, reduced.evidence - final.evidence, result.p_values[name], steadier, nothing)
         if held_out is not None:
             densities = [log_density(held_out, trial.model, trial.fit) for trial in (final, reduced)]
             after, before = (np.where(np.isfinite(x), x, -1e9) for x in densities)  # where a simulation runs away
@@ -286,10 +288,10 @@ LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay whe
 MAX_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
 STEADIER = 0.005  # share of thrust by which its scatter over runs has to fall where the held-out gap does not
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
-ODDS = 20.0
-"""Times by which an effect has to make runs held out more likely, against the model without it refitted. Where it is
-chance, odds on runs that no fit saw have a mean of one, and reach this in at most 1 of 20 cases (Markov's inequality;
-Wasserman, Ramdas, Balakrishnan 2020, PNAS 117:16880)."""
+CONFIRMED = 5e-4
+"""Largest p-value over odds of a name: how often chance gains as much, over how many times as likely runs held out are
+as under the model without it refitted. No fit saw these, so that by chance the odds have a mean of one, and the ratio
+is a p-value itself (Ignatiadis, Wang, Ramdas 2024, Biometrika 111:417)."""
 NOTICED, CONTRIBUTES = 0.1, 0.05
 """Shares of the mean square of the held-out error above the noise that names have to close together, of driven runs,
 and each by itself, as each may do some of the work of the others. With less the error falls by under a twentieth:
