@@ -136,7 +136,7 @@ class Share:
         odds, needed = float(np.exp(self.support)), self.p_value / CONFIRMED
         if odds < needed and not plain:
             likely = f"{odds:.2g} times as likely with {name} as without it"
-            return f"The held-out runs are {likely}: a name so near chance takes {needed:.2g} times."
+            return f"The held-out runs are {likely}: a name takes at least {needed:.2g}."
         if (little := self.gap.little(CONTRIBUTES)) and self.steadier < STEADIER:
             return f"{name} by itself {little}"
         return f"The 95 % interval of the size of {name} holds zero." if self.may_be_nothing else ""
