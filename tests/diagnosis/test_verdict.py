@@ -179,7 +179,7 @@ def test_runs_held_out_bear_out_what_is_there_and_chance_at_most_at_the_rate_sta
         ({"support": 10.0, "gap": Gap(3.0, 2.0, 1.0)}, ""),
         (
             {"support": 1.9, "gap": Gap(3.0, 2.5, 1.0)},
-            "6.7 times as likely with it as without it: a name so near chance",
+            "6.7 times as likely with it as without it: a name takes at least 9.",
         ),
         ({"support": 0.1, "gap": Gap(3.0, 2.5, 1.0), "p_value": CONFIRMED}, ""),
         ({"support": -3.0, "gap": Gap(3.0, 1.5, 1.0)}, ""),  # some runs hold something else: most of the error is gone
