@@ -2,7 +2,7 @@
 named, suspected, nothing missing or unexplained."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -23,10 +23,12 @@ from automarine_cli.diagnosis.search import (
     SearchResult,
     clear,
     gain_exponent,
+    may_be_nothing,
     obstacle,
     search,
     variants,
     varied,
+    without,
 )
 from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, log_density, missed, run_effects_given, study_of
 from automarine_cli.dofs import Dof
@@ -67,12 +69,20 @@ class Gap:
     horizon: float | None = None
     ci95: tuple[tuple[float, float] | None, ...] = ()
 
-    def above(self, size: float) -> float:
-        return size**2 - self.floor**2
-
     @property
     def exceeds_noise(self) -> bool:
         return self.after > STANDS * self.floor
+
+    @property
+    def closed(self) -> float:
+        """Share of the mean square above the noise that is gone."""
+        return (self.before**2 - self.after**2) / max(self.before**2 - self.floor**2, 1e-24)
+
+    def little(self, least: float) -> str:
+        """How little of what stands above the noise is gone, in words; empty from the share `least`."""
+        if self.before <= STANDS * self.floor or self.closed >= least:
+            return ""
+        return f"closes {max(self.closed, 0.0):.0%} of the held-out error above the noise: a name takes {least:.0%}."
 
     @property
     def in_noises(self) -> str:
@@ -124,6 +134,78 @@ def gap_from_commands(
     scores = [scored.overall["rmse"] for scored in validation.models.values()]
     before, after = (np.inf if score.value is None else score.value for score in scores)
     return Gap(before, after, validation.floor, ci95=tuple(score.ci95 for score in scores))
+
+
+@dataclass(frozen=True)
+class Share:
+    """What an effect explains by itself, against the model `without` it, in which all else is refitted: the `evidence`
+    that is lost [deviance], how often chance would gain as much, the share of thrust by which runs are `steadier` with
+    it, whether its size `may_be_nothing` beside the others; and of runs held out the log odds and the gap."""
+
+    without: CandidateFit
+    evidence: float
+    p_value: float
+    steadier: float = 0.0
+    may_be_nothing: bool = False
+    support: float | None = None
+    gap: Gap | None = None
+
+    def doubt(self, name: str) -> str:
+        """Why runs held out do not bear it out by itself; empty where they do, or there are none.
+
+        Where something else makes some of them less likely, it may close most of their gap instead."""
+        if self.support is None or self.gap is None:
+            return ""
+        plain = self.gap.before > STANDS * self.gap.floor and self.gap.closed >= 1.0 - MAX_LEFT
+        odds, needed = float(np.exp(self.support)), self.p_value / CONFIRMED
+        if odds < needed and not plain:
+            likely = f"{odds:.2g} times as likely with {name} as without it"
+            return f"The held-out runs are {likely}: a name takes at least {needed:.2g}."
+        if (little := self.gap.little(CONTRIBUTES)) and self.steadier < STEADIER:
+            return f"{name} by itself {little}"
+        return f"The 95 % interval of the size of {name} holds zero." if self.may_be_nothing else ""
+
+
+def support(gained: Floats) -> float:
+    """Log odds for an effect from runs held out, whose log densities gain so much by it, (R,)."""
+    return float(np.clip(gained, -LOUDEST, LOUDEST).sum())
+
+
+def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str, Share]:
+    """The share of each effect of the final model, the largest first."""
+    final, parts = result.final, dict[str, Share]()
+    for name in final.added:
+        reduced = result.base if len(final.added) == 1 else without(study, final, name)
+        if reduced is None:
+            continue
+        steadier = 0.0 if study.driven else reduced.fit.factor(GAIN) - final.fit.factor(GAIN)
+        nothing = study.driven and may_be_nothing(study, final, name)
+        parts[name] = Share(reduced, reduced.evidence - final.evidence, result.p_values[name], steadier, nothing)
+        if held_out is not None:
+            densities = [log_density(held_out, trial.model, trial.fit) for trial in (final, reduced)]
+            after, before = (np.where(np.isfinite(x), x, -1e9) for x in densities)  # where a simulation runs away
+            odds = support(after - before)
+            parts[name] = replace(parts[name], support=odds, gap=gap(held_out, reduced, final))
+    return dict(sorted(parts.items(), key=lambda item: -item[1].evidence))
+
+
+def confirmed(
+    study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem
+) -> tuple[SearchResult, dict[str, Share], tuple[str, ...]]:
+    """The search without those of several effects that runs held out do not bear out by themselves, taken out one by
+    one, the worst first; the shares of what stays; and which of the others these runs speak for, if not enough."""
+    suspects: tuple[str, ...] = ()
+    while True:
+        parts = shares(study, result, held_out)
+        doubted = {name: part.support or 0.0 for name, part in parts.items() if part.doubt(name)}
+        if not doubted or len(result.final.added) < 2:
+            return result, parts, suspects
+        name = min(doubted, key=doubted.__getitem__)
+        suspects += (name,) * (doubted[name] > 0.0)
+        result = replace(
+            result, final=parts[name].without, rivals={n: others for n, others in result.rivals.items() if n != name},
+            compensating={pair: says for pair, says in result.compensating.items() if name not in pair},
+        )  # fmt: skip
 
 
 DECIDING = 5.0  # horizons [s] up to this have a veto; over longer ones commands answer what no prediction knows
@@ -230,6 +312,14 @@ LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay whe
 MAX_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
 STEADIER = 0.005  # share of thrust by which its scatter over runs has to fall where the held-out gap does not
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
+CONFIRMED = 5e-4
+"""Largest p-value over odds of a name: how often chance gains as much, over how many times as likely runs held out are
+as under the model without it refitted. No fit saw these, so that by chance the odds have a mean of one, and the ratio
+is a p-value itself (Ignatiadis, Wang, Ramdas 2024, Biometrika 111:417)."""
+NOTICED, CONTRIBUTES = 0.1, 0.05
+"""Shares of the mean square of the held-out error above the noise that names have to close together, of driven runs,
+and each by itself, as each may do some of the work of the others. With less the error falls by under a twentieth:
+nobody would notice, and another choice of runs to fit changes it as much."""
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
 effect shows plainly says no more than that."""
@@ -245,7 +335,8 @@ class NamedEffect:
     """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
 
     `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
-    that was learned, `label` the name with what it adds, where the name alone does not tell."""
+    that was learned, `label` the name with what it adds, where the name alone does not tell. `evidence` [deviance] and
+    the log odds of runs held out are against the model without it alone (`Share`)."""
 
     name: str
     law: str
@@ -256,6 +347,8 @@ class NamedEffect:
     rivals: tuple[NamedRival, ...]
     learned: Any = None
     label: str = ""
+    evidence: float | None = None
+    held_out_log_odds: float | None = None
 
     def to_json(self) -> dict[str, object]:
         plain = {
@@ -297,12 +390,14 @@ def diagnosis_json(
 class Verdict:
     """What may be said; `result` is the search as far as that holds: without effects where none is named or suspected.
 
-    `why` says what keeps effects from being named, or what is unexplained; `remainder` what stays beside named ones."""
+    `why` says what keeps effects from being named, or what is unexplained; `remainder` what stays beside named ones;
+    `shares` are those of the effects named or suspected, the largest first."""
 
     word: str
     result: SearchResult
     why: str = ""
     remainder: str = ""
+    shares: Mapping[str, Share] = field(default_factory=dict)
 
     @property
     def leaves(self) -> CandidateFit:
@@ -311,14 +406,14 @@ class Verdict:
 
 
 def verdict_of(
-    study: DiagnosisProblem, result: SearchResult, where: ResidualRegions, held_out: DiagnosisProblem | None,
-    ahead: ForecastGain | None,
-) -> Verdict:  # fmt: skip
+    study: DiagnosisProblem, result: SearchResult, where: ResidualRegions, held_out: DiagnosisProblem | None
+) -> Verdict:
     """The verdict on a search over the runs of `study`, whose base model has its gap at `where`.
 
     A name needs more evidence than chance gives, and runs that are predicted better than without it by more than
-    chance: those of `held_out`, and each fitted run from the others. Of driven runs `ahead`, the outlook on the runs
-    held out, has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what is both is chance.
+    chance: those of `held_out`, which ask each name by itself, and each fitted run from the others. Of driven runs the
+    outlook on the runs held out has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what
+    is both is chance.
     """
     last = result if result.final.added else result.doubtful
     holdout = None if held_out is None or last is None else gap(held_out, last.base, last.final)
@@ -327,6 +422,14 @@ def verdict_of(
         if reason:
             without_effects = replace(result, final=result.base, p_values={}, rivals={}, doubtful=None)
             return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, result)}")
+    parts, beside = dict[str, Share](), tuple[str, ...]()
+    ahead = None
+    if last is not None and held_out is not None:
+        borne_out, parts, beside = confirmed(study, last, held_out)
+        if borne_out is not last:
+            result = last = borne_out
+            holdout = gap(held_out, last.base, last.final)
+        ahead = outlook(held_out, last.base, last.final)
     doubt = "" if last is None else _borne_out(study, last, held_out, holdout, ahead)
     if last is None or (last is not result and doubt):
         if not where.regions:
@@ -338,12 +441,15 @@ def verdict_of(
         doubt = f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
     else:
         doubt = _no_name(result, holdout) or doubt
+        doubt = doubt or next(filter(None, (part.doubt(name) for name, part in parts.items())), "")
     if doubt:
-        return Verdict(SUSPECTED, last, doubt)
-    if holdout is None or study.driven or not holdout.exceeds_noise:
-        return Verdict(NAMED, result, remainder=result.equals)
-    remainder = f"A residual remains: on the held-out runs the gap is {holdout.in_noises}."
-    return Verdict(NAMED, result, remainder=remainder)
+        return Verdict(SUSPECTED, last, doubt, shares=parts)
+    remainder = result.equals
+    if holdout is not None and not study.driven and holdout.exceeds_noise:
+        remainder = f"A residual remains: on the held-out runs the gap is {holdout.in_noises}."
+    if beside:
+        remainder += f" Only suspected: {' and '.join(beside)}; the held-out runs do not confirm it by itself."
+    return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
 
 
 def _no_name(result: SearchResult, holdout: Gap | None) -> str:
@@ -365,7 +471,8 @@ def _borne_out(
     """Why runs that were not fitted do not bear effects out; empty where nothing speaks against them."""
     if study.driven:
         doubt = "" if ahead is None else ahead.doubt(study.base.dof)
-        return f"The held-out runs do not confirm it: {doubt}." if doubt else ""
+        little = f"What was added {little}" if holdout and (little := holdout.little(NOTICED)) else ""
+        return f"The held-out runs do not confirm it: {doubt}." if doubt else little
     gained = result.final.fit.predictive - result.base.fit.predictive
     if held_out is not None:
         after, before = (log_density(held_out, trial.model, trial.fit) for trial in (result.final, result.base))
@@ -378,7 +485,7 @@ def _borne_out(
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
             f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
         )
-    if holdout and holdout.exceeds_noise and holdout.above(holdout.after) > MAX_LEFT * holdout.above(holdout.before):
+    if holdout and holdout.exceeds_noise and holdout.closed < 1.0 - MAX_LEFT:
         return f"Most of the gap of the held-out runs remains: it is {holdout.in_noises}."
     steadier = result.base.fit.factor(GAIN) - result.final.fit.factor(GAIN)
     if holdout and holdout.after >= holdout.before and steadier < STEADIER:
@@ -466,12 +573,13 @@ def is_autocorrelated(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     return bool(correlation * np.sqrt(observed.sum()) > -special.ndtri(1e-3))
 
 
-def named_effects(study: DiagnosisProblem, result: SearchResult) -> tuple[NamedEffect, ...]:
-    """List the effects of the final model, each with its rivals and what their cards say would tell them apart; a
-    learned one with its curve, and a sentence that says whether it is thrust or a moment."""
+def named_effects(study: DiagnosisProblem, result: SearchResult, parts: Mapping[str, Share]) -> tuple[NamedEffect, ...]:
+    """List the effects of the final model, the one that explains most first, each with its rivals and what their cards
+    say would tell them apart; a learned one with its curve, and a sentence that says whether it is thrust or a
+    moment."""
     entries, dof, curve = [], study.base.dof, curve_of(result.final)
-    for name in result.final.added:
-        effect, p_value = effects.get(name), result.p_values[name]
+    for name in (*parts, *(name for name in result.final.added if name not in parts)):
+        effect, p_value, part = effects.get(name), result.p_values[name], parts.get(name)
         odds = [NamedRival(rival, odd, split_by(name, rival, dof)) for rival, odd in result.odds(name).items()]
         weight, rivals = listed_rivals(odds)
         parameters = parameter_estimates(study, result.final, name)
@@ -479,8 +587,25 @@ def named_effects(study: DiagnosisProblem, result: SearchResult) -> tuple[NamedE
         law = ", ".join(p.choices[round(estimate.value)] for p, estimate in pairs if p.choices)
         learned = curve if curve is not None and name == PREFIX + curve.variable else None
         says = effect.card(dof).says if learned is None else sentence(learned, result)
-        entries.append(NamedEffect(name, law, says, parameters, weight * (1.0 - p_value), p_value, rivals, learned))
+        confidence = weight * (1.0 - p_value)
+        entry = NamedEffect(name, law, says, parameters, confidence, p_value, rivals, learned)
+        if part is not None:
+            runs = part.gap or gap(study, part.without, result.final, fitted=True)
+            says = f"{says} {_small(dof, runs, part)}".rstrip()
+            entry = replace(entry, says=says, evidence=part.evidence, held_out_log_odds=part.support)
+        entries.append(entry)
     return tuple(entries)
+
+
+def _small(dof: Dof, runs: Gap, part: Share) -> str:
+    """That an effect changes the positions by less than their noise, which steadier thrust may outweigh; or empty."""
+    without_it, with_it = runs.residuals
+    observed = with_it[with_it != 0.0]
+    change = float(np.sqrt(((without_it - with_it) ** 2).sum() / max(observed.size, 1)))
+    if change >= runs.floor or part.steadier >= STEADIER:
+        return ""
+    change_shown, noise = (f"{dof.shown(size):.2g} {dof.units.shown}" for size in (change, runs.floor))
+    return f"It is small: it changes the {dof.words.position} by {change_shown}, and the noise is {noise}."
 
 
 def split_by(name: str, rival: str, dof: Dof) -> str:
@@ -650,19 +775,18 @@ def diagnose_runs(
     where = find_where(result.study, result.base, seed)
 
     def explained(search_result: SearchResult) -> bool:
-        return verdict_of(search_result.study, search_result, where, None, None).word != UNEXPLAINED
+        return verdict_of(search_result.study, search_result, where, None).word != UNEXPLAINED
 
     result = learn(result.study, result, seed, map_fn, explained)
     study = result.study
     held_out = replace(study, runs=tuple(unfitted)) if unfitted else None
     if held_out is not None:
         result = _best_law(study, result, held_out, map_fn)
-    last = result if result.final.added else result.doubtful or result
-    ahead = None if held_out is None else outlook(held_out, last.base, last.final)
-    conclusion = verdict_of(study, result, where, held_out, ahead)
+    conclusion = verdict_of(study, result, where, held_out)
     before, after, listed = conclusion.result.base, conclusion.result.final, conclusion.word in (NAMED, SUSPECTED)
+    parts = conclusion.shares or (shares(study, conclusion.result, held_out) if listed else {})
     return Diagnosis(
-        study, conclusion, named_effects(study, conclusion.result) if listed else (), where,
+        study, conclusion, named_effects(study, conclusion.result, parts) if listed else (), where,
         gap(study, before, after, fitted=True), held_out, None if held_out is None else gap(held_out, before, after),
         detectable(study, result), outlook(study, before, after),
         None if held_out is None else outlook(held_out, before, after), chosen,

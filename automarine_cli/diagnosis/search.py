@@ -170,7 +170,8 @@ def varied(study: DiagnosisProblem, trial: CandidateFit, iterations: int, model:
 def without(study: DiagnosisProblem, trial: CandidateFit, out: str) -> CandidateFit | None:
     base, model = len(study.base.terms), trial.model
     remaining = [term for term in model.terms[base:] if term.name != out]
-    model = replace(model, terms=(*model.terms[:base], *remaining))
+    drag = [b if out in DRAG and t.values == (0.0,) else t for b, t in zip(study.base.terms, model.terms)]
+    model = replace(model, terms=(*drag, *remaining))
     return refitted(study, model, tuple(term.name for term in remaining), model.theta, trial.fit)
 
 
@@ -599,18 +600,20 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
     )
     if stopped:
         return "its size goes to the limit of what is allowed"
-    return "the 95 % interval of its size holds zero" if study.driven and may_be_nothing(study, trial) else ""
+    zero = study.driven and may_be_nothing(study, trial, term.name)
+    return "the 95 % interval of its size holds zero" if zero else ""
 
 
-def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit) -> bool:
-    """Whether the sizes of a trial's last effect, all together, are within their errors of nothing.
+def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit, name: str) -> bool:
+    """Whether the sizes of an effect of a trial, all together, are within their errors of nothing.
 
     Wald's test with the run as the unit; of one size that is whether its 95 % interval holds zero. Sizes at a bound say
     nothing, nor do those on a logarithm, which has no zero."""
-    term, fit = trial.model.terms[-1], trial.fit
-    effect, first = effects.get(term.name), len(trial.model.theta) - len(term.values)
+    effect, fit = effects.get(name), trial.fit
+    term = next(term for term in trial.model.terms if term.name == name)
+    first = trial.model.index(f"{name}.{effect.names_in(trial.model.dof)[0]}")
     fixed = np.array(effect.shapes) | np.array(effect.held(term.values))
-    sizes = first + np.flatnonzero(~fixed & ~fit.positive[first : len(trial.model.theta)])
+    sizes = first + np.flatnonzero(~fixed & ~fit.positive[first : first + len(term.values)])
     sizes = np.setdiff1d(sizes, fit.at_bound)
     if not len(sizes) or effect.varies(term.values) or isinstance(effect, Learned):
         return False

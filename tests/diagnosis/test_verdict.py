@@ -10,10 +10,21 @@ import pytest
 from effect_contract import Plan, base_for, long_plans, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
 from made_driven import turned
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import diagnose, search
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, split_by
+from automarine_cli.diagnosis.diagnose import (
+    CONFIRMED,
+    Diagnosis,
+    Gap,
+    Share,
+    confirmed,
+    diagnose_runs,
+    shares,
+    split_by,
+    support,
+)
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.diagnosis.scores import Scores, score
 from automarine_cli.diagnosis.search import (
@@ -136,6 +147,75 @@ def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tie
 def test_the_card_of_the_look_alike_says_what_tells_two_effects_apart(name: str, rival: str, text_of: str) -> None:
     assert (rival in effects.get(name).mistaken_for) == (text_of == name)
     assert split_by(name, rival, YAW) == effects.get(text_of).card(YAW).separated_by
+
+
+def chance_over_odds(random: np.random.Generator, size: float) -> float:
+    """The p-value of the best of 30 effects, of which the first is there in a size, in 24 runs of unit noise, over its
+    odds in 8 runs held out."""
+    fitted, held_out = random.standard_normal((24, 30)), random.standard_normal((8, 30))
+    fitted[:, 0] += size
+    held_out[:, 0] += size
+    z = np.sqrt(24) * fitted.mean(axis=0)
+    best = int(np.argmax(np.abs(z)))
+    gained = 0.5 * (held_out[:, best] ** 2 - (held_out[:, best] - fitted[:, best].mean()) ** 2)
+    p_value = -np.expm1(30 * np.log1p(-2.0 * special.ndtr(-abs(z[best]))))
+    return float(p_value / np.exp(support(gained)))
+
+
+def test_runs_held_out_bear_out_what_is_there_and_chance_at_most_at_the_rate_stated() -> None:
+    draws = {size: np.empty(2000) for size in (0.0, 1.5)}
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        for size, ratios in draws.items():
+            ratios[500 * seed : 500 * (seed + 1)] = [chance_over_odds(random, size) for _ in range(500)]
+    for level in (0.05, 0.01, CONFIRMED):
+        assert np.mean(draws[0.0] <= level) <= level + 2.0 * np.sqrt(level / 2000)
+    assert np.mean(draws[1.5] <= CONFIRMED) > 0.99
+
+
+@pytest.mark.parametrize(
+    ("part", "doubt"),
+    [
+        ({"support": 10.0, "gap": Gap(3.0, 2.0, 1.0)}, ""),
+        (
+            {"support": 1.9, "gap": Gap(3.0, 2.5, 1.0)},
+            "6.7 times as likely with it as without it: a name takes at least 9.",
+        ),
+        ({"support": 0.1, "gap": Gap(3.0, 2.5, 1.0), "p_value": CONFIRMED}, ""),
+        ({"support": -3.0, "gap": Gap(3.0, 1.5, 1.0)}, ""),  # some runs hold something else: most of the error is gone
+        ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0)}, "closes 4% of the held-out error above the noise"),
+        ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0), "steadier": 0.01}, ""),  # the gains of single runs had hidden it
+        ({"support": 10.0, "gap": Gap(1.2, 1.19, 1.0)}, ""),  # so near the noise no share is known
+        ({"support": 10.0, "gap": Gap(3.0, 2.0, 1.0), "may_be_nothing": True}, "holds zero"),
+        ({}, ""),
+    ],
+)
+def test_a_name_is_borne_out_by_itself_or_says_what_it_lacks(part: dict[str, Any], doubt: str) -> None:
+    blank: Any = None
+    says = Share(blank, 30.0, **{"p_value": 0.0045, **part}).doubt("it")
+    assert doubt in says and bool(doubt) == bool(says)
+
+
+def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three effects found in one order, of which the second is the largest, and runs held out know nothing of the
+    first."""
+    lost, odds = {NAME: 25.0, "dead-band": 900.0, SMALL: 40.0}, {NAME: 0.2, "dead-band": 5.0, SMALL: 0.5}
+    blank: Any = SimpleNamespace(driven=False)
+
+    def trial(*names: str) -> CandidateFit:
+        fit: Any = SimpleNamespace(density=np.full(8, sum(odds[name] for name in names)), factor=lambda _: 0.0)
+        return CandidateFit(names, blank, fit, 1000.0 - sum(lost[name] for name in names))
+
+    monkeypatch.setattr(
+        diagnose, "without", lambda _, final, out: trial(*(name for name in final.added if name != out))
+    )
+    monkeypatch.setattr(diagnose, "log_density", lambda _, __, fit: fit.density)
+    monkeypatch.setattr(diagnose, "gap", lambda *_: Gap(1.0, 1.0, 1.0))
+    found = SearchResult(blank, trial(), trial(*lost), (), dict.fromkeys(lost, 0.0045), {NAME: {"wall": 1.0}})
+    assert list(shares(blank, found, None)) == ["dead-band", SMALL, NAME]
+    result, parts, suspected = confirmed(blank, found, blank)
+    assert result.final.added == ("dead-band", SMALL) and list(parts) == ["dead-band", SMALL]
+    assert suspected == (NAME,) and NAME not in result.rivals
 
 
 # Several effects that are one in disguise, and effects that undo each other

@@ -65,7 +65,7 @@ def test_an_effect_whose_interval_holds_nothing_is_not_added(
         theta=theta, positive=np.zeros(len(theta), dtype=bool), at_bound=at_bound, left_out=np.zeros((5, 1))
     )
     study: Any = SimpleNamespace(covariance=lambda *of: covariance)
-    assert may_be_nothing(study, CandidateFit(("coulomb-drag",), model, fit, 0.0)) == nothing
+    assert may_be_nothing(study, CandidateFit(("coulomb-drag",), model, fit, 0.0), "coulomb-drag") == nothing
 
 
 def in_water(count: int, column: str = "water_temp_C") -> list[Run]:
