@@ -203,7 +203,8 @@ def confirmed(
         name = min(doubted, key=doubted.__getitem__)
         suspects += (name,) * (doubted[name] > 0.0)
         result = replace(
-            result, final=parts[name].without, rivals={n: others for n, others in result.rivals.items() if n != name},
+            result, final=parts[name].without,
+            rivals={effect: rivals for effect, rivals in result.rivals.items() if effect != name},
             compensating={pair: says for pair, says in result.compensating.items() if name not in pair},
         )  # fmt: skip
 
@@ -314,8 +315,8 @@ STEADIER = 0.005  # share of thrust by which its scatter over runs has to fall w
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
 CONFIRMED = 5e-4
 """Largest p-value over odds of a name: how often chance gains as much, over how many times as likely runs held out are
-as under the model without it refitted. No fit saw these, so that by chance the odds have a mean of one, and the ratio
-is a p-value itself (Ignatiadis, Wang, Ramdas 2024, Biometrika 111:417)."""
+as under the model without it refitted. No effect was fitted to these: by chance the odds have a mean of one, and the
+ratio is a p-value itself (Ignatiadis, Wang, Ramdas 2024, Biometrika 111:417)."""
 NOTICED, CONTRIBUTES = 0.1, 0.05
 """Shares of the mean square of the held-out error above the noise that names have to close together, of driven runs,
 and each by itself, as each may do some of the work of the others. With less the error falls by under a twentieth:
@@ -422,10 +423,10 @@ def verdict_of(
         if reason:
             without_effects = replace(result, final=result.base, p_values={}, rivals={}, doubtful=None)
             return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, result)}")
-    parts, beside = dict[str, Share](), tuple[str, ...]()
+    parts, suspects = dict[str, Share](), tuple[str, ...]()
     ahead = None
     if last is not None and held_out is not None:
-        borne_out, parts, beside = confirmed(study, last, held_out)
+        borne_out, parts, suspects = confirmed(study, last, held_out)
         if borne_out is not last:
             result = last = borne_out
             holdout = gap(held_out, last.base, last.final)
@@ -447,8 +448,8 @@ def verdict_of(
     remainder = result.equals
     if holdout is not None and not study.driven and holdout.exceeds_noise:
         remainder = f"A residual remains: on the held-out runs the gap is {holdout.in_noises}."
-    if beside:
-        remainder += f" Only suspected: {' and '.join(beside)}; the held-out runs do not confirm it by itself."
+    if suspects:
+        remainder += f" Only suspected: {' and '.join(suspects)}; the held-out runs do not confirm it by itself."
     return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
 
 

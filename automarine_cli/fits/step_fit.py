@@ -200,8 +200,8 @@ def compare(whole: StepData, problem: Problem, fit: MixedFit, half: StepData, ri
             p_bends = bends_test(_scores(problem, fit, bends).score)
         pushes = {name: _scores(problem, fit, push_of(name, whole, turned)) for name in (STIRRED, FADING)}
         p_push = {name: push_test(scores) for name, scores in pushes.items()}
-    left = np.where(half.observed, half.heading - rival.reading(half.dof.position), 0.0)
-    colour = float((left[:, 1:] * left[:, :-1]).sum() / max((left**2).sum(), 1e-300))
+    residual = np.where(half.observed, half.heading - rival.reading(half.dof.position), 0.0)
+    colour = float((residual[:, 1:] * residual[:, :-1]).sum() / max((residual**2).sum(), 1e-300))
     ratio = float(fit.noise / max(rival.noise, 1e-300))
     return Consistency(difference_test(fit, rival), p_bends, p_push, ratio, colour)
 
@@ -283,9 +283,9 @@ def _scores(problem: Problem, fit: MixedFit, shifts: Floats) -> Scores:
     p, m = len(free), shifts.shape[2]
     columns = np.concatenate([by_phi[:, :, free], full, residual[:, :, None]], axis=2)
     columns = np.where(problem.observed[:, :, None], columns, 0.0) * scale[:, None]
-    own = by_run * scale[:, None] * problem.effects.deviation(fit.variances)[:, None]
-    shared = np.swapaxes(own, 1, 2) @ columns
-    kernel = np.eye(own.shape[2]) + np.swapaxes(own, 1, 2) @ own
+    by_effects = by_run * scale[:, None] * problem.effects.deviation(fit.variances)[:, None]
+    shared = np.swapaxes(by_effects, 1, 2) @ columns
+    kernel = np.eye(by_effects.shape[2]) + np.swapaxes(by_effects, 1, 2) @ by_effects
     gram = np.swapaxes(columns, 1, 2) @ columns - np.swapaxes(shared, 1, 2) @ np.linalg.solve(kernel, shared)
     total = gram.sum(axis=0)
     move = np.linalg.pinv(total[:p, :p], rcond=1e-13, hermitian=True) @ total[:p, p : p + m]
