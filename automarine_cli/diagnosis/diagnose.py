@@ -82,7 +82,8 @@ class Gap:
         """How little of what stands above the noise is gone, in words; empty from the share `least`."""
         if self.before <= STANDS * self.floor or self.closed >= least:
             return ""
-        return f"closes {max(self.closed, 0.0):.0%} of the held-out error above the noise: a name takes {least:.0%}."
+        closed = 100.0 * max(self.closed, 0.0)
+        return f"closes {closed:.0f} % of the held-out error above the noise: a name takes {100 * least:.0f} %."
 
     @property
     def in_noises(self) -> str:
@@ -592,13 +593,13 @@ def named_effects(study: DiagnosisProblem, result: SearchResult, parts: Mapping[
         entry = NamedEffect(name, law, says, parameters, confidence, p_value, rivals, learned)
         if part is not None:
             runs = part.gap or gap(study, part.without, result.final, fitted=True)
-            says = f"{says} {_small(dof, runs, part)}".rstrip()
+            says = f"{says} {smallness(dof, runs, part)}".rstrip()
             entry = replace(entry, says=says, evidence=part.evidence, held_out_log_odds=part.support)
         entries.append(entry)
     return tuple(entries)
 
 
-def _small(dof: Dof, runs: Gap, part: Share) -> str:
+def smallness(dof: Dof, runs: Gap, part: Share) -> str:
     """That an effect changes the positions by less than their noise, which steadier thrust may outweigh; or empty."""
     without_it, with_it = runs.residuals
     observed = with_it[with_it != 0.0]

@@ -183,7 +183,7 @@ def test_runs_held_out_bear_out_what_is_there_and_chance_at_most_at_the_rate_sta
         ),
         ({"support": 0.1, "gap": Gap(3.0, 2.5, 1.0), "p_value": CONFIRMED}, ""),
         ({"support": -3.0, "gap": Gap(3.0, 1.5, 1.0)}, ""),  # some runs hold something else: most of the error is gone
-        ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0)}, "closes 4% of the held-out error above the noise"),
+        ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0)}, "closes 4 % of the held-out error above the noise"),
         ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0), "steadier": 0.01}, ""),  # the gains of single runs had hidden it
         ({"support": 10.0, "gap": Gap(1.2, 1.19, 1.0)}, ""),  # so near the noise no share is known
         ({"support": 10.0, "gap": Gap(3.0, 2.0, 1.0), "may_be_nothing": True}, "holds zero"),
@@ -194,6 +194,15 @@ def test_a_name_is_borne_out_by_itself_or_says_what_it_lacks(part: dict[str, Any
     blank: Any = None
     says = Share(blank, 30.0, **{"p_value": 0.0045, **part}).doubt("it")
     assert doubt in says and bool(doubt) == bool(says)
+
+
+def test_an_effect_below_the_noise_is_said_to_be_small_unless_thrust_is_steadier_with_it() -> None:
+    blank: Any = None
+    noise = np.radians(np.random.default_rng(0).standard_normal((4, 200)))
+    for change_deg, steadier, small in ((0.3, 0.0, True), (0.3, 0.01, False), (1.5, 0.0, False)):
+        runs = Gap(1.1, 1.0, np.radians(1.0), residuals=(noise + np.radians(change_deg), noise))
+        says = diagnose.smallness(YAW, runs, Share(blank, 30.0, 0.0, steadier))
+        assert says == ("It is small: it changes the heading by 0.3 deg, and the noise is 1 deg." if small else "")
 
 
 def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
