@@ -62,7 +62,7 @@ def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_
     for log in logs_in(tmp_path / "pool").values():
         rows = rows_of(log)
         assert list(rows[0]) == ["time_s", "heading_deg", "yaw_rate_deg_s", "tau"]
-        assert [float(row["tau"]) for row in rows[:5]] == [0.0] * 5 and len(rows) > 20  # the rest is the machine's pace
+        assert float(rows[0]["tau"]) == 0.0 and len(rows) > 20  # how many more is the machine's pace
     fitted = run("fit-yaw", str(tmp_path / "pool"), "--fit-to", "whole-runs", "-o", str(tmp_path / "fit"))
     assert fitted.exit_code == 0, fitted.output
     model = json.loads((tmp_path / "fit" / "yaw_model.json").read_text())["models"]["3"]
