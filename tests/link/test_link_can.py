@@ -1,6 +1,7 @@
 """A campaign driven over CAN, on python-can's virtual bus: what is sent, what is logged, and when it ends."""
 
 import csv
+import itertools
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -62,7 +63,9 @@ def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_
     for log in logs_in(tmp_path / "pool").values():
         rows = rows_of(log)
         assert list(rows[0]) == ["time_s", "heading_deg", "yaw_rate_deg_s", "tau"]
-        assert float(rows[0]["tau"]) == 0.0 and len(rows) > 20  # how many more is the machine's pace
+        levels = [tau for tau, _ in itertools.groupby(float(row["tau"]) for row in rows)]
+        assert levels[0] == 0.0 and levels[1] != 0.0 and levels[2:] in ([], [0.0]), levels  # rest, step, perhaps rest
+        assert len(rows) > 20  # how many of each is the machine's pace
     fitted = run("fit-yaw", str(tmp_path / "pool"), "--fit-to", "whole-runs", "-o", str(tmp_path / "fit"))
     assert fitted.exit_code == 0, fitted.output
     model = json.loads((tmp_path / "fit" / "yaw_model.json").read_text())["models"]["3"]
