@@ -123,7 +123,7 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
 def gap_from_commands(
     study: DiagnosisProblem, runs: Sequence[Run], base: CandidateFit, final: CandidateFit, seed: int
 ) -> Gap | None:
-    """The gap of `runs` held out as `validate` finds it: nothing is fitted to them, but the start of one under way.
+    """Give the gap of `runs` held out as `validate` finds it: nothing is fitted to them but the start of one under way.
 
     Both models are those of `gap`: the base refitted to the runs of `study`, and the final one as it was fitted to
     them. Each has its fit's command delay, as the file of the extended model. None of driven runs."""
@@ -168,12 +168,12 @@ class Share:
 
 
 def support(gained: Floats) -> float:
-    """Log odds for an effect from runs held out, whose log densities gain so much by it, (R,)."""
+    """Sum up the log odds for an effect from runs held out, whose log densities gain so much by it, (R,)."""
     return float(np.clip(gained, -LOUDEST, LOUDEST).sum())
 
 
 def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str, Share]:
-    """The share of each effect of the final model, the largest first."""
+    """Work out the share of each effect of the final model, the largest first."""
     final, parts = result.final, dict[str, Share]()
     for name in final.added:
         reduced = result.base if len(final.added) == 1 else without(study, final, name)
@@ -193,8 +193,8 @@ def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisPro
 def confirmed(
     study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem
 ) -> tuple[SearchResult, dict[str, Share], tuple[str, ...]]:
-    """The search without those of several effects that runs held out do not bear out by themselves, taken out one by
-    one, the worst first; the shares of what stays; and which of the others these runs speak for, if not enough."""
+    """Take those of several effects out of the search that runs held out do not bear out by themselves, one by one, the
+    worst first; give the shares of what stays, and which effects taken out these runs speak for, if not enough."""
     suspects: tuple[str, ...] = ()
     while True:
         parts = shares(study, result, held_out)
@@ -600,7 +600,7 @@ def named_effects(study: DiagnosisProblem, result: SearchResult, parts: Mapping[
 
 
 def smallness(dof: Dof, runs: Gap, part: Share) -> str:
-    """That an effect changes the positions by less than their noise, which steadier thrust may outweigh; or empty."""
+    """Say that an effect changes the positions by less than their noise; empty where thrust is steadier with it."""
     without_it, with_it = runs.residuals
     observed = with_it[with_it != 0.0]
     change = float(np.sqrt(((without_it - with_it) ** 2).sum() / max(observed.size, 1)))
