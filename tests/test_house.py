@@ -31,10 +31,10 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 
 MAX_LINES = {
     "fits": 5753, "report": 4402, "logs": 4069, "diagnosis": 3871, "commands": 3372, "runs": 2712, "thrusters":
-    2879, "link": 2750, "control": 2185, "effects": 2025, "planning": 1841, "simulation": 1626, "exports": 1659,
+    2879, "link": 2756, "control": 2185, "effects": 2025, "planning": 1841, "simulation": 1626, "exports": 1659,
     "comparison": 1186, "models": 1217, "filters": 978, "pipeline": 812, "dofs": 480, "top": 295, "guide": 189,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 44301
+MAX_LINES_IN_ALL = 44307
 MAX_FILES = 216
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -85,7 +85,7 @@ class Store:
         the battery does not carry, and what `refuse` does; OutputError where there is no room for it."""
         if (digest := hashlib.sha256(content).hexdigest()) != name:
             raise SettingError(f"the campaign has the SHA-256 {digest[:12]}..., not {name[:12]}...; try again")
-        there = [path.stem.rpartition("_")[2] for path in self.campaigns.glob("*.json")]
+        there = [path.stem.rpartition("_")[2] for path in self._filed("*.json")]
         if name in there:
             return False
         campaign = wire.campaign_in(content)
@@ -117,7 +117,7 @@ class Store:
         """Mark every campaign here, or `only` those with some ids, as stopped, for good, whatever its document is like.
 
         That is a rename of its record. Raises OSError where the disk refuses even that."""
-        for ready in sorted(self.campaigns.glob("*.ready")):
+        for ready in self._filed("*.ready"):
             if only is None or ready.stem in only:
                 with suppress(OSError):
                     _overwrite(ready, 0, why.encode()[:LONGEST_WHY].ljust(LONGEST_WHY))
@@ -129,7 +129,7 @@ class Store:
         """Say what on the disk forbids to drive a run: its campaign is not intact, or was stopped, or the run ended.
 
         Empty where nothing does."""
-        document, record = next(self.campaigns.glob(f"*_{campaign.id}.json"), None), self._record(campaign)
+        document, record = next(iter(self._filed(f"*_{campaign.id}.json")), None), self._record(campaign)
         try:
             intact = document is not None and isinstance(self._read(document, document.lstat()), LinkCampaign)
         except OSError:
@@ -243,8 +243,8 @@ class Store:
         documents, names = self._documents(), self._names()
         campaigns = (self._state_of(item) if isinstance(item, LinkCampaign) else item for item in documents)
         odd = [item for item in documents if isinstance(item, str)]
-        documented = {path.stem.rpartition("_")[2] for path in self.campaigns.glob("*.json")}
-        stopped = {path.stem for path in self.campaigns.glob("*.stopped")}
+        documented = {path.stem.rpartition("_")[2] for path in self._filed("*.json")}
+        stopped = {path.stem for path in self._filed("*.stopped")}
         odd += [f"the document of campaign {name[: wire.SHORT]} is gone" for name in sorted(stopped - documented)]
         gone = [place.name for place in (self.campaigns, self.runs) if not place.is_dir()]
         odd += [f"{name}/ is gone, and nothing is driven; start `automarine serve` again" for name in gone]
@@ -257,7 +257,7 @@ class Store:
     def _documents(self) -> list[LinkCampaign | CampaignState | str]:
         """Each campaign; of one that is over its last state, of a document that is none a sentence."""
         documents = list[LinkCampaign | CampaignState | str]()
-        for path in sorted(self.campaigns.glob("*.json")):
+        for path in self._filed("*.json"):
             try:
                 status = path.lstat()
                 document = self._read(path, status)
@@ -291,6 +291,12 @@ class Store:
         over = played == len(ends) or (why is not None and not is_open)
         battery = round(campaign.charge(played), 3) if played else campaign.battery.charge_Ah
         return CampaignState(campaign.id, len(ends), played, ends.count(wire.INTERRUPTED), over, battery, why)
+
+    def _filed(self, pattern: str) -> list[Path]:
+        """Files in campaigns/, none where the folder goes as it is read: glob raises there until Python 3.13."""
+        with suppress(FileNotFoundError):
+            return sorted(self.campaigns.glob(pattern))
+        return []
 
     def _names(self) -> dict[str, bool]:
         with suppress(FileNotFoundError), os.scandir(self.runs) as entries:

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -245,3 +245,16 @@ def test_a_vehicle_that_fails_in_any_way_ends_its_campaign(tmp_path: Path) -> No
     (state,) = store.state().campaigns
     assert state.over and state.why_stopped == "the vehicle failed (ZeroDivisionError: float division by zero)"
     assert driven(store) == []
+
+
+def test_campaigns_that_go_while_they_are_read_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python before 3.13 raises where the folder is deleted after `glob` looked for it."""
+    store = handed_over(tmp_path, CAMPAIGN)
+
+    def gone(_path: Path, _pattern: str) -> Iterator[Path]:
+        raise FileNotFoundError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "glob", gone)
+        assert store.state().campaigns == () and store.bar(CAMPAIGN, 0).startswith("its document")
+    assert len(store.state().campaigns) == 1
