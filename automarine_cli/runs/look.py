@@ -209,7 +209,7 @@ class Survey:
 
     @property
     def count(self) -> int:
-        bad = {run.file for run in self.set_aside}
+        bad = {run.file for run in self.set_aside} - {file.name for file, runs in self.runs.items() if runs}
         return sum(file.name not in bad for layout in self.layouts for file in layout.files)
 
     @property
