@@ -773,18 +773,24 @@ def diagnose_runs(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {MIN_RUNS}"
         )
     study = study_of(fitted, base, channels=chosen.names)
-    result = search(study, seed, map_fn)
-    where = find_where(result.study, result.base, seed)
+    searched = search(study, seed, map_fn)
+    where = find_where(searched.study, searched.base, seed)
 
     def explained(search_result: SearchResult) -> bool:
         return verdict_of(search_result.study, search_result, where, None).word != UNEXPLAINED
 
-    result = learn(result.study, result, seed, map_fn, explained)
+    def judged(outcome: SearchResult) -> tuple[SearchResult, DiagnosisProblem | None, Verdict]:
+        held_out = replace(outcome.study, runs=tuple(unfitted)) if unfitted else None
+        outcome = outcome if held_out is None else _best_law(outcome.study, outcome, held_out, map_fn)
+        return outcome, held_out, verdict_of(outcome.study, outcome, where, held_out)
+
+    learned = learn(searched.study, searched, seed, map_fn, explained)
+    result, held_out, conclusion = judged(learned)
+    if conclusion.word != NAMED and searched.final.added and learned.final is not searched.final:
+        answer = judged(searched)  # what the library has, where the runs held out do not confirm a curve
+        if answer[-1].word == NAMED:
+            result, held_out, conclusion = answer
     study = result.study
-    held_out = replace(study, runs=tuple(unfitted)) if unfitted else None
-    if held_out is not None:
-        result = _best_law(study, result, held_out, map_fn)
-    conclusion = verdict_of(study, result, where, held_out)
     before, after, listed = conclusion.result.base, conclusion.result.final, conclusion.word in (NAMED, SUSPECTED)
     parts = conclusion.shares or (shares(study, conclusion.result, held_out) if listed else {})
     return Diagnosis(

@@ -1,5 +1,6 @@
 """What was learned, to be shown: the curve with its band, and what the verdict says of it."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -140,6 +141,9 @@ def ranges(study: DiagnosisProblem) -> dict[str, tuple[float, float]]:
     return {name: (low, high) for name, (low, high) in intervals.items() if high - low > 1e-9 * max(abs(high), 1e-9)}
 
 
+SETPOINT = re.compile(r"set_?point|desired|target|reference|demand", re.IGNORECASE)
+
+
 def _alike(values: Floats, clock: Floats) -> bool:
     """Whether a column only stands for time: what changes from run to run of a few goes with the clock by chance."""
     spread = float(np.std(values) * np.std(clock))
@@ -147,9 +151,11 @@ def _alike(values: Floats, clock: Floats) -> bool:
 
 
 def _columns(runs: Sequence[Run], dof: Dof) -> list[str]:
-    """Logged columns with a value in every row of every run, but for those that measure the motion itself."""
+    """Logged columns with a value in every row of every run, but for those that measure the motion itself or say what a
+    controller is after, which moves nothing but through the command."""
     shared = set.intersection(*(set(run.extras) for run in runs)) - {dof.velocity, dof.command, *dof.thrusters}
-    return sorted(n for n in shared if all(np.isfinite(run.extras[n]).all() for run in runs))
+    physical = (name for name in shared if not SETPOINT.search(name))
+    return sorted(n for n in physical if all(np.isfinite(run.extras[n]).all() for run in runs))
 
 
 def with_curve(model: YawModel, spread: float, curve: Floats) -> YawModel:

@@ -17,6 +17,7 @@ from automarine_cli.control.tuning import TUNING
 from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ExcludedRun, OutputError
 from automarine_cli.estimate import Given
 from automarine_cli.fits.innovations import sentences_of
@@ -363,7 +364,8 @@ def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
             lines.setdefault(MISSES, {})[motion] = f"the fit itself asks for {asks}"
             after[motion] = f"Fit again with {' and '.join(file.proposed)}: `--with {','.join(file.proposed)}`."
         if isinstance(file, DiagnosisFile):
-            text = "; ".join([text, *filter(None, (_values(effect.parameters) for effect in file.effects))])
+            sizes = (_values(effect.parameters) for effect in file.effects if not effect.name.startswith(PREFIX))
+            text = "; ".join([text, *filter(None, sizes)])
             there = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
             advice = " ".join(effects.get(name).card(result.dof).better for name in there)
             after[motion] = advice or (USE if file.verdict == NOTHING else PLAN)

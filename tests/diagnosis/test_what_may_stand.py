@@ -117,6 +117,16 @@ def test_over_a_few_runs_no_curve_runs_over_what_only_stands_for_time() -> None:
     assert many - few == {"campaign-clock", "row"} and "water_temp_C" in few
 
 
+def test_no_curve_runs_over_what_a_controller_is_after() -> None:
+    setpoints = dict.fromkeys(("heading_setpoint_deg", "Desired yaw", "target"))
+    runs = [
+        replace(run, extras={**run.extras, **{name: run.time**2 for name in (*setpoints, "offset_cm")}})
+        for run in in_water(10)
+    ]
+    variables = set(ranges(DiagnosisProblem(tuple(runs), BASE, False, ())))
+    assert "offset_cm" in variables and not variables & {*setpoints}
+
+
 def test_what_predicts_held_out_runs_no_better_is_doubted() -> None:
     def outlook(after: float) -> ForecastGain:
         errors = {2.0: after, 5.0: after, 15.0: 0.2}
