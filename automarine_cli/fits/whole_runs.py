@@ -318,7 +318,7 @@ def directional_drag(fit: "OutputErrorFit") -> Ways:
         size = max(value, 1e-3 * middle, 1e-300)
         deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         drag[way] = Estimate.from_log(value, deviation / size, freedom(slope), fit.estimates[main].unit)
-        if role == "quadratic":
+        if role == "quadratic" and value > 1e-3 * middle:  # drag that is nothing one way has no ratio
             ratio, inertia = axes[of_inertia] - slope / size, fit.estimates[symbols.inertia].value
             spread = float(np.sqrt(max(ratio @ covariance @ ratio, 0.0)))
             distance[way] = Estimate.from_log(inertia / size, spread, freedom(ratio), dof.unit_of("ratio"))
