@@ -36,7 +36,7 @@ from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import MIN_STEP
-from automarine_cli.filters.kalman import Predicted
+from automarine_cli.filters.kalman import FAR, Predicted
 from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
 from automarine_cli.fits.identify import covariance_json, valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
@@ -141,7 +141,8 @@ def gap_from_commands(
 class Share:
     """What an effect explains by itself, against the model `without` it, in which all else is refitted: the `evidence`
     that is lost [deviance], how often chance would gain as much, the share of thrust by which runs are `steadier` with
-    it, whether its size `may_be_nothing` beside the others; and of runs held out the log odds and the gap."""
+    it, whether its size `may_be_nothing` beside the others; and of runs held out the log odds, the gap, and the log
+    density that is still `unexplained` with all effects (see `unexplained_density`)."""
 
     without: CandidateFit
     evidence: float
@@ -150,6 +151,7 @@ class Share:
     may_be_nothing: bool = False
     support: float | None = None
     gap: Gap | None = None
+    unexplained: float = np.inf
 
     def doubt(self, name: str) -> str:
         """Why runs held out do not bear it out by itself; empty where they do, or there are none.
@@ -162,9 +164,16 @@ class Share:
         if odds < needed and not plain:
             likely = f"{odds:.2g} times as likely with {name} as without it"
             return f"The held-out runs are {likely}: a name takes at least {needed:.2g}."
-        if (little := self.gap.little(CONTRIBUTES)) and self.steadier < STEADIER:
+        little = self.gap.little(CONTRIBUTES)
+        if little and self.steadier < STEADIER and self.support <= self.unexplained:
             return f"{name} by itself {little}"
         return f"The 95 % interval of the size of {name} holds zero." if self.may_be_nothing else ""
+
+
+def gained_density(runs: DiagnosisProblem, before: CandidateFit, after: CandidateFit) -> Floats:
+    """Return the log density that each of the `runs` gains (R,); next to nothing where a simulation runs away."""
+    lost, gained = (log_density(runs, trial.model, trial.fit) for trial in (before, after))
+    return np.asarray(np.where(np.isfinite(gained), gained, -1e9) - np.where(np.isfinite(lost), lost, -1e9))
 
 
 def support(gained: Floats) -> float:
@@ -172,9 +181,38 @@ def support(gained: Floats) -> float:
     return float(np.clip(gained, -LOUDEST, LOUDEST).sum())
 
 
+def whitening_gain(innovation: Floats, variance: Floats, time: Floats) -> float:
+    """Give the log density that innovations (R, K) with their variance, zero where nothing was read, would gain if each
+    were predicted from those of MEMORY_S before it, less one for each coefficient (Akaike 1974, IEEE Trans. Automat.
+    Contr. 19:716). White ones gain nothing, or less."""
+    runs, steps = [], [MEMORY_S]
+    for errors, variances, clock in zip(innovation, variance, time):
+        at = np.flatnonzero(variances > 0)
+        runs.append(np.clip(errors[at] / np.sqrt(variances[at]), -FAR, FAR))
+        steps.extend(np.diff(clock[at]))
+    order = max(round(MEMORY_S / float(np.median(steps))), 1)
+    windows = [np.lib.stride_tricks.sliding_window_view(white, order + 1) for white in runs if len(white) > order]
+    if not windows:
+        return 0.0
+    before, now = np.split(np.concatenate(windows), [order], axis=1)
+    remaining = now - before @ np.linalg.lstsq(before, now, rcond=None)[0]
+    return 0.5 * len(now) * float(np.log((now**2).sum() / (remaining**2).sum())) - order
+
+
+def unexplained_density(runs: DiagnosisProblem, trial: CandidateFit) -> float:
+    """Give the log density that runs held out would gain if all that their readings foretell were explained; infinite
+    of runs that are not driven, where nothing says so."""
+    if not trial.fit.driven:
+        return np.inf
+    followed = runs.driven_problem(trial.model).follow(trial.fit.phi[None])
+    channels = zip(followed.innovation[:, 0], followed.variance[:, 0])
+    return sum(whitening_gain(*channel, runs.course.time) for channel in channels)
+
+
 def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str, Share]:
     """Work out the share of each effect of the final model, the largest first."""
     final, parts = result.final, dict[str, Share]()
+    unexplained = np.inf if held_out is None else unexplained_density(held_out, final)
     for name in final.added:
         reduced = result.base if len(final.added) == 1 else without(study, final, name)
         if reduced is None:
@@ -183,10 +221,8 @@ def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisPro
         nothing = study.driven and may_be_nothing(study, final, name)
         parts[name] = Share(reduced, reduced.evidence - final.evidence, result.p_values[name], steadier, nothing)
         if held_out is not None:
-            densities = [log_density(held_out, trial.model, trial.fit) for trial in (final, reduced)]
-            after, before = (np.where(np.isfinite(x), x, -1e9) for x in densities)  # where a simulation runs away
-            odds = support(after - before)
-            parts[name] = replace(parts[name], support=odds, gap=gap(held_out, reduced, final))
+            odds, holdout = support(gained_density(held_out, reduced, final)), gap(held_out, reduced, final)
+            parts[name] = replace(parts[name], support=odds, gap=holdout, unexplained=unexplained)
     return dict(sorted(parts.items(), key=lambda item: -item[1].evidence))
 
 
@@ -229,14 +265,11 @@ class ForecastGain:
     def longest(self) -> tuple[ForecastScore, ForecastScore]:
         return self.judged or self.ahead[-1]
 
-    def doubt(self, dof: Dof) -> str:
-        """Why runs that were not fitted do not bear the effects out; empty where they do."""
-        if self.density_gain <= 0:
-            return f"their log density falls by {-self.density_gain:.1f}"
-        deciding = [pair for pair in self.ahead if pair[0].horizon <= DECIDING]
-        if not deciding or deciding[-1][1].error < deciding[-1][0].error:
+    def worse(self, dof: Dof) -> str:
+        """Say by how much predictions over the longest deciding horizon get worse; empty where they do not."""
+        before, after = next((pair for pair in self.ahead[::-1] if pair[0].horizon <= DECIDING), self.ahead[0])
+        if before.horizon > DECIDING or after.error < before.error:
             return ""
-        before, after = deciding[-1]
         return (
             f"predictions {before.horizon:g} s ahead miss by {dof.shown(after.error):.2f} {dof.units.shown} with them "
             f"and by {dof.shown(before.error):.2f} without"
@@ -322,6 +355,11 @@ NOTICED, CONTRIBUTES = 0.1, 0.05
 """Shares of the mean square of the held-out error above the noise that names have to close together, of driven runs,
 and each by itself, as each may do some of the work of the others. With less the error falls by under a twentieth:
 nobody would notice, and another choice of runs to fit changes it as much."""
+MEMORY_S = 2.0
+"""Time over which innovations of driven runs are predicted from those before. Shares and forecasts are asked where that
+gains more log density than the names do: these may then stand for what is missing. Where innovations are white, all
+that is left is chance, which no model closes, and the odds of names are what they say. Forecasts along commands that
+answer disturbances are biased against true effects, innovations are not (Forssell, Ljung 1999, Automatica 35:1215)."""
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
 effect shows plainly says no more than that."""
@@ -449,6 +487,8 @@ def verdict_of(
     remainder = result.equals
     if holdout is not None and not study.driven and holdout.exceeds_noise:
         remainder = f"A residual remains: on the held-out runs the gap is {holdout.in_noises}."
+    if study.driven and ahead is not None and (worse := ahead.worse(study.base.dof)):
+        remainder += f" Commands that answer disturbances hide it: {worse}."
     if suspects:
         remainder += f" Only suspected: {' and '.join(suspects)}; the held-out runs do not confirm it by itself."
     return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
@@ -471,17 +511,20 @@ def _borne_out(
     ahead: ForecastGain | None,
 ) -> str:  # fmt: skip
     """Why runs that were not fitted do not bear effects out; empty where nothing speaks against them."""
+    more = np.zeros(0) if held_out is None else gained_density(held_out, result.base, result.final)
     if study.driven:
-        doubt = "" if ahead is None else ahead.doubt(study.base.dof)
-        little = f"What was added {little}" if holdout and (little := holdout.little(NOTICED)) else ""
-        return f"The held-out runs do not confirm it: {doubt}." if doubt else little
+        if held_out is None or holdout is None:
+            return ""
+        if more.sum() <= 0:
+            return f"The held-out runs do not confirm it: their log density falls by {-more.sum():.1f}."
+        if support(more) > unexplained_density(held_out, result.final):
+            return ""
+        worse, little = "" if ahead is None else ahead.worse(study.base.dof), holdout.little(NOTICED)
+        return f"The held-out runs do not confirm it: {worse}." if worse else little and f"What was added {little}"
     gained = result.final.fit.predictive - result.base.fit.predictive
-    if held_out is not None:
-        after, before = (log_density(held_out, trial.model, trial.fit) for trial in (result.final, result.base))
-        more = after - before
-        if _beyond_doubt(-more):
-            return f"The held-out runs contradict it: {(more < 0).sum()} of {len(more)} are less likely with it."
-        gained = np.concatenate([gained, more])
+    if _beyond_doubt(-more):
+        return f"The held-out runs contradict it: {(more < 0).sum()} of {len(more)} are less likely with it."
+    gained = np.concatenate([gained, more])
     if not _beyond_doubt(gained):
         return (
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "

@@ -10,7 +10,7 @@ import pytest
 from effect_contract import Plan, base_for, long_plans, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
 from made_driven import turned
-from scipy import special
+from scipy import signal, special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import diagnose, search
@@ -184,6 +184,8 @@ def test_runs_held_out_bear_out_what_is_there_and_chance_at_most_at_the_rate_sta
         ({"support": 0.1, "gap": Gap(3.0, 2.5, 1.0), "p_value": CONFIRMED}, ""),
         ({"support": -3.0, "gap": Gap(3.0, 1.5, 1.0)}, ""),  # some runs hold something else: most of the error is gone
         ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0)}, "closes 4 % of the held-out error above the noise"),
+        ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0), "unexplained": 12.0}, "closes 4 %"),
+        ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0), "unexplained": 3.0}, ""),  # what is left is chance
         ({"support": 10.0, "gap": Gap(3.0, 2.95, 1.0), "steadier": 0.01}, ""),  # the gains of single runs had hidden it
         ({"support": 10.0, "gap": Gap(1.2, 1.19, 1.0)}, ""),  # so near the noise no share is known
         ({"support": 10.0, "gap": Gap(3.0, 2.0, 1.0), "may_be_nothing": True}, "holds zero"),
@@ -194,6 +196,17 @@ def test_a_name_is_borne_out_by_itself_or_says_what_it_lacks(part: dict[str, Any
     blank: Any = None
     says = Share(blank, 30.0, **{"p_value": 0.0045, **part}).doubt("it")
     assert doubt in says and bool(doubt) == bool(says)
+
+
+def test_innovations_that_foretell_each_other_leave_something_unexplained_and_white_ones_do_not() -> None:
+    """An autoregression with a share of 0.3 gains 0.5 log(1 / (1 - 0.3²)) for each reading."""
+    white = np.random.default_rng(0).standard_normal((4, 800))
+    variance, time = np.full(white.shape, 4.0), np.tile(0.5 * np.arange(800), (4, 1))
+    variance[:, ::7] = 0.0  # nothing was read
+    assert -4.0 <= diagnose.whitening_gain(2.0 * white, variance, time) < 4.0
+    coloured = signal.lfilter([1.0], [1.0, -0.3], white)
+    gained = 0.5 * white.size * np.log(1.0 / (1.0 - 0.3**2))
+    assert diagnose.whitening_gain(coloured, np.ones(white.shape), time) == pytest.approx(gained, rel=0.2)
 
 
 def test_an_effect_below_the_noise_is_said_to_be_small_unless_thrust_is_steadier_with_it() -> None:

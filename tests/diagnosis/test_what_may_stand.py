@@ -133,7 +133,7 @@ def test_what_predicts_held_out_runs_no_better_is_doubted() -> None:
         pairs = [[ForecastScore(h, x, 0.3, 0.3, 10) for x in (0.1, error)] for h, error in errors.items()]
         return ForecastGain(tuple((first, last) for first, last in pairs), 3.0)
 
-    assert "5 s ahead" in outlook(0.101).doubt(YAW) and outlook(0.099).doubt(YAW) == ""
+    assert "5 s ahead" in outlook(0.101).worse(YAW) and outlook(0.099).worse(YAW) == ""
 
 
 # Drag that drives is refused, either way round, and every drag that brakes is let through
