@@ -29,10 +29,6 @@ if TYPE_CHECKING:
     "--newton-metres-per-nu", type=options.POSITIVE, metavar="VALUE",
     help="The moment in N m that one normalised unit stands for.",
 )  # fmt: skip
-@option(
-    "--mesh-torque", type=options.POSITIVE, nargs=2, metavar="QUADRATIC VISCOUS",
-    help="stonefish: yaw drag [N m] of your mesh at 1 rad/s with coefficients of 1.",
-)  # fmt: skip
 @option("--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, with its error.")
 @option("--n-max", type=options.POSITIVE, metavar="VALUE", help="thrusters: the largest control signal.")
 @option("--lag", type=options.POSITIVE, metavar="SECONDS", help="thrusters: time constant of the propeller's speed.")

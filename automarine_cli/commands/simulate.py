@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> "Simulation":
     """Make the logs of a pool campaign with known truth from a specification.
 
-    The specification names the vehicle, the effects that a model may not know of, the faults of the logger, and the
+    The specification names the vehicle, the effects that a model may not know of, the noise of the logger, and the
     runs. The same specification and seed give identical files. truth.json contains the true values.
 
     \b

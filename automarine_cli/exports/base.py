@@ -28,14 +28,12 @@ class Settings:
     """The user's numbers; each target says in `uses` which of them mean something to it.
 
     `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] of a planar model its mass;
-    `newton_metres_per_nu` the size of the logs' normalised moment unit; `mesh_torque` [N m] Stonefish's yaw drag of
-    the mesh at 1 rad/s with a quadratic and with a viscous coefficient of 1; `n_max` the largest control signal; `lag`
-    [s] a propeller's time constant."""
+    `newton_metres_per_nu` the size of the logs' normalised moment unit; `n_max` the largest control signal; `lag` [s] a
+    propeller's time constant."""
 
     rigid_inertia: float | None = None
     rigid_mass: float | None = None
     newton_metres_per_nu: float | None = None
-    mesh_torque: tuple[float, float] | None = None
     symmetrise: bool = False
     n_max: float | None = None
     lag: float | None = None

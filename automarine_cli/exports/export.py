@@ -183,9 +183,6 @@ def _yaw_subject(
     if data.get("schema") == MAP.schema:
         takes = f"--to {target.name} takes a yaw model, as --to thrusters takes a map"
         raise SettingError(f"{origin.file} is a thruster map; {takes}")
-    if (motion := motion_of(data).name) not in target.motions:
-        takes = f"--to {target.name} takes models of {listed(target.motions)}"
-        raise SettingError(f"{origin.file} is a model of {motion}; {takes}")
     file, stored = file_and_models(data, origin.file)
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)

@@ -1,13 +1,10 @@
-"""Thruster maps for simulators: constants of the square law, dead-band laws, tables.
+"""Thruster maps for simulators: constants of the square law, or a table.
 
 Ours: F = a max(min(|n|, n_sat) - n_0, 0)^p or a monotone spline, forward and backward apart. Theirs:
 - constants: F = k_pos n |n| ahead, k_neg n |n| astern, n within n_min and n_max, T_n n' = n_c - n: MSS,
   CRAFT/USV/models/otter.m, and its Python twin;
-- stonefish-deadband: F = forward (n|n| - upper) above, reverse (n|n| - lower) below, else 0, and stonefish-table,
-  straight lines between points (both: stonefish.readthedocs.io, Actuators, Thruster; DeadbandThrust in
-  Library/include/actuators);
-- uuv-bessa: F = rotorConstantR (n|n| - deltaR) above, rotorConstantL (n|n| - deltaL) below, else 0, and uuv-table,
-  LinearInterp (uuv_gazebo_plugins/src/ThrusterConversionFcn.cc; FirstOrder in Dynamics.cc);
+- uuv-table: straight lines between points, LinearInterp (uuv_gazebo_plugins/src/ThrusterConversionFcn.cc; FirstOrder
+  in Dynamics.cc);
 - gz-thruster: F = thrust_coefficient fluid_density propeller_diameter^4 n |n|, one coefficient for both directions
   (gazebosim.org/api/sim/9, class Thruster; with use_angvel_cmd the command is n).
 """
@@ -49,21 +46,21 @@ def write(subject: MapSubject) -> Written:
             raise SettingError(f"{subject.origin.file}: {name} gives nothing up to n = {n_max:.4g}, {within}")
     if subject.form != "constants":
         notes.append(NAMES)
-    if subject.form.endswith("table"):
+    if subject.form == "uuv-table":
         n, force = table(subject.map, n_max)
         return _text(subject, notes, {"n": row(n), "force": row(force)}, n_max)
     gazebo = subject.form == "gz-thruster"
     if gazebo and subject.settings.lag is not None:
         raise SettingError("--lag means nothing to gz-thruster, whose thrust follows the command at once; leave it out")
-    curves, bands = (subject.map.forward, subject.map.backward), subject.form not in ("constants", "gz-thruster")
-    ahead, astern = (square_side(curve, n_max, with_dead_band=bands) for curve in curves)
+    curves = (subject.map.forward, subject.map.backward)
+    ahead, astern = (square_side(curve, n_max) for curve in curves)
     if gazebo:
         slopes = [side.k for side, curve in zip((ahead, astern), curves) if curve]
-        ahead = astern = Side(float(np.mean(slopes)), 0.0, n_max)
+        ahead = astern = Side(float(np.mean(slopes)), n_max)
     notes += _error(subject, lambda n: ahead.thrust(np.maximum(n, 0)) - astern.thrust(np.maximum(-n, 0)), n_max)
     values = {
-        "k_pos": number(ahead.k), "k_neg": number(astern.k), "upper": number(ahead.d), "lower": number(-astern.d),
-        "n_pos": number(ahead.limit), "n_neg": number(-astern.limit),
+        "k_pos": number(ahead.k), "k_neg": number(astern.k), "n_pos": number(ahead.limit),
+        "n_neg": number(-astern.limit),
         "coefficient": number(ahead.k / (DENSITY * DIAMETER**4)),
     }  # fmt: skip
     return _text(subject, notes, values, max(ahead.limit, astern.limit))
@@ -75,7 +72,7 @@ def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -
     if off < CLOSE * full:
         return []
     wrong = f"{off:.2g} N ({100 * off / full:.2g} % of {full:.3g} N)"
-    why, remedy = f"cannot follow a map of the form {subject.map.form}", "--allow-partial, or a form that is a table"
+    why, remedy = f"cannot follow a map of the form {subject.map.form}", "--allow-partial, or --form uuv-table"
     allowed = subject.settings.allow_partial
     if subject.form == "gz-thruster":
         why, remedy = "has one coefficient for both directions and no law but the square", "--symmetrise to take that"
@@ -88,15 +85,13 @@ def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -
 
 def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_max: float) -> Written:
     lag = subject.settings.lag
-    uuv, fish, constant = "<type>ZeroOrder</type>", '<rotor_dynamics type="zero_order"/>', ""
+    uuv, constant = "<type>ZeroOrder</type>", ""
     if lag is not None:
         uuv = f"<type>FirstOrder</type>\n        <timeConstant>{number(lag)}</timeConstant>"
-        value = f'    <time_constant value="{number(lag)}"/>'
-        fish = f'<rotor_dynamics type="first_order">\n{value}\n  </rotor_dynamics>'
         constant = f"T_n = {number(lag)}  # s\n"
     fields = {
         **values, "limit": number(n_max), "minus": number(-n_max), "density": number(DENSITY),
-        "diameter": number(DIAMETER), "uuv_lag": uuv, "fish_lag": fish, "T_n": constant,
+        "diameter": number(DIAMETER), "uuv_lag": uuv, "T_n": constant,
     }  # fmt: skip
     lines = head(subject, EQUATIONS[subject.form], notes)
     fields["head"] = comment(lines, "#" if subject.form == "constants" else "")
@@ -105,15 +100,14 @@ def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_ma
 
 @dataclass(frozen=True)
 class Side:
-    """One direction of F = k max(n^2 - d, 0) up to a `limit`: k [N/n^2], 0 where not measured; d [n^2], limit [n]."""
+    """One direction of F = k n^2 up to a `limit` [n]: k [N/n^2], 0 where not measured."""
 
     k: float
-    d: float
     limit: float
 
     def thrust(self, n: Floats) -> Floats:
         """Size of the thrust [N] for |n| of any shape."""
-        return np.asarray(self.k * np.maximum(np.minimum(n, self.limit) ** 2 - self.d, 0.0))
+        return np.asarray(self.k * np.minimum(n, self.limit) ** 2)
 
 
 def largest_signal(subject: MapSubject) -> float:
@@ -130,15 +124,13 @@ def largest_signal(subject: MapSubject) -> float:
     return min(measured, *(min(curve.signal(subject.full_scale), curve.n_sat or np.inf) for curve in curves))
 
 
-def square_side(curve: Curve | None, n_max: float, *, with_dead_band: bool) -> Side:
-    """The law nearest to a curve by least squares on the thrust; its dead band, if it has one, is the curve's."""
+def square_side(curve: Curve | None, n_max: float) -> Side:
+    """The law nearest to a curve by least squares on the thrust."""
     if curve is None:
-        return Side(0.0, 0.0, n_max)
+        return Side(0.0, n_max)
     limit = n_max if curve.n_sat is None else min(curve.n_sat, n_max)
-    d = curve.n_0**2 if with_dead_band else 0.0
     n = np.linspace(0.0, limit, GRID)
-    rise = np.maximum(n**2 - d, 0.0)
-    return Side(float(rise @ curve.thrust(n) / (rise @ rise)), d, limit)
+    return Side(float(n**2 @ curve.thrust(n) / (n**2 @ n**2)), limit)
 
 
 def table(map_: ThrusterMap, n_max: float) -> tuple[Floats, Floats]:
@@ -179,16 +171,13 @@ def worst(map_: ThrusterMap, law: Callable[[Floats], Floats], n_max: float) -> f
 
 EQUATIONS = {
     "constants": "F = k_pos n |n| ahead, k_neg n |n| astern",
-    "stonefish-deadband": "F = forward (n |n| - upper) above upper, reverse (n |n| - lower) below lower",
-    "stonefish-table": "F by straight lines between the points",
-    "uuv-bessa": "F = rotorConstantR (n |n| - deltaR) above deltaR, rotorConstantL (n |n| - deltaL) below deltaL",
     "uuv-table": "F by straight lines between the points",
     "gz-thruster": "F = thrust_coefficient fluid_density propeller_diameter^4 n |n|",
 }
 
 TARGET = Target(
     name="thrusters",
-    says="a thruster map: constants, Stonefish, uuv_simulator or Gazebo",
+    says="a thruster map: constants, uuv_simulator or Gazebo",
     forms={form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in EQUATIONS},
     carries=frozenset(),
     si=False,

@@ -1,5 +1,5 @@
-"""What the columns of logs may be: by their names and by their values, and how sure that is; which files of a folder
-are one log, and the column map that fits them all.
+"""What the columns of logs may be: by their names and by their values, and how sure that is; and the column map that
+fits all logs of a folder.
 
 Nothing is ever read by a guess: `automarine init` writes it into a campaign file, with the range that was seen,
 and asks where name and range do not settle it. Control signal and force of a bollard test are looked at together:
@@ -36,7 +36,6 @@ from automarine_cli.logs.columns import (
     ColumnMap,
     ColumnRule,
     ColumnsOf,
-    Join,
     called,
     column_rules,
     likely_column,
@@ -453,11 +452,6 @@ class Layout:
         rules = column_rules({column.key: column.rule for column in self.columns if not column.as_named}, "")
         return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
-    @property
-    def clock(self) -> "Layout":
-        times = tuple(column for column in self.columns if CANONICAL[column.key].quantity == "time")
-        return replace(self, columns=times, lacking=(), names=tuple(column.source for column in times))
-
     def ends(self, column: Recognised) -> tuple[float, float, float] | None:
         """The lowest, the highest and the usual value of a column as its rule reads it."""
         span, rule = self.spans.get(column.source), self.rules.get(column.key, ColumnRule(column.source))
@@ -595,56 +589,6 @@ def _within(folder: Path, file: LogFile) -> Path:
     return Path(os.path.relpath(file.path.resolve(), folder.resolve()))
 
 
-def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
-    """Return which files of a folder are one log, by their names: those that hold what moves beside those that hold
-    what drives."""
-    moving = [layout for layout in kinds if _moves(layout)]
-    main = [_within(folder, file) for layout in moving if not _drives(layout) for file in layout.files]
-    unmoving = [layout for layout in kinds if not _moves(layout)]
-    driving = [layout for layout in unmoving if _drives(layout) or _goes_with(layout, main, folder)]
-    driving_files = [_within(folder, file) for layout in driving for file in layout.files]
-    pairs: dict[tuple[str, str], None] = {}
-    for path in main:
-        pair = next(filter(None, (_pattern(path, other) for other in driving_files)), None)
-        pairs |= {pair: None} if pair else {}
-    return tuple(Join(*pair) for pair in pairs)
-
-
-def _goes_with(layout: Layout, main: Sequence[Path], folder: Path) -> bool:
-    """Whether each file with a clock stands, by its name, beside one that holds what moves: then it holds what drives,
-    whatever that is called."""
-    paired = all(any(_pattern(other, _within(folder, file)) for other in main) for file in layout.files)
-    clock, signal = (recognise(quantity, layout.names, layout.spans) for quantity in ("time", "n"))
-    return paired and clock is not None and not (layout.bollard and signal)
-
-
-def _moves(layout: Layout) -> bool:
-    return is_called(YAW.position, layout.names) or is_called(YAW.velocity, layout.names)
-
-
-def _drives(layout: Layout) -> bool:
-    sides = all(is_called(side, layout.names) for side in YAW.thrusters)
-    return not layout.bollard and (sides or any(is_called(dof.command, layout.names) for dof in DOFS.values()))
-
-
-def _pattern(path: Path, other: Path) -> tuple[str, str] | None:
-    """Patterns of two names that differ in one word: nav_*.csv and cmd_*.csv, or nav/*.csv and cmd/*.csv."""
-    if path.name == other.name and path.parent.parent == other.parent.parent and path.parent != other.parent:
-        return f"{path.parent.name}/*{path.suffix}", f"{other.parent.name}/*{other.suffix}"
-    stems = [stem_of(path.name), stem_of(other.name)]
-    words = [re.split(r"([_\-. ]+)", stem) for stem in stems]
-    if path.parent != other.parent or len(words[0]) != len(words[1]) or len(words[0]) < 3:
-        return None
-    differ = [i for i, (mine, theirs) in enumerate(zip(*words)) if mine != theirs]
-    if len(differ) != 1:
-        return None
-    i = differ[0]
-    before = "*" + words[0][i - 1] if i else ""
-    after = words[0][i + 1] + "*" if i + 1 < len(words[0]) else ""
-    endings = path.name.removeprefix(stems[0]), other.name.removeprefix(stems[1])
-    return f"{before}{words[0][i]}{after}{endings[0]}", f"{before}{words[1][i]}{after}{endings[1]}"
-
-
 def together(parts: Iterable[Mapping[str, Span]]) -> dict[str, Span]:
     union: dict[str, Span] = {}
     for part in parts:
@@ -655,25 +599,16 @@ def together(parts: Iterable[Mapping[str, Span]]) -> dict[str, Span]:
 def layouts_of(
     folder: Path, files: Sequence[LogFile], user_map: ColumnMap, jobs: int, progress: Progress
 ) -> tuple[tuple[LogFile, ...], tuple[Layout, ...], Maps, Mapping[LogFile, LogError]]:
-    """Look at the columns of every log (by `user_map` where there is one), and find which files are one log: return
-    whole logs, kinds of these but those of no vehicle, the maps that read them, and why some cannot be read."""
+    """Look at the columns of every log, by `user_map` where there is one: return whole logs, kinds of these but those
+    of no vehicle, the maps that read them, and why some cannot be read."""
     logs = whole_logs(files, user_map)
     layout_of = partial(_layout_of, columns=user_map)
     parts = dict(zip(logs, ordered_map(layout_of, logs, jobs, progress=progress, stage="looking at columns")))
-    clocks_beside: list[Layout] = []
-    if not user_map.join:
-        apart = [layout for layout in _recognised(parts.values(), user_map) if layout.dof.wraps]
-        user_map = replace(user_map, join=joins_of(apart, folder))
-        clocks = maps_of([layout.clock for layout in apart], logs, folder, user_map).columns()
-        logs = whole_logs(logs, user_map)
-        clocks_beside = [layout.clock for layout in apart if not set(layout.files) & set(logs)]
-        joined = {file for file in logs if any(join.places(file.path) for join in user_map.join)}
-        parts = {file: _layout_of(file, clocks) if file in joined else parts[file] for file in logs}
     layouts = _recognised(parts.values(), user_map)
     if of_vehicles := {layout.names for layout in layouts if not layout.foreign}:
         # what strangers' columns do says nothing of columns of that name in logs
         layouts = _recognised((p for p in parts.values() if isinstance(p, Layout) and p.names in of_vehicles), user_map)
-    maps = maps_of([*(layout for layout in layouts if layout.dof.wraps), *clocks_beside], files, folder, user_map)
+    maps = maps_of([layout for layout in layouts if layout.dof.wraps], files, folder, user_map)
     unread = {file: error for file, error in parts.items() if isinstance(error, LogError)}
     lost = {file: error for file, error in unread.items() if isinstance(error, NoHeading)}
     topics = tuple(dict.fromkeys(name for error in lost.values() for name in error.holds))  # of all, said once

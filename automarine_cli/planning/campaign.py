@@ -383,7 +383,7 @@ def plan_campaign(
         new = np.linalg.pinv(info.reported_covariance(info.moving(per_run)), hermitian=True)
         dof = float(max(len(per_run) + prior.used - 1, 1))
         covariance = np.asarray(np.linalg.inv(new + before))
-        together = fitting.estimates(covariance, dict.fromkeys(fitting.directions, dof))
+        together = fitting.estimates(covariance, dict.fromkeys(fitting.estimands, dof))
     return Plan(
         model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted,
         slots=_with_ways(slots, why, fitting), now=prior.now, alone=fitting.predicted(per_run), together=together,
@@ -451,8 +451,10 @@ def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
 def errors_of(fitting: Fitting, information: Floats) -> dict[str, Floats]:
     """Standard errors in percent of each parameter, (R,), with `information` (R, p, p)."""
     covariances = np.linalg.inv(information)
-    axes = fitting.relative_directions.items()
-    return {name: np.array([100.0 * info.stderr_along(c, axis) for c in covariances]) for name, axis in axes}
+    return {
+        name: np.array([100.0 * info.stderr_along(c, of.relative) for c in covariances])
+        for name, of in fitting.estimands.items()
+    }
 
 
 def specification(plan: Plan) -> tuple[dict[str, object], str]:

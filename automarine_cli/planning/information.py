@@ -85,6 +85,21 @@ class Logger:
 
 
 @dataclass(frozen=True)
+class Estimand:
+    """What an interval is told of, along a `direction` (p,) of the search's coordinates: a parameter, or a ratio."""
+
+    value: float
+    on_log: bool
+    unit: str
+    direction: Floats
+
+    @property
+    def relative(self) -> Floats:
+        """The direction in shares of the value where that is not told on the logarithm (in ones for zero)."""
+        return self.direction if self.on_log else self.direction / (abs(self.value) or 1.0)
+
+
+@dataclass(frozen=True)
 class Fitting:
     """A model, the fit that its parameters are wanted from, and what is known of the logs.
 
@@ -107,10 +122,6 @@ class Fitting:
     explained_by: str = ""
     command_delay: float = 0.0
 
-    @property
-    def channels(self) -> tuple[str, ...] | None:
-        return None if self.rate_noise is None else self.model.dof.channels
-
     @cached_property
     def base(self) -> YawModel:
         """The drag alone that the model begins with."""
@@ -126,7 +137,8 @@ class Fitting:
     @cached_property
     def logger(self) -> Logger:
         dof, unit = self.model.dof, self.model.moment_unit
-        return Logger(dof, unit, self.rate, self.rest, self.voltage, self.channels)
+        channels = None if self.rate_noise is None else dof.channels
+        return Logger(dof, unit, self.rate, self.rest, self.voltage, channels)
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
         """Set up the likelihood of the candidates' runs; theta ends with the command delay."""
@@ -136,7 +148,7 @@ class Fitting:
             signals, channels = self.logger.signals, self.logger.channels
             return DiagnosisProblem(tuple(runs), base, False, signals, channels=channels).problem(self.model)
         largest = max(float(np.abs(run.command).max()) for run in runs)
-        batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.channels)
+        batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.logger.channels)
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
 
     def driven(self, candidates: Sequence[Candidate]) -> tuple[DrivenProblem, Floats]:
@@ -149,10 +161,10 @@ class Fitting:
         for run, *states in zip(runs, rolled.position[0], rolled.velocity[0]):
             sizes = (self.noise, self.rate_noise or 0.0)
             position, rate = (x[: len(run)] + size * draw.standard_normal(len(run)) for x, size in zip(states, sizes))
-            rates = {dof.velocity: rate} if self.channels else {}
+            rates = {dof.velocity: rate} if self.logger.channels else {}
             noisy.append(replace(run, position=position, extras={**run.extras, **rates}))
         at_rest = np.array([starts_at_rest(run) for run in runs])
-        course = make_course(noisy, at_rest, self.logger.signals, channels=self.channels)
+        course = make_course(noisy, at_rest, self.logger.signals, channels=self.logger.channels)
         problem = driven_problem(self.model, course)
         return problem, problem.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]
 
@@ -178,24 +190,31 @@ class Fitting:
         return np.log([*noises, *(factors.get(name, QUIET) for name in run_effects.factor_names)])
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters that the fit is free to choose, the command delay last."""
-        return tuple(name for name, free in zip((*self.labels, COMMAND_DELAY), self.free) if free)
-
-    @cached_property
-    def labels(self) -> tuple[str, ...]:
-        """Name all parameters: those of an effect beside the drag begin with the effect's."""
-        dof = self.model.dof
-        labels = [dof.symbols.inertia]
-        for i, term in enumerate(self.model.terms):
-            prefix = "" if i < len(self.base.terms) else f"{term.name} "
-            labels += [f"{prefix}{name}" for name in effects.get(term.name).names_in(dof)]
-        return tuple(labels)
-
-    @cached_property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> NDArray[np.int64]:
+        """Places of the parameters that the fit is free to choose, (p,); the command delay is the last."""
         fixed = [h for term in self.model.terms for h in effects.get(term.name).held(term.values)]
-        return ~np.array([False, *fixed, False])
+        return np.flatnonzero(~np.array([False, *fixed, False]))
+
+    @cached_property
+    def estimands(self) -> dict[str, Estimand]:
+        """What intervals are told of, by name: every free parameter but the delay, and inertia over quadratic drag.
+
+        Parameters of an effect beside the drag begin with the effect's name."""
+        dof, symbols, unit = self.model.dof, self.model.dof.symbols, self.model.moment_unit
+        names, units = [symbols.inertia], [dof.unit_of("inertia", unit)]
+        for i, term in enumerate(self.model.terms):
+            effect, prefix = effects.get(term.name), "" if i < len(self.base.terms) else f"{term.name} "
+            names += [f"{prefix}{name}" for name in effect.names_in(dof)]
+            units += [parameter.unit for parameter in effect.card(dof, unit).parameters]
+        estimands = {
+            names[k]: Estimand(float(self.model.theta[k]), self.on_log[k], units[k], axis)
+            for k, axis in zip(self.free[:-1], np.eye(len(self.free)))
+        }
+        if symbols.quadratic in estimands:
+            inertia, drag = estimands[symbols.inertia], estimands[symbols.quadratic]
+            between = inertia.direction - drag.direction
+            estimands[ANGLE] = Estimand(inertia.value / drag.value, True, dof.unit_of("ratio"), between)
+        return estimands
 
     @property
     def loose_information(self) -> Floats:
@@ -208,12 +227,10 @@ class Fitting:
         """Return the information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
 
         Where a share of the runs is held out of the fit, each counts for what it tells on average."""
-        free = np.flatnonzero(self.free)
-        if self.random:
-            return self.fitted * self._by_innovations(candidates, free)
-        return self.fitted * self._of_problem(self.problem(candidates), free)
+        of_runs = self._by_innovations(candidates) if self.random else self._of_problem(self.problem(candidates))
+        return self.fitted * of_runs
 
-    def _by_innovations(self, candidates: Sequence[Candidate], free: NDArray[np.int64]) -> Floats:
+    def _by_innovations(self, candidates: Sequence[Candidate]) -> Floats:
         """The same where something is random, whose sizes are fitted too: what is left when all runs together have told
         these (the efficient score), so that it adds up over runs."""
         size, (problem, phi) = len(self.model.theta), self.driven(candidates)
@@ -227,13 +244,13 @@ class Fitting:
         natural = phi[: size + 1].copy()
         natural[-1] = 1.0
         positive = np.append(problem.positive[:size], False)
-        scale = np.where(np.array(self.on_log) & ~positive, natural, 1.0)[free]
+        scale = np.where(np.array(self.on_log) & ~positive, natural, 1.0)[self.free]
         back *= scale[:, None]
         projected = back @ runs @ back.T
         return np.asarray(projected)
 
-    def _of_problem(self, problem: Problem, free: NDArray[np.int64]) -> Floats:
-        variances, phi = self.variances(problem), self.phi(problem)
+    def _of_problem(self, problem: Problem) -> Floats:
+        variances, phi, free = self.variances(problem), self.phi(problem), self.free
         if self.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
             return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
         total = np.zeros(())
@@ -246,47 +263,18 @@ class Fitting:
     def predicted(self, per_run: Floats) -> dict[str, Estimate]:
         """Predict the estimates that a fit would report: the model's values, with these runs' (R, p, p) intervals."""
         per_run = moving(per_run)
-        dof = dict.fromkeys(self.directions, float(max(len(per_run) - 1, 1)))
+        dof = dict.fromkeys(self.estimands, float(max(len(per_run) - 1, 1)))
         if len(per_run) >= ENOUGH_RUNS:
-            dof = {name: runs_that_carry(per_run, direction) for name, direction in self.directions.items()}
+            dof = {name: runs_that_carry(per_run, of.direction) for name, of in self.estimands.items()}
         return self.estimates(reported_covariance(per_run), dof)
-
-    @cached_property
-    def directions(self) -> dict[str, Floats]:
-        """What is wanted, as directions (p,) of the search's coordinates: every parameter, inertia over drag."""
-        axes = {name: axis for name, axis in zip(self.names, np.eye(len(self.names))) if name != COMMAND_DELAY}
-        symbols = self.model.dof.symbols
-        if symbols.quadratic in axes:
-            axes[ANGLE] = axes[symbols.inertia] - axes[symbols.quadratic]
-        return axes
-
-    @cached_property
-    def relative_directions(self) -> dict[str, Floats]:
-        """The same in shares of the parameter's value where it is not told on the logarithm (in ones for zero)."""
-        return {
-            name: direction if self.parameters[name][1] else direction / (abs(self.parameters[name][0]) or 1.0)
-            for name, direction in self.directions.items()
-        }
 
     def estimates(self, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
         """Make estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
         estimates = {}
-        for name, direction in self.directions.items():
-            value, on_log, unit = self.parameters[name]
-            form = Estimate.from_log if on_log else Estimate.from_stderr
-            estimates[name] = form(value, stderr_along(covariance, direction), dof[name], unit)
+        for name, of in self.estimands.items():
+            form = Estimate.from_log if of.on_log else Estimate.from_stderr
+            estimates[name] = form(of.value, stderr_along(covariance, of.direction), dof[name], of.unit)
         return estimates
-
-    @cached_property
-    def parameters(self) -> dict[str, tuple[float, bool, str]]:
-        """Value of each parameter, whether it is told on the logarithm, and its unit."""
-        dof, symbols, unit = self.model.dof, self.model.dof.symbols, self.model.moment_unit
-        every = [p.unit for term in self.model.terms for p in effects.get(term.name).card(dof, unit).parameters]
-        units = (dof.unit_of("inertia", unit), *every)
-        table = dict(zip(self.labels, zip(map(float, self.model.theta), self.on_log, units)))
-        if symbols.quadratic in table:
-            table[ANGLE] = table[symbols.inertia][0] / table[symbols.quadratic][0], True, dof.unit_of("ratio")
-        return table
 
 
 def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArray[np.int64]) -> Floats:
@@ -442,10 +430,10 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
     where a parameter has no standard error.
 
     Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio."""
-    names = [name for name in fitting.names if name != COMMAND_DELAY]
+    names = [name for name in fitting.estimands if name != ANGLE]
     if any(name not in now or not now[name].stderr > 0 for name in names):
         return None
-    size = {n: now[n].stderr / (abs(now[n].value) if fitting.parameters[n][1] else 1.0) for n in names}
+    size = {n: now[n].stderr / (abs(now[n].value) if fitting.estimands[n].on_log else 1.0) for n in names}
     covariance = np.diag([size[n] ** 2 for n in names])
     symbols = fitting.model.dof.symbols
     if ANGLE in now and symbols.quadratic in names:
@@ -468,11 +456,11 @@ def information_now(fitting: Fitting, covariance: Floats | None) -> Floats:
 
 def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
     """Return the directions (p, m) whose intervals count, of `names` or all. Raises ModelError for another name."""
-    directions = fitting.relative_directions
+    estimands = fitting.estimands
     for name in names:
-        if name not in directions:
-            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(directions)}")
-    return np.stack([directions[name] for name in names or [n for n in directions if n != ANGLE]], axis=1)
+        if name not in estimands:
+            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(estimands)}")
+    return np.stack([estimands[name].relative for name in names or [n for n in estimands if n != ANGLE]], axis=1)
 
 
 def lacking(effect: str) -> list[str]:

@@ -116,12 +116,11 @@ NOTHING = ModelPair(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1
 
 
 def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> ModelPair:
-    free = np.flatnonzero(other.free)
     truth, problem = true.problem(candidates), other.problem(candidates)
     target = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
     headings, by_phi, by_run = derivatives(problem, other.phi(problem), np.zeros_like(problem.effects.scale))
     residual = np.where(problem.observed, target - headings, 0.0)
-    gram = problem.inner(by_phi, by_run, residual).keep(free)
+    gram = problem.inner(by_phi, by_run, residual).keep(other.free)
     weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
     square, gradient, hessian = (other.fitted * x for x in (weighted.square, weighted.gradient, weighted.hessian))
     return ModelPair(square, gradient, hessian, other.loose_information)
@@ -130,16 +129,15 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> M
 def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
     """Return `other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that
     stays: Gauss-Newton within the parameters' bounds, steps halved until the misfit falls."""
-    free = np.flatnonzero(other.free)
     problem = other.problem(candidates[:1])
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(other.phi(problem), bounds[:, 0], bounds[:, 1])
     current, now = _about(true, other, candidates)
     for _ in range(ROUNDS if np.isfinite(now) else 0):
-        step = _step(current, (bounds - phi[:, None])[free])
+        step = _step(current, (bounds - phi[:, None])[other.free])
         for _ in range(HALVINGS):
             trial = phi.copy()
-            trial[free] += step
+            trial[other.free] += step
             moved = replace(other, model=other.model.with_theta(problem.natural(trial)[:-1]))
             there, then = _about(true, moved, candidates)
             if then < now:

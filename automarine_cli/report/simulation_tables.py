@@ -84,7 +84,7 @@ def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> d
             dict(zip(forces, values)) | {"from_s": _rounded(plan.start + instant)}
             for values, instant in zip(plan.moments, run.switches.tolist())
         ],
-        "samples": len(run.columns["time_s"]), "lost_samples": run.lost, "glitches": run.glitches,
+        "samples": len(run.columns["time_s"]),
     }  # fmt: skip
     if specification.logger.rate_bias is not None or (len(dofs) > 1 and rate in run.biases):
         truth[f"{words.speed}_bias_{base}_s"] = _rounded(dofs[-1].inner(run.biases[rate]))

@@ -24,7 +24,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import WINDOW, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
-from automarine_cli.simulation.specification import Commands, Logger, RunGroup, Specification, normal, uniform
+from automarine_cli.simulation.specification import Commands, RunGroup, Specification, normal, uniform
 
 FINER = 8.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
 PLANAR_STEP = 0.02  # s: the error stays far below the last digit logged
@@ -62,7 +62,7 @@ class SimulatedRun:
     Drawn are start position (in the plane heading) [rad or m], the logarithm of the factor on the command delivered,
     the instants [s since the first sample] at which commands changed, the constant moment or force added, the `biases`
     of the sensors by column [units of logs], and the `disturbance` (D, windows), held over windows of two seconds.
-    `columns` (N,) are in the units of logs, rounded; `lost` samples were dropped, `glitches` left in."""
+    `columns` (N,) are in the units of logs, rounded."""
 
     plan: Plan
     start: float
@@ -72,8 +72,6 @@ class SimulatedRun:
     added_moment: float
     disturbance: Floats
     columns: Mapping[str, Floats] = field(default_factory=dict)
-    lost: int = 0
-    glitches: int = 0
 
     @property
     def gain(self) -> float:
@@ -119,7 +117,7 @@ def _step(plan: Plan, model: Vehicle) -> float:
 
 def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed: int) -> list[SimulatedRun]:
     plans, step = work
-    times = [sample_times(plan, specification.logger, seed) for plan in plans]
+    times: list[Floats] = [np.arange(float(plan.samples)) * specification.logger.period for plan in plans]
     windows = max(int(time[-1] / WINDOW) + 2 for time in times)
     drawn = [_draw(plan, specification, seed, windows) for plan in plans]
     truth = _truth(drawn, specification, times, step, seed)
@@ -293,15 +291,6 @@ def _refuse_clashes(plans: list[Plan], specification: Specification) -> None:
             )
 
 
-def sample_times(plan: Plan, logger: Logger, seed: int) -> Floats:
-    """Draw the instants of the samples since the run's nominal first one [s], shape (N,); never falling."""
-    even = np.asarray(np.arange(plan.samples) * logger.period, dtype=np.float64)
-    if logger.clock_jitter_s == 0:
-        return even
-    off = logger.clock_jitter_s * normal(plan.samples, seed, plan.key, "clock")
-    return np.asarray(even + np.clip(off, -0.45 * logger.period, 0.45 * logger.period))
-
-
 def commanded(time: Floats, run: SimulatedRun) -> Floats:
     """Return the command in force at each `time` [s], (N, D): nothing before the first switch."""
     values = np.array([np.zeros(len(run.disturbance)), *run.plan.moments])
@@ -309,13 +298,10 @@ def commanded(time: Floats, run: SimulatedRun) -> Floats:
 
 
 def _log(run: SimulatedRun, time: Floats, truth: Floats, specification: Specification, seed: int) -> SimulatedRun:
-    """Log a run, positions and velocities `truth` (N, 2 D) at `time` (N,) [s since its start]. What a logger does to
-    positions it does to that of the last degree of freedom: in the plane, the heading."""
-    plan, logger, motion, count = run.plan, specification.logger, specification.motion, len(time)
-    glitch = uniform(count, seed, plan.key, "glitch") < logger.glitch
-    side = np.where(uniform(count, seed, plan.key, "glitch side") < 0.5, -1.0, 1.0)
-    logged = uniform(count, seed, plan.key, "lost") >= logger.dropout
-    low = {"0..360": 0.0, "-180..180": -180.0}.get(logger.wrap)
+    """Log a run, positions and velocities `truth` (N, 2 D) at `time` (N,) [s since its start]; the position of the last
+    degree of freedom, in the plane the heading, is wrapped."""
+    plan, motion, count = run.plan, specification.motion, len(time)
+    low = {"0..360": 0.0, "-180..180": -180.0}.get(specification.logger.wrap)
     true = {name: dof.logged(x) for (name, dof), x in zip(specification.columns.items(), truth.T)}
     last = [*true][len(motion.dofs) - 1]
     readings = {}
@@ -324,19 +310,12 @@ def _log(run: SimulatedRun, time: Floats, truth: Floats, specification: Specific
         if sensor.every_s is not None:  # held between its readings
             rows = np.flatnonzero(np.diff(np.floor((time + 1e-9) / sensor.every_s), prepend=-1.0) > 0)
             reading = reading[rows[np.searchsorted(rows, np.arange(count), side="right") - 1]]
-        if name == last:
-            reading = reading + np.where(glitch, side * logger.glitch_size, 0.0)
-            if logger.quantisation > 0:
-                reading = np.round(reading / logger.quantisation) * logger.quantisation
         readings[name] = _rounded(reading) if low is None or name != last else _turned(reading, low)
     units = [specification.force_unit or dof.units.forces[1] for dof in motion.dofs]
     names = [dof.column(dof.command, unit) for dof, unit in zip(motion.dofs, units)]
     forces = zip(names, (_rounded(column, MOMENT_DECIMALS) for column in commanded(time, run).T))
     before = [*readings.items()][: None if motion.turns else 1]  # a rate comes after the command
-    columns = {"time_s": _rounded(plan.start + time)} | dict([*before, *forces]) | readings
-    columns = {name: column[logged] for name, column in columns.items()}
-    lost = int(np.count_nonzero(~logged))
-    return replace(run, columns=columns, lost=lost, glitches=int(np.count_nonzero(glitch & logged)))
+    return replace(run, columns={"time_s": _rounded(plan.start + time)} | dict([*before, *forces]) | readings)
 
 
 def _turned(reading: Floats, low: float) -> Floats:

@@ -276,7 +276,6 @@ def time_to_turn(angle: float, moment: float, model: YawModel) -> float:
 
 SCHEMA = "automarine/simulation/1"
 SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
-MAX_JITTER = 0.3  # of a sample period: the clock must keep rising
 
 
 @dataclass(frozen=True)
@@ -328,19 +327,12 @@ class Vehicle(Settings):
 class Logger(Settings):
     """What the logger does to the truth; positions in the unit of the logs, which ends their keys (`noise_deg`).
 
-    `rate_hz` samples a second; `noise` white noise of the position and `quantisation` its resolution;
-    `dropout` share of the samples lost; `clock_jitter_s` standard deviation of the sampling instants around
-    an even clock (the stamps are right); `glitch` share of the samples that are off by `glitch_size` to either side;
-    `wrap` of the position; `rate_noise` adds a column with the velocity, as a gyro reads it, and that noise;
-    `rate_bias` is the standard deviation of what it reads at standstill, drawn for each run."""
+    `rate_hz` samples a second; `noise` white noise of the position and `wrap` of it; `rate_noise` adds a column with
+    the velocity, as a gyro reads it, and that noise; `rate_bias` is the standard deviation of what it reads at
+    standstill, drawn for each run."""
 
     rate_hz: AboveZero = 10.0
     noise: ZeroOrMore = field(default=0.0, metadata=keyed("noise_{log_unit}"))
-    quantisation: ZeroOrMore = field(default=0.0, metadata=keyed("quantisation_{log_unit}"))
-    dropout: Annotated[float, Limit(0.0, 0.9)] = 0.0
-    clock_jitter_s: ZeroOrMore = 0.0
-    glitch: Annotated[float, Limit(0.0, 0.9)] = 0.0
-    glitch_size: ZeroOrMore = field(default=0.0, metadata=keyed("glitch_{log_unit}"))
     wrap: Literal["0..360", "-180..180", "none"] = "none"
     rate_noise: ZeroOrMore | None = field(default=None, metadata=keyed("{speed}_noise_{log_unit}_s"))
     rate_bias: ZeroOrMore | None = field(default=None, metadata=keyed("{speed}_bias_{log_unit}_s"))
@@ -351,9 +343,6 @@ class Logger(Settings):
         if self.rate_noise is None and self.rate_bias is not None:
             bias, expected = key_of(self, "rate_bias"), f"expected {key_of(self, 'rate_noise')} with it (0 for none)"
             raise SettingError(f"{bias} is of the {self.dof.words.speed}s logged; {expected}")
-        if self.clock_jitter_s > (most := MAX_JITTER * self.period):
-            expected = f"expected at most {MAX_JITTER:g} of the sample period, {most:g} s"
-            raise SettingError(f"clock_jitter_s is {self.clock_jitter_s:g}; {expected}")
 
     @property
     def period(self) -> float:
@@ -603,7 +592,7 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     log, turns = dof.units.log, dof.wraps  # headings wrap and begin anywhere, and who sinks or rises is held
     table: dict[str, Any] = {**mapping, "source": where}
     defaults: dict[str, dict[str, object]] = {
-        "logger": {"wrap": "0..360" if turns else "none", f"glitch_{log}": 90.0 if turns else 1.0},
+        "logger": {"wrap": "0..360" if turns else "none"},
         "scatter": {f"start_{dof.position}_{log}": "random" if turns and not planar else 0.0},
         "campaign": {"held": dof.has_constant},
         "vehicle": {} if turns else {dof.symbols.difference: 0.0, dof.symbols.constant: 0.0},

@@ -219,34 +219,23 @@ def test_a_mixed_folder_has_a_map_for_each_kind_of_file_and_runs(tmp_path: Path)
     assert inertia(done) == pytest.approx(1.018, rel=0.05)  # the truth; the scatter of six runs
 
 
-def pairs(folder: Path, nav: str, cmd: str) -> None:
-    """Navigation and commands of each run in files that are named so, on one clock."""
+def pairs(folder: Path) -> None:
+    """Navigation and commands of each run in a file each, on one clock."""
     for i, run in enumerate(campaign(MOMENTS, noise_deg=0.3, period=0.05)):
         heading = HEADING["heading_deg"](run)
-        write_table(folder / f"{nav.format(i)}.csv", {"t": run.time, "heading_deg": heading, "speed_mps": 0.0})
+        write_table(folder / f"nav_{i}.csv", {"t": run.time, "heading_deg": heading, "speed_mps": 0.0})
         sent = {"port_cmd": PORT(run)[1:-1], "stbd_cmd": STBD(run)[1:-1]}
-        write_table(folder / f"{cmd.format(i)}.csv", {"t": run.time[1:-1] - 0.01, **sent})
-
-
-@pytest.mark.parametrize(
-    ("nav", "cmd", "logs", "others"),
-    [
-        ("nav_{}", "cmd_{}", "nav_*.csv", "cmd_*.csv"), ("day_{}_nav", "day_{}_cmd", "*_nav.csv", "*_cmd.csv"),
-        ("nav/{}", "cmd/{}", "nav/*.csv", "cmd/*.csv"),
-    ],
-)  # fmt: skip
-def test_files_that_are_one_log_are_joined(tmp_path: Path, nav: str, cmd: str, logs: str, others: str) -> None:
-    pairs(tmp_path, nav, cmd)
-    result, data = started(tmp_path)
-    assert data["logs"]["join"] == [{"logs": logs, "with": others, "take": "previous", "max_age_s": 5.0}]
-    assert len(result.survey.placed["steps"]) == len(MOMENTS)
-    assert data["columns"]["time_s"] == "t" and data["columns"]["n_port"] == "port_cmd"
-    assert 'surge_m_s = "speed_mps"' in result.text and "surge_m_s" not in data["columns"]  # offered
+        write_table(folder / f"cmd_{i}.csv", {"t": run.time[1:-1] - 0.01, **sent})
 
 
 def test_what_is_joined_is_fitted_and_an_input_too(tmp_path: Path) -> None:
-    pairs(tmp_path, "nav_{}", "cmd_{}")
-    started(tmp_path)
+    pairs(tmp_path)
+    join = 'join = { logs = "nav_*.csv", with = "cmd_*.csv" }'
+    (tmp_path / "names.toml").write_text(f'[columns]\ntime_s = "t"\n[logs]\n{join}\n', encoding="utf-8")
+    result, data = started(tmp_path, columns=tmp_path / "names.toml")
+    assert data["logs"]["join"] == [{"logs": "nav_*.csv", "with": "cmd_*.csv", "take": "previous", "max_age_s": 5.0}]
+    assert len(result.survey.placed["steps"]) == len(MOMENTS)
+    assert data["columns"]["time_s"] == "t" and data["columns"]["n_port"] == "port_cmd"
     thrusters = fit_thrusters(write_table(tmp_path / "bench" / "a.txt.csv", {"n": PWM - 1500, "force_N": FORCE}))
     (tmp_path / "map.json").write_text(json.dumps(thrusters.to_json()), encoding="utf-8")
     file, out = answer(tmp_path, {"arm_m": str(ARM), "map": '"map.json"'}), tmp_path / "out"

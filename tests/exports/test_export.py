@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 from click.testing import Result
 from effect_contract import unmeasured
-from export_readers import MESH_TORQUE, READERS, fall_time, gz_sim, moved, rise_time
+from export_readers import READERS, fall_time, gz_sim, moved, rise_time
 
 import automarine_cli as am
 from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.exports.export import Exported
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -43,13 +42,6 @@ def model_file(
     return path
 
 
-def exported(path: Path, target: str, form: str, **settings: Any) -> Exported:
-    """The export with what the target needs to carry drag."""
-    if target == "stonefish":
-        settings = {"mesh_torque": MESH_TORQUE, **settings}
-    return export(path, to=target, form=form, **settings)
-
-
 @cache
 def ours(moment: float, rate0: float, seconds: float, number: str = "2") -> tuple[Any, Any]:
     """Times and rates of our own simulation."""
@@ -70,7 +62,7 @@ def test_every_form_of_every_simulator_has_a_reader() -> None:
 def test_time_constants_are_ours_and_spin_downs_lose_energy(
     tmp_path: Path, target: str, form: str, number: str
 ) -> None:
-    slope = READERS[target, form](exported(model_file(tmp_path), target, form, number=number).text)
+    slope = READERS[target, form](export(model_file(tmp_path), to=target, form=form, number=number).text)
     k_r, k_rr = (DRAGS[number].get(name, 0.0) for name in ("k_r", "k_rr"))
     for sign in (1.0, -1.0):
         time, rate = moved(slope, sign * 1.5, 0.0, 40.0)
@@ -81,10 +73,10 @@ def test_time_constants_are_ours_and_spin_downs_lose_energy(
         assert np.all(np.diff(rate**2) < 0)  # the energy of rotation, at every step
 
 
-@pytest.mark.parametrize(("target", "form"), [pair for pair in SIMULATORS if pair[0] != "stonefish"])
+@pytest.mark.parametrize(("target", "form"), SIMULATORS)
 def test_a_given_rigid_inertia_splits_the_total_and_moves_alike(tmp_path: Path, target: str, form: str) -> None:
     path = model_file(tmp_path)
-    whole, split = (exported(path, target, form, rigid_inertia=rigid).text for rigid in (None, 1.0))
+    whole, split = (export(path, to=target, form=form, rigid_inertia=rigid).text for rigid in (None, 1.0))
     assert "stands in one place" in whole and "1 rigid (given) + 0.52 added" in split
     for state in ((0.7, 0.0), (-0.7, 1.3)):
         assert READERS[target, form](split)(*state) == pytest.approx(READERS[target, form](whole)(*state), rel=1e-7)
@@ -116,11 +108,11 @@ def test_odd_drag_is_the_same_in_both_frames_and_asymmetry_changes_sign(tmp_path
     assert enu(0.8, 0.0) != pytest.approx(ned(0.8, 0.0), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["gz-sim", "uuv", "labust", "mjcf", "mss", "stonefish", "python", "card"])
+@pytest.mark.parametrize("name", ["gz-sim", "uuv", "labust", "mjcf", "mss", "python", "card"])
 def test_every_file_is_stamped_with_its_frame_its_origin_and_its_unit(tmp_path: Path, name: str) -> None:
     path, target = model_file(tmp_path), targets.get(name)
     for frame, form in product(target.frames, target.forms):
-        text = exported(path, name, form, frame=frame).text
+        text = export(path, to=name, form=form, frame=frame).text
         other = {"NED": "ENU", "ENU": "NED"}[frame]
         assert f"Frame: {frame} world" in text.replace("\n", " ") and f"Frame: {other}" not in text
         assert "yaw_model.json" in text and "N m" in text
@@ -150,15 +142,14 @@ def test_normalised_moments_need_their_size_where_the_target_is_in_si(tmp_path: 
 
 
 REFUSALS: list[tuple[dict[str, Any], str]] = [
-    ({"to": "gazebo"}, "--to gazebo: no such target; known are card, gz-sim, labust, mjcf, mss, python, stonefish"),
+    ({"to": "gazebo"}, "--to gazebo: no such target; known are card, gz-sim, labust, mjcf, mss, python, thr"),
     ({"to": "uuv", "form": "sdf"}, "--form of uuv: found sdf, expected urdf or controller"),
     ({"to": "mss", "frame": "ENU"}, "--frame of mss: found ENU, expected NED"),
-    ({"to": "stonefish", "rigid_inertia": 1.0}, "--rigid-inertia means nothing to stonefish; it is for"),
+    ({"to": "card", "rigid_inertia": 1.0}, "--rigid-inertia means nothing to card; it is for"),
     ({"to": "uuv", "number": "4"}, "--number: found 4, expected 1 or 2 or 3"),
     ({"to": "uuv", "symmetrise": True}, "--symmetrise means nothing to uuv; it is for thrusters"),
     ({"to": "thrusters"}, "yaw_model.json is a yaw model; --to thrusters takes the thrusters.json of a fit"),
     ({"to": "uuv", "rigid_inertia": 1.6}, "--rigid-inertia: found 1.6, expected .* no more than 1.52, .*; check unit"),
-    ({"to": "stonefish"}, r"yaw_model.json: .* give that with --mesh-torque"),
 ]  # fmt: skip
 
 
@@ -168,17 +159,12 @@ def test_refusals_say_what_is_wrong_and_what_to_do(tmp_path: Path, settings: dic
         export(model_file(tmp_path), **settings)
 
 
-@pytest.mark.parametrize("target", ["gz-sim", "uuv", "labust", "mjcf", "stonefish"])
+@pytest.mark.parametrize("target", ["gz-sim", "uuv", "labust", "mjcf"])
 def test_drag_that_would_drive_the_vehicle_is_refused_by_simulators(tmp_path: Path, target: str) -> None:
     path = model_file(tmp_path, k_r=-0.02)
     with pytest.raises(SettingError, match=r"^yaw_model\.json, model 2: k_r = -0\.02 N m s .* --number 1 or 3"):
-        exported(path, target, next(iter(targets.get(target).forms)))
+        export(path, to=target, form=next(iter(targets.get(target).forms)))
     assert "N_r = 0.02" in export(path, to="mss").text
-
-
-def test_stonefish_warns_of_what_it_cannot_set(tmp_path: Path) -> None:
-    warnings = " ".join(export(model_file(tmp_path), to="stonefish", mesh_torque=MESH_TORQUE).warnings)
-    assert "scale the drag in heave as well" in warnings and "added inertia cannot be set" in warnings
 
 
 LACKING: dict[str, tuple[str, dict[str, float], str]] = {
@@ -212,7 +198,7 @@ def test_files_are_the_same_bytes_wherever_they_are_made(tmp_path: Path, target:
         files = []
         for folder in (tmp_path, tmp_path / "elsewhere"):
             out = folder / f"made_{form}{ending}"
-            exported(folder / "yaw_model.json", target, form, out=out)
+            export(folder / "yaw_model.json", to=target, form=form, out=out)
             files.append(out.read_bytes())
         assert files[0] == files[1] and str(tmp_path).encode() not in files[0]
         assert not re.search(rb"20\d\d-\d\d-\d\d|\d\d:\d\d:\d\d", files[0])
@@ -238,7 +224,7 @@ def test_names_of_files_cannot_leave_their_comment(tmp_path: Path) -> None:
     strange = model_file(tmp_path).rename(tmp_path / 'a--->--> """\n x é.json')
     compile(export(strange, to="python").text, "made.py", "exec")
     for target, form in SIMULATORS:
-        expected, slope = (READERS[target, form](exported(path, target, form).text) for path in (plain, strange))
+        expected, slope = (READERS[target, form](export(path, to=target, form=form).text) for path in (plain, strange))
         assert slope(0.4, 0.7) == expected(0.4, 0.7) != 0.0
 
 
@@ -251,8 +237,8 @@ def test_the_command_writes_prints_and_lists(tmp_path: Path, run: Callable[..., 
     printed = json.loads(run("export", path, "--to", "gz-sim", "--json").stdout)
     assert printed["schema"] == "automarine/export/1" and printed["text"] == text
     assert printed["carried"] == ["inertia", "quadratic-drag", "linear-drag"] and printed["left_out"] == []
-    warned = ("export", path, "--to", "stonefish", "--mesh-torque", *MESH_TORQUE)
-    assert "check heave after" in run(*warned).stderr and run(*warned, "-q").stderr == ""
+    partly = ("export", model_file(tmp_path, {"bias-moment": {"b": 0.1}}), "--to", "gz-sim", "--allow-partial")
+    assert "Left out: bias-moment" in run(*partly).stderr and run(*partly, "-q").stderr == ""
     data = json.loads(run("export", "--list", "--json").stdout)["targets"]
     assert {target["name"] for target in data} == set(targets.names())
     assert run("export", path).exit_code == 2

@@ -120,10 +120,6 @@ def fitted(folder: Path, motion: str, number: str = "3", **more: float) -> Path:
 
 def test_what_a_target_does_not_take_is_refused(tmp_path: Path) -> None:
     path = fitted(tmp_path, "surge")
-    with pytest.raises(
-        SettingError, match=r"^surge_model\.json is a model of surge; --to stonefish takes models of yaw"
-    ):
-        export(path, to="stonefish")
     water = "^surge_model.json: the identified mass, 16, holds the water that moves along; .* with --rigid-inertia"
     with pytest.raises(SettingError, match=water):
         export(path, to="gz-sim")

@@ -1,6 +1,6 @@
 """Exports in MuJoCo, of all simulators the one in the registries of Python packages.
 
-Gazebo Sim, uuv_simulator, Stonefish and MSS themselves are in no registry of Python packages; with
+Gazebo Sim, uuv_simulator and MSS themselves are in no registry of Python packages; with
 `pip install --group simulators` these tests run, without it they are skipped.
 """
 

@@ -61,10 +61,9 @@ def test_a_square_map_is_exact_in_every_form_but_gazebos(tmp_path: Path, form: s
     assert file.text.isascii() and "Thrust is positive ahead, in both frames alike." in file.text
 
 
-@pytest.mark.parametrize("form", ["stonefish-table", "uuv-table"])
 @pytest.mark.parametrize("map_", [BANDED, POWER, SPLINE], ids=["dead-band", "power", "spline"])
-def test_tables_follow_any_map(tmp_path: Path, form: str, map_: ThrusterMap) -> None:
-    law = LAWS[form](export(map_file(tmp_path, map_), to="thrusters", form=form).text)
+def test_tables_follow_any_map(tmp_path: Path, map_: ThrusterMap) -> None:
+    law = LAWS["uuv-table"](export(map_file(tmp_path, map_), to="thrusters", form="uuv-table").text)
     expected = map_.force(signals())
     np.testing.assert_allclose(law(signals()), expected, atol=1.1e-3 * np.max(np.abs(expected)))
     assert np.all(law(np.array([-5.0, 0.0, 5.0])) == 0.0)
@@ -82,21 +81,16 @@ def test_tables_are_sound_for_any_curve(a: float, p: float, n_0: float, limit: f
     assert worst(map_, lambda x: np.interp(x, n, force), n_max) < 2e-3 * top(map_, n_max)
 
 
-REFUSED = {
-    "constants": r"0\.24 N \(4\.2 %",
-    "stonefish-deadband": r"0\.22 N \(3\.8 %",
-    "uuv-bessa": r"0\.22 N \(3\.8 %",
-}
-
-
-@pytest.mark.parametrize("form", REFUSED)
-def test_laws_of_another_shape_are_refused_with_their_error(tmp_path: Path, form: str) -> None:
-    path = map_file(tmp_path, BANDED)
-    with pytest.raises(SettingError, match=rf"^thrusters\.json: {form} .*up to {REFUSED[form]} .*give --allow-partial"):
-        export(path, to="thrusters", form=form)
-    partly = export(path, to="thrusters", form=form, allow_partial=True)
-    off = np.max(np.abs(LAWS[form](partly.text)(signals()) - BANDED.force(signals())))
-    assert f"{off:.2g} N".replace(".", r"\.") in REFUSED[form] and f"{off:.2g} N" in partly.text
+def test_a_map_of_another_shape_is_refused_with_its_error(tmp_path: Path) -> None:
+    path, refused = (
+        map_file(tmp_path, BANDED),
+        r"constants .*up to 0\.24 N \(4\.2 % .*give --allow-partial, or --form uuv",
+    )
+    with pytest.raises(SettingError, match=rf"^thrusters\.json: {refused}"):
+        export(path, to="thrusters", form="constants")
+    partly = export(path, to="thrusters", form="constants", allow_partial=True)
+    off = np.max(np.abs(LAWS["constants"](partly.text)(signals()) - BANDED.force(signals())))
+    assert f"{off:.2g} N" == "0.24 N" and "0.24 N" in partly.text
 
 
 def test_gazebo_is_symmetric_and_says_what_that_costs(tmp_path: Path) -> None:
@@ -115,9 +109,8 @@ def test_gazebo_is_symmetric_and_says_what_that_costs(tmp_path: Path) -> None:
 def test_saturation_is_a_limit_of_the_signal(tmp_path: Path) -> None:
     limited = ThrusterMap("square-saturation", PowerCurve(2.6e-4, n_sat=100.0), PowerCurve(0.7e-4, n_sat=80.0))
     path = map_file(tmp_path, limited)
-    for form in ("constants", "uuv-bessa"):
-        law = LAWS[form](export(path, to="thrusters", form=form, n_max=N_MAX).text)
-        np.testing.assert_allclose(law(signals()), limited.force(signals()), atol=1e-6)
+    law = LAWS["constants"](export(path, to="thrusters", form="constants", n_max=N_MAX).text)
+    np.testing.assert_allclose(law(signals()), limited.force(signals()), atol=1e-6)
 
 
 def test_a_direction_that_was_never_measured_is_refused(tmp_path: Path) -> None:
@@ -135,11 +128,7 @@ def test_a_propellers_lag_is_the_simulators_own(tmp_path: Path) -> None:
     path = map_file(tmp_path, SQUARE)
     text = {form: export(path, to="thrusters", form=form, lag=0.25).text for form in FORMS[:-1]}
     assert constants_of(text["constants"])["T_n"] == 0.25
-    for form in ("stonefish-deadband", "stonefish-table"):
-        (constant,) = ET.fromstring(text[form]).findall("rotor_dynamics[@type='first_order']/")
-        assert constant.attrib == {"value": "0.25"}
-    for form in ("uuv-bessa", "uuv-table"):
-        assert ET.fromstring(text[form]).findtext(".//dynamics[type='FirstOrder']/timeConstant") == "0.25"
+    assert ET.fromstring(text["uuv-table"]).findtext(".//dynamics[type='FirstOrder']/timeConstant") == "0.25"
     with pytest.raises(SettingError, match="--lag means nothing to gz-thruster"):
         export(path, to="thrusters", form="gz-thruster", symmetrise=True, lag=0.25)
 

@@ -16,8 +16,6 @@ from scipy.integrate import solve_ivp
 Floats = NDArray[np.float64]
 Slope = Callable[[float, float], float]
 
-MESH_TORQUE = (2.5, 0.4)  # N m at 1 rad/s: the yaw drag that Stonefish would find on the vehicle's mesh
-
 
 def number_in(root: ET.Element, path: str, missing: float | None = None) -> float:
     """The number in the element at `path`."""
@@ -106,20 +104,6 @@ def mss(text: str) -> Slope:
     return slope
 
 
-def stonefish(text: str) -> Slope:
-    """The mesh's own drag times the z coefficients; physics "floating" adds no inertia."""
-    root = ET.fromstring(text)
-    own, drag = root.find("inertia"), root.find("hydrodynamics")
-    assert root.get("physics") == "floating" and own is not None
-    inertia = [float(x) for x in own.attrib["xyz"].split()]
-    form = friction = 0.0
-    if drag is not None:
-        quadratic, viscous = ([float(x) for x in drag.attrib[k].split()] for k in ("quadratic_drag", "viscous_drag"))
-        assert len(quadratic) == len(viscous) == 3 and min(*quadratic, *viscous) >= 0  # or they are ignored
-        form, friction = quadratic[2] * MESH_TORQUE[0], viscous[2] * MESH_TORQUE[1]
-    return lambda r, tau: (tau - form * abs(r) * r - friction * r) / inertia[2]
-
-
 def mjcf(text: str) -> Slope:
     """A joint of MuJoCo: (I + armature) r' = force - (d0 + d1 |r| + d2 r^2) r; the force the control, clamped."""
     root = ET.fromstring(text)
@@ -143,7 +127,6 @@ READERS: dict[tuple[str, str], Callable[[str], Slope]] = {
     ("mjcf", "joint"): mjcf,
     ("mss", "python"): mss,
     ("mss", "matlab"): mss,
-    ("stonefish", "body"): stonefish,
 }
 
 
@@ -179,35 +162,6 @@ def constants_law(text: str) -> Callable[[Floats], Floats]:
     return law
 
 
-def dead_band_law(reverse: float, forward: float, lower: float, upper: float) -> Callable[[Floats], Floats]:
-    """Bessa's law of uuv_simulator and Stonefish's dead band: limits count against n |n|."""
-    assert lower <= 0 <= upper and min(reverse, forward) >= 0
-
-    def law(n: Floats) -> Floats:
-        vv = n * np.abs(n)
-        return np.where(vv < lower, reverse * (vv - lower), np.where(vv > upper, forward * (vv - upper), 0.0))
-
-    return law
-
-
-def stonefish_law(text: str) -> Callable[[Floats], Floats]:
-    """Setpoints limited on both sides alike, then the thrust model."""
-    root = ET.fromstring(text)
-    specs, model = root.find("specs"), root.find("thrust_model")
-    assert specs is not None and model is not None and root.find("rotor_dynamics") is not None
-    most, kind = float(specs.attrib["max_setpoint"]), model.attrib["type"]
-    if kind == "deadband":
-        coeff, band = (model.find(tag) for tag in ("thrust_coeff", "deadband"))
-        assert coeff is not None and band is not None
-        inner = dead_band_law(*(float(x) for x in (
-            coeff.attrib["reverse"], coeff.attrib["forward"], band.attrib["lower"], band.attrib["upper"])))  # fmt: skip
-    else:
-        assert kind == "linear_interpolation"
-        n, f = ([float(x) for x in model.find(tag).attrib["value"].split()] for tag in ("input", "output"))  # type: ignore[union-attr]
-        inner = table_law(np.array(n), np.array(f))
-    return lambda n: inner(np.clip(n, -most, most))
-
-
 def table_law(n: Floats, force: Floats) -> Callable[[Floats], Floats]:
     """Straight lines between points in order, the last value beyond them."""
     assert len(n) == len(force) and np.all(np.diff(n) > 0)
@@ -218,13 +172,9 @@ def uuv_law(text: str) -> Callable[[Floats], Floats]:
     plugin = ET.fromstring(text).find(".//plugin")
     assert plugin is not None and plugin.findtext("dynamics/type") in ("ZeroOrder", "FirstOrder")
     low, high = number_in(plugin, "clampMin"), number_in(plugin, "clampMax")
-    if plugin.findtext("conversion/type") == "Bessa":
-        names = ("rotorConstantL", "rotorConstantR", "deltaL", "deltaR")
-        inner = dead_band_law(*(number_in(plugin, f"conversion/{name}") for name in names))
-    else:
-        assert plugin.findtext("conversion/type") == "LinearInterp"
-        tags = ("inputValues", "outputValues")
-        inner = table_law(*(np.array(str(plugin.findtext(f"conversion/{t}")).split(), float) for t in tags))
+    assert plugin.findtext("conversion/type") == "LinearInterp"
+    tags = ("inputValues", "outputValues")
+    inner = table_law(*(np.array(str(plugin.findtext(f"conversion/{t}")).split(), float) for t in tags))
     return lambda n: inner(np.clip(n, low, high))
 
 
@@ -246,9 +196,6 @@ def gz_law(text: str) -> Callable[[Floats], Floats]:
 
 LAWS: dict[str, Callable[[str], Callable[[Floats], Floats]]] = {
     "constants": constants_law,
-    "stonefish-deadband": stonefish_law,
-    "stonefish-table": stonefish_law,
-    "uuv-bessa": uuv_law,
     "uuv-table": uuv_law,
     "gz-thruster": gz_law,
 }

@@ -34,8 +34,6 @@ turn_deg = 200
     [
         ("noise_deg", "noise_degrees", 'spec.toml: logger: unknown key "noise_degrees"; did you mean "noise_deg"?'),
         ("noise_deg = 1", "rate_hz = -10", "spec.toml: logger: rate_hz is -10; expected more than 0"),
-        ("noise_deg = 1", "clock_jitter_s = 0.2",
-         "spec.toml: logger: clock_jitter_s is 0.2; expected at most 0.3 of the sample period, 0.03 s"),
         ("noise_deg = 1", "rate_bias_deg_s = 0.5",
          "spec.toml: logger: rate_bias_deg_s is of the rates logged; expected rate_noise_deg_s with it (0 for none)"),
         ('"step"', '"stepp"', "spec.toml: runs[0].kind: found \"stepp\", expected one of 'step', 'coast-down'"),
