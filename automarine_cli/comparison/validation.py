@@ -6,10 +6,10 @@ own parameters are held; the sizes of what is random (disturbance, unsteady thru
 fitted on these very runs, for no file knows the weather of their day.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from automarine_cli.fits.driven import STEPS, Judgement, base_starts, disturbed,
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.store import StoredModels, StoredPlanar, Use
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, counted, silent
@@ -41,11 +42,11 @@ from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, key
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice, unbiased_velocity
 from automarine_cli.runs.checks import without_undriven
-from automarine_cli.runs.load import GAP_IN_PERIODS
-from automarine_cli.runs.run import ExcludedRun, Run, position_noise, runs_json
+from automarine_cli.runs.load import GAP_IN_PERIODS, Campaign, load_runs, require_usable
+from automarine_cli.runs.run import ExcludedRun, Run, command_warnings, position_noise, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.text import format_value
-from automarine_cli.thrusters.map import driven_by
+from automarine_cli.thrusters.map import driven_by, moment_maker
 
 SMOOTHED = 1.0  # s over which a position is smoothed for its rate; 5 samples at least
 MIN_RUNS = 3  # for an interval over runs
@@ -459,11 +460,15 @@ def _predicted(
     return tuple(ahead for ahead in predicted if len(ahead.error))
 
 
-def usable_runs(
-    runs: Sequence[Run], stored: StoredModels, drive: Callable[[Run], Run] | None
-) -> tuple[list[Run], list[ExcludedRun]]:
-    """Select the runs that every model can be driven by and that their commands may have moved, commanded by `drive`;
-    return the others with their reasons. Raises ModelError for commands in another unit than the models'."""
+def load_usable(
+    logs: Logs, stored: StoredModels, columns: ColumnMap, thrusters: Any, arm: float | None, *, strict: bool, jobs: int,
+    progress: Progress,
+) -> Campaign:  # fmt: skip
+    """Load the runs of the models' motion that each of them can be driven by and that their commands may have moved,
+    commanded through the map `thrusters` where there is one; the others are set aside. Raises LogError or RunError as
+    `load_runs`, and ModelError for commands in another unit than the models'."""
+    drive = moment_maker(thrusters, arm, columns, stored.dof)
+    campaign = load_runs(logs, columns, dof=stored.dof, strict=strict, jobs=jobs, progress=progress)
     signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
 
     def complete(run: Run) -> Run:
@@ -479,7 +484,7 @@ def usable_runs(
                 )
         return driven
 
-    commanded, aside = driven_by(runs, complete)
+    commanded, aside = driven_by(campaign.runs, complete)
     usable, undriven = without_undriven(commanded)
     for run in usable:
         if run.moment_unit != stored.moment_unit:
@@ -488,4 +493,7 @@ def usable_runs(
                 f"gives them in {run.moment_unit}; there is no factor between the two. Give logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
-    return usable, [*aside, *undriven]
+    set_aside = (*campaign.set_aside, *aside, *undriven)
+    require_usable(usable, set_aside, len(campaign.inputs), strict)
+    command_warnings(usable)  # refused where they cannot be of this map
+    return replace(campaign, runs=tuple(usable), set_aside=set_aside)
