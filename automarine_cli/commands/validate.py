@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command
 from automarine_cli.errors import SettingError
@@ -43,9 +45,13 @@ def validate(
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
 
+    half_a_drive = (thrusters is None) != (arm is None) and (thrusters is None or columns is None)
     drive: dict[str, Any] = {"columns": given_columns(columns), "thrusters": thrusters, "arm": arm}
     execution = {"strict": strict, "jobs": jobs, "progress": progress}
-    if schema_in(model) == PLANAR_MODEL.schema:
+    planar = schema_in(model) == PLANAR_MODEL.schema
+    if half_a_drive and (planar or arm is not None or load_yaw_models(model).dof.levered):
+        raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
+    if planar:
         if channels != AUTO:
             raise SettingError(
                 f"{model.name} is a planar model: every channel of its logs is compared; leave --channels out"

@@ -16,7 +16,6 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.store import DIAGNOSIS, MODELS, DiagnosisFile, ModelFile
 from automarine_cli.pipeline.records import ResultKind
-from automarine_cli.pipeline.results_folder import Input
 from automarine_cli.text import listed, printable
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
@@ -69,25 +68,21 @@ class Difference:
         }  # fmt: skip
 
 
-def difference(estimate: Estimate, other: Estimate) -> Estimate:
-    """Subtract `other`, from data of its own; means over runs run by run, of two that both have or more.
+def difference(estimate: Estimate, other: Estimate) -> Estimate | None:
+    """Subtract `other`, from data of its own; means over runs run by run. None where no interval can be given: for
+    other units, and for means with less than two runs in common.
 
     The interval takes the distance of each end from its value from the two intervals, so that it is as skew as
     they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9)."""
     if isinstance(estimate, OverRuns) and isinstance(other, OverRuns):
         common = {run: value - other.by_run[run] for run, value in estimate.by_run.items() if run in other.by_run}
-        return OverRuns.of(common, estimate.unit)
+        return OverRuns.of(common, estimate.unit) if len(common) > 1 else None
+    if estimate.unit != other.unit:
+        return None
     apart = estimate.value - other.value
     low = apart - math.hypot(estimate.value - estimate.ci95[0], other.ci95[1] - other.value)
     high = apart + math.hypot(estimate.ci95[1] - estimate.value, other.value - other.ci95[0])
     return Estimate(apart, math.hypot(estimate.stderr, other.stderr), (low, high), estimate.unit)
-
-
-def comparable(estimate: Estimate, other: Estimate | None) -> bool:
-    """Whether a difference has an interval: of means over runs that of two in common, of others in one unit."""
-    if isinstance(estimate, OverRuns) and isinstance(other, OverRuns):
-        return len(estimate.by_run.keys() & other.by_run.keys()) > 1
-    return other is not None and estimate.unit == other.unit
 
 
 def p_value(apart: Estimate) -> float | None:
@@ -101,10 +96,9 @@ def p_value(apart: Estimate) -> float | None:
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values for their number (Holm 1979, Scandinavian Journal of Statistics 6:65)."""
     order = np.argsort(p_values, kind="stable")
-    factor = np.arange(len(order), 0, -1)
     adjusted = np.empty(len(order))
-    adjusted[order] = np.maximum.accumulate(factor * np.asarray(p_values)[order])
-    return [float(min(1.0, p)) for p in adjusted]
+    adjusted[order] = np.maximum.accumulate(np.arange(len(order), 0, -1) * np.asarray(p_values)[order])
+    return np.minimum(1.0, adjusted).tolist()
 
 
 def differences(sides: Sequence[ComparedResult]) -> tuple[Difference, ...]:
@@ -113,9 +107,8 @@ def differences(sides: Sequence[ComparedResult]) -> tuple[Difference, ...]:
     for side in later:
         for name, estimate in side.parameters.items():
             first = base.parameters.get(name)
-            if first is None or not comparable(estimate, first):
+            if first is None or (apart := difference(estimate, first)) is None:
                 continue
-            apart = difference(estimate, first)
             p = p_value(apart)
             verdict = NOT_SHOWN if apart.value == 0 or (p is not None and p >= SIGNIFICANCE) else MAY_DIFFER
             percent = None  # where the first's value is not well away from zero
@@ -243,11 +236,6 @@ def _result_file(folder: Path) -> tuple[Path, ResultKind[Any]]:
         f"{folder} holds no result of fit-thrusters, fit-yaw, validate or diagnose; expected one of the files "
         f"{listed(kind.file for kind in STATEMENTS_OF)}; of a campaign compare one step"
     )
-
-
-def inputs_of(results: Sequence[Path]) -> list[Input]:
-    """List the result files as inputs of a manifest."""
-    return [Input(f"{name}/{path.name}", path, "result") for name, (path, _) in locate(results).items()]
 
 
 def read_sides(results: Sequence[Path]) -> tuple[str, tuple[ComparedResult, ...], list[str]]:
