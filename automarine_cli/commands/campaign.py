@@ -124,13 +124,13 @@ class Campaign:
         from automarine_cli.diagnosis.diagnose import NAMED
         from automarine_cli.models.store import DIAGNOSIS
 
-        work, section = load(step.command), self.sections.get(step.section, {})
+        work, section = load(step.kind.writer), self.sections.get(step.section, {})
         settings = {key: value for key, value in section.items() if key not in KEYS.get(step.section, ())}
         if step.section == "thrusters" and "per_test" in section:
             settings["thrusters_per_test"] = section["per_test"]
         settings |= {key: self.sections[""][key] for key in ("seed", "strict") if key in self.sections[""]}
         motion = YAW.name if step.section == "tune" else step.section
-        if step.command == "check":
+        if step.kind.writer == "check":
             settings |= {"logs": self.every_log(), "columns": self.columns}
         elif step.logs:
             key = "logs" if step.section in ("thrusters", YAW.name) else step.section

@@ -46,9 +46,10 @@ def compare(results: tuple[Path, ...]) -> "ResultComparison":
 
 
 def _inputs(results: tuple[Path, ...]) -> list[object]:
-    from automarine_cli.comparison.side_by_side import inputs_of
+    from automarine_cli.comparison.side_by_side import locate
+    from automarine_cli.pipeline.results_folder import Input
 
-    return list(inputs_of(results))
+    return [Input(f"{name}/{path.name}", path, "result") for name, (path, _) in locate(results).items()]
 
 
 compare.folder_inputs = _inputs

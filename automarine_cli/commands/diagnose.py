@@ -1,6 +1,6 @@
 """`diagnose`: where simulation and measurement disagree, which effect is missing, and the gap that it closes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -48,51 +48,45 @@ def diagnose(
     from automarine_cli.pipeline.records import schema_in
     from automarine_cli.thrusters.map import THRUSTER_MAP
 
-    names, execution = given_columns(columns), {"strict": strict, "progress": progress}
-    schema = schema_in(model)
+    names, schema = given_columns(columns), schema_in(model)
+    execution: dict[str, Any] = {"strict": strict, "progress": progress}
     if schema == THRUSTER_MAP.schema:
         return _of_a_map(logs, model, hold_out, names, seed, **execution)
+    drive = {"columns": names, "thrusters": thrusters, "arm": arm, "jobs": jobs} | execution
     if schema == PLANAR_MODEL.schema:
-        drive = {"columns": names, "thrusters": thrusters, "arm": arm, "jobs": jobs}
-        return _of_the_plane(logs, model, hold_out, seed, **drive, **execution)
-    return _of_a_motion(logs, model, hold_out, names, thrusters, arm, channels, seed, jobs, map_fn, **execution)
+        return _of_the_plane(logs, model, hold_out, seed, drive)
+    return _of_a_motion(logs, model, hold_out, channels, seed, map_fn, drive)
 
 
 def _of_a_motion(
-    logs: Sequence[Any], model: Any, hold_out: Sequence[Any], names: Any, thrusters: Any, arm: float | None,
-    channels: str, seed: int, jobs: int, map_fn: Any, *, strict: bool, progress: Any,
+    logs: Sequence[Any], model: Any, hold_out: Sequence[Any], channels: str, seed: int, map_fn: Any,
+    drive: Mapping[str, Any],
 ) -> "Diagnosis":  # fmt: skip
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
-    from automarine_cli.comparison.validation import usable_runs
+    from automarine_cli.comparison.validation import load_usable
     from automarine_cli.diagnosis.diagnose import diagnose_runs, expected_seconds
     from automarine_cli.models.store import load_yaw_models
     from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.runs.channels import parse_channels
     from automarine_cli.runs.checks import without_stuck
     from automarine_cli.runs.half_turn import without_contrary
-    from automarine_cli.runs.load import append_exclusions, load_runs, require_usable
-    from automarine_cli.runs.run import ExcludedRun, Run, command_warnings
-    from automarine_cli.thrusters.map import moment_maker
+    from automarine_cli.runs.load import append_exclusions, require_usable
+    from automarine_cli.runs.run import ExcludedRun, Run
 
     stored = load_yaw_models(model)
-    dof = stored.dof
-    parse_channels(channels, dof)
-    drive = moment_maker(thrusters, arm, names, dof)
+    parse_channels(channels, stored.dof)
     aside: list[ExcludedRun] = []
 
     def usable(files: Sequence[Any]) -> list[Run]:
-        """Runs that a diagnosis can use, with their moments, in the model's unit."""
-        campaign = load_runs(files, names, dof=dof, strict=strict, progress=progress, jobs=jobs)
-        driven, left_out = usable_runs(campaign.runs, stored, drive)
-        command_warnings(driven)  # refused where they cannot be of this map
-        moving, stuck = without_stuck(driven)
+        campaign = load_usable(files, stored, **drive)
+        moving, stuck = without_stuck(campaign.runs)
         sound, contrary = without_contrary(moving)
-        aside.extend((*campaign.set_aside, *left_out, *stuck, *contrary))
-        require_usable(sound, aside, len(files), strict)
+        aside.extend((*campaign.set_aside, *stuck, *contrary))
+        require_usable(sound, aside, len(files), drive["strict"])
         return sound
 
     runs, held_out = usable(logs), usable(hold_out) if hold_out else None
-    foretell(progress, "the diagnosis", expected_seconds(runs) / max(jobs, 1))
+    foretell(drive["progress"], "the diagnosis", expected_seconds(runs) / max(drive["jobs"], 1))
     with append_exclusions(aside):
         diagnosis = diagnose_runs(
             runs, stored.undelayed, hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels
@@ -107,7 +101,7 @@ def foretell(progress: "Progress", what: str, seconds: float) -> None:
 
 
 def _of_the_plane(
-    logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, **settings: Any
+    logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, settings: Mapping[str, Any]
 ) -> "PlanarDiagnosis":
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
     from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
@@ -167,8 +161,12 @@ def _refuse_of_another(settings: dict[str, Any]) -> dict[str, Any]:
     return settings
 
 
-diagnose.complete = _refuse_of_another
-diagnose.then = lambda result: (
-    "automarine fit-yaw LOGS --thrusters {out}/extended_model.json --arm METRES" if hasattr(result, "given_rmse")
-    else "automarine validate OTHER_LOGS --model {out}/extended_model.json"
-)  # fmt: skip
+def _then(result: Any) -> str:
+    from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
+
+    if isinstance(result, ThrusterDiagnosis):
+        return "automarine fit-yaw LOGS --thrusters {out}/extended_model.json --arm METRES"
+    return "automarine validate OTHER_LOGS --model {out}/extended_model.json"
+
+
+diagnose.complete, diagnose.then = _refuse_of_another, _then

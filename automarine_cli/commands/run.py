@@ -179,17 +179,17 @@ def _do(
     from automarine_cli.pipeline.results_folder import manifest_of
 
     def without_result(did: str, why: str) -> tuple[str, str]:
-        removed = _remove_results(folder, step.command)
+        removed = _remove_results(folder, step.kind.writer)
         return did, why + ("; its former result was removed" if removed and did == "skipped" else "")
 
-    folder, work = out / step.folder, load(step.command)
+    folder, work = out / step.folder, load(step.kind.writer)
     settings = campaign.plan(step, out)
     if isinstance(settings, str):
         return without_result("skipped", settings)
     why = why_made_again(folder, **work.manifest(settings, kinds))
     if why is None and not force:
         return "kept", "inputs, settings and versions unchanged"
-    is_former = (manifest := manifest_of(folder)) is not None and manifest.command == step.command
+    is_former = (manifest := manifest_of(folder)) is not None and manifest.command == step.kind.writer
     try:
         work.run(
             settings, out=folder, overwrite=overwrite or is_former, jobs=jobs, progress=progress, figure_formats=kinds

@@ -72,7 +72,7 @@ def slice_log(
     sources = tuple(result for result in results if isinstance(result, SlicedLog))
     require_usable(sources, set_aside, len(logs), strict)
     if not any(source.cuts for source in sources):
-        why = list(dict.fromkeys(gap.why for source in sources for gap in source.between))
+        why = list(dict.fromkeys(gap["why"] for source in sources for gap in source.between))
         raise RunError(
             f"{sources[0].file}: no run in it, cut by {by}: {'; '.join(why[:5]) or 'no rows'}. "
             "Cut by something else, or take runs that are shorter"
@@ -85,30 +85,33 @@ def _cut(
 ) -> "SlicedLog | ExcludedRun":
     from automarine_cli.logs import read_log
     from automarine_cli.logs.find import stem_of
-    from automarine_cli.report.log_tables import Between, Cut, SlicedLog
+    from automarine_cli.report.log_tables import SlicedLog, interval_of
     from automarine_cli.runs.load import unreadable
     from automarine_cli.runs.slices import find_slices
 
     try:
         table = read_log(file, columns, dof=None)
-        slices, passed = find_slices(table, by, keep, lead, shortest)
+        slices = find_slices(table, by, keep, lead, shortest)
     except LogError as error:
-        if file.named:
-            raise
         return unreadable(file, error)
-    time, runs, digits = table.columns["time"], table.run, len(str(len(slices)))
-    cuts, contents = [], []
-    for i, part in enumerate(slices, 1):
-        run = None if runs is None else str(runs[part.first])
-        stem = stem_of(file.name.rpartition("/")[2])
-        name = "_".join(word for word in (stem, run, f"{i:0{digits}d}", part.state) if word)
-        rows = int(table.rows[part.first]), int(table.rows[part.stop - 1])
-        ends = float(time[part.first]), float(time[part.stop - 1])
-        cut = Cut(printable(name), part.state, file.name, run, rows, part.stop - part.first, part.moving, *ends)
-        cuts.append(cut)
-        contents.append(_content(table, part.first, part.stop, form, cut.comment(by)))
-    between = tuple(Between(file.name, float(time[gap.first]), float(time[gap.stop - 1]), gap.why) for gap in passed)
-    return SlicedLog(file.name, tuple(cuts), tuple(contents), between, table.notes)
+    time, stem = table.columns["time"], stem_of(file.name.rpartition("/")[2])
+    cuts, between, contents = list[dict[str, Any]](), list[dict[str, Any]](), list[bytes]()
+    digits = len(str(sum(not part.why for part in slices)))
+    for part in slices:
+        ends = {"from_s": float(time[part.first]), "to_s": float(time[part.stop - 1])}
+        if part.why:
+            between.append({"source": file.name, **ends, "why": part.why})
+            continue
+        run = None if table.run is None else str(table.run[part.first])
+        name = "_".join(word for word in (stem, run, f"{len(cuts) + 1:0{digits}d}", part.state) if word)
+        rows = [int(table.rows[part.first]), int(table.rows[part.stop - 1])]  # the last included
+        cuts.append({
+            "run": printable(name), "state": part.state, "source": file.name, "source_run": run, "rows": rows,
+            "samples": part.stop - part.first, "moving": part.moving, **ends,
+        })  # fmt: skip
+        comment = f"{file.name}, rows {rows[0]} to {rows[1]}, {interval_of(cuts[-1])}, cut by {by}: {part.state}"
+        contents.append(_content(table, part.first, part.stop, form, comment))
+    return SlicedLog(file.name, tuple(cuts), tuple(contents), tuple(between), table.notes)
 
 
 def _content(table: "LogTable", first: int, stop: int, form: str, comment: str) -> bytes:

@@ -37,45 +37,34 @@ def validate(
       automarine validate sample_runs/validation \\
         --model out/yaw/yaw_model.json -o out/validation
     """
-    from automarine_cli.comparison.validation import compare, predictions_of, usable_runs
+    from automarine_cli.comparison.validation import compare, load_usable, predictions_of
     from automarine_cli.logs import given_columns
     from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, load_yaw_models
     from automarine_cli.pipeline.records import schema_in
     from automarine_cli.runs.channels import AUTO, choose_channels, parse_channels
-    from automarine_cli.runs.load import load_runs, require_usable
     from automarine_cli.runs.run import command_warnings
-    from automarine_cli.thrusters.map import load_planar, moment_maker
+    from automarine_cli.thrusters.map import load_planar
 
-    names = given_columns(columns)
+    half_a_drive = (thrusters is None) != (arm is None) and (thrusters is None or columns is None)
+    drive: dict[str, Any] = {"columns": given_columns(columns), "thrusters": thrusters, "arm": arm}
     execution = {"strict": strict, "jobs": jobs, "progress": progress}
-    if schema_in(model) == PLANAR_MODEL.schema:
-        _refuse_half_a_drive(thrusters, arm, columns)
+    planar = schema_in(model) == PLANAR_MODEL.schema
+    if half_a_drive and (planar or arm is not None or load_yaw_models(model).dof.levered):
+        raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
+    if planar:
         if channels != AUTO:
             raise SettingError(
                 f"{model.name} is a planar model: every channel of its logs is compared; leave --channels out"
             )
         planar_model = load_planar_model(model)
-        campaign = load_planar(logs, names, thrusters, arm, **execution)
+        campaign = load_planar(logs, **drive, **execution)
         command_warnings(campaign.runs)  # refused where they cannot be of this map
         return replace(compare(planar_model, campaign.runs, seed), set_aside=campaign.set_aside)
     stored = load_yaw_models(model)
-    if stored.dof.levered or arm is not None:
-        _refuse_half_a_drive(thrusters, arm, columns)
     parse_channels(channels, stored.dof)
-    drive = moment_maker(thrusters, arm, names, stored.dof)
-    campaign = load_runs(logs, names, dof=stored.dof, **execution)
-    runs, aside = usable_runs(campaign.runs, stored, drive)
-    left_out = (*campaign.set_aside, *aside)
-    require_usable(runs, left_out, len(campaign.inputs), strict)
-    command_warnings(runs)  # refused where they cannot be of this map
-    believed = choose_channels(runs, stored.dof, channels, late_position=True)
-    runs = [believed.believed(run) for run in runs]
+    campaign = load_usable(logs, stored, **drive, **execution)
+    believed = choose_channels(campaign.runs, stored.dof, channels, late_position=True)
+    runs = [believed.believed(run) for run in campaign.runs]
     compared = compare(stored, runs, seed, progress)
     predictions = predictions_of(stored, runs, believed.names)
-    return replace(compared, set_aside=left_out, channels=believed, predictions=predictions)
-
-
-def _refuse_half_a_drive(thrusters: Any, arm: float | None, columns: Any) -> None:
-    """Raise UsageError for an arm without a map, or a map without an arm, which the column map may hold."""
-    if (thrusters is None) != (arm is None) and (thrusters is None or columns is None):
-        raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
+    return replace(compared, set_aside=campaign.set_aside, channels=believed, predictions=predictions)

@@ -16,17 +16,16 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.models.store import DIAGNOSIS, MODELS, DiagnosisFile, ModelFile
 from automarine_cli.pipeline.records import ResultKind
-from automarine_cli.pipeline.results_folder import Input
 from automarine_cli.text import listed, printable
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
-DIFFERS, MAY_DIFFER, ALIKE = "differs", "may differ", "no difference shown"
-LEVEL = 0.05
+DIFFERS, MAY_DIFFER, NOT_SHOWN = "differs", "may differ", "no difference shown"
+SIGNIFICANCE = 0.05
 Z95 = float(special.ndtri(0.975))
 
 
 @dataclass(frozen=True)
-class Side:
+class ComparedResult:
     """One of the results: what it is called, its parameters by name, and what else it says of itself in words."""
 
     name: str
@@ -69,25 +68,21 @@ class Difference:
         }  # fmt: skip
 
 
-def difference(estimate: Estimate, other: Estimate) -> Estimate:
-    """Subtract `other`, from data of its own; means over runs run by run, of two that both have or more.
+def difference(estimate: Estimate, other: Estimate) -> Estimate | None:
+    """Subtract `other`, from data of its own; means over runs run by run. None where no interval can be given: for
+    other units, and for means with less than two runs in common.
 
     The interval takes the distance of each end from its value from the two intervals, so that it is as skew as
     they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9)."""
     if isinstance(estimate, OverRuns) and isinstance(other, OverRuns):
         common = {run: value - other.by_run[run] for run, value in estimate.by_run.items() if run in other.by_run}
-        return OverRuns.of(common, estimate.unit)
+        return OverRuns.of(common, estimate.unit) if len(common) > 1 else None
+    if estimate.unit != other.unit:
+        return None
     apart = estimate.value - other.value
     low = apart - math.hypot(estimate.value - estimate.ci95[0], other.ci95[1] - other.value)
     high = apart + math.hypot(estimate.ci95[1] - estimate.value, other.value - other.ci95[0])
     return Estimate(apart, math.hypot(estimate.stderr, other.stderr), (low, high), estimate.unit)
-
-
-def comparable(estimate: Estimate, other: Estimate | None) -> bool:
-    """Whether a difference has an interval: of means over runs that of two in common, of others in one unit."""
-    if isinstance(estimate, OverRuns) and isinstance(other, OverRuns):
-        return len(estimate.by_run.keys() & other.by_run.keys()) > 1
-    return other is not None and estimate.unit == other.unit
 
 
 def p_value(apart: Estimate) -> float | None:
@@ -101,23 +96,21 @@ def p_value(apart: Estimate) -> float | None:
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values for their number (Holm 1979, Scandinavian Journal of Statistics 6:65)."""
     order = np.argsort(p_values, kind="stable")
-    factor = np.arange(len(order), 0, -1)
     adjusted = np.empty(len(order))
-    adjusted[order] = np.maximum.accumulate(factor * np.asarray(p_values)[order])
-    return [float(min(1.0, p)) for p in adjusted]
+    adjusted[order] = np.maximum.accumulate(np.arange(len(order), 0, -1) * np.asarray(p_values)[order])
+    return np.minimum(1.0, adjusted).tolist()
 
 
-def differences(sides: Sequence[Side]) -> tuple[Difference, ...]:
+def differences(sides: Sequence[ComparedResult]) -> tuple[Difference, ...]:
     """Compare each result with the first, parameter by parameter, for all parameters that both have in one unit."""
     compared, (base, *later) = list[Difference](), sides
     for side in later:
         for name, estimate in side.parameters.items():
             first = base.parameters.get(name)
-            if first is None or not comparable(estimate, first):
+            if first is None or (apart := difference(estimate, first)) is None:
                 continue
-            apart = difference(estimate, first)
             p = p_value(apart)
-            verdict = ALIKE if apart.value == 0 or (p is not None and p >= LEVEL) else MAY_DIFFER
+            verdict = NOT_SHOWN if apart.value == 0 or (p is not None and p >= SIGNIFICANCE) else MAY_DIFFER
             percent = None  # where the first's value is not well away from zero
             if not first.ci95[0] <= 0 <= first.ci95[1] and first.value != 0:
                 scale = 100.0 / abs(first.value)
@@ -125,23 +118,22 @@ def differences(sides: Sequence[Side]) -> tuple[Difference, ...]:
             compared.append(Difference(name, side.name, base.name, apart, percent, p, verdict))
     adjusted = holm([apart.p_value or 0.0 for apart in compared])
     return tuple(
-        replace(apart, verdict=DIFFERS) if apart.verdict == MAY_DIFFER and p < LEVEL else apart
+        replace(apart, verdict=DIFFERS) if apart.verdict == MAY_DIFFER and p < SIGNIFICANCE else apart
         for apart, p in zip(compared, adjusted)
     )
 
 
-Said = Iterator[tuple[str, Given | Estimate | str | float | None, str]]
-"""What a result says: label, value (None for nothing), and the place in the file of a number that needs an interval."""
+Statements = Iterator[tuple[str, Given | Estimate | str | float | None]]
+"""Labels and values of what a result says; None for nothing."""
 
 
-def contents(statements: Said) -> tuple[dict[str, Estimate], dict[str, str]]:
-    """Sort into parameters, which are compared, and facts in words. Raises ModelError for a number with a place that
-    has no interval."""
+def contents(statements: Statements) -> tuple[dict[str, Estimate], dict[str, str]]:
+    """Sort into parameters, which are compared, and facts in words."""
     parameters, facts = dict[str, Estimate](), dict[str, str]()
-    for label, value, place in statements:
+    for label, value in statements:
         if isinstance(value, Given):
             bound = str(value.at_bound) if value.value is None else f"{value.value:.3g}, {value.at_bound}"
-            value = value.known(place) if place else value.estimate or bound
+            value = value.estimate or bound
         if isinstance(value, Estimate):
             parameters[label] = value
         elif value is not None:
@@ -149,7 +141,8 @@ def contents(statements: Said) -> tuple[dict[str, Estimate], dict[str, str]]:
     return parameters, facts
 
 
-def of_model(file: ModelFile, models: Sequence[str]) -> Said:
+def of_model(file: ModelFile, models: Sequence[str]) -> Statements:
+    """Yield the parameters of the models. Raises ModelError with the place of a number that has no interval."""
     dof, symbols = file.dof, file.dof.symbols
     names = {
         "quadratic": symbols.quadratic, "linear": symbols.linear, "inertia": symbols.inertia,
@@ -157,26 +150,29 @@ def of_model(file: ModelFile, models: Sequence[str]) -> Said:
         "difference": "half the difference of drag",
     }  # fmt: skip
     for number in models:
+        suffix = f", model {number}" if len(models) > 1 else ""
         for role, label in names.items():
-            place = f"models.{number}.{dof.parameters.get(role, dof.ratio_key)}"
-            yield label + f", model {number}" * (len(models) > 1), getattr(file.models[number], role, None), place
-    yield "scatter of thrust", file.gain_scatter, "gain_scatter"
-    yield "preferred model", file.preferred, ""
-    yield f"{dof.words.position} noise [{dof.units.shown}]", file.noise, ""
+            if (value := getattr(file.models[number], role, None)) is not None:
+                yield label + suffix, value.known(f"models.{number}.{dof.parameters.get(role, dof.ratio_key)}")
+    if file.gain_scatter is not None:
+        yield "scatter of thrust", file.gain_scatter.known("gain_scatter")
+    yield "preferred model", file.preferred
+    yield f"{dof.words.position} noise [{dof.units.shown}]", file.noise
 
 
-def of_thrusters(file: ThrusterFile, models: Sequence[str]) -> Said:
-    yield "form", file.form, ""
-    yield "error of it [% of full scale]", file.error_percent, ""
+def of_thrusters(file: ThrusterFile, models: Sequence[str]) -> Statements:
+    yield "form", file.form
+    yield "error of it [% of full scale]", file.error_percent
     for side in ("forward", "backward"):
-        yield f"a {side}, square law", getattr(file, f"a_{side}"), f"{side}.a"
+        if (law := getattr(file, f"a_{side}")) is not None:
+            yield f"a {side}, square law", law.known(f"{side}.a")
         curve = getattr(file.parameters, side) if file.form != "square" else None
         for name, value in curve.values.items() if curve else ():
             if value and (value.estimate or value.at_bound):  # else the form fixes it
-                yield f"{name} {side}, form {file.form}", value, ""
+                yield f"{name} {side}, form {file.form}", value
 
 
-def of_validation(file: ValidationFile, models: Sequence[str]) -> Said:
+def of_validation(file: ValidationFile, models: Sequence[str]) -> Statements:
     """Yield the errors of the model that the fit preferred, as means over the runs."""
     number = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best
     scores = file.models[number].runs
@@ -189,26 +185,26 @@ def of_validation(file: ValidationFile, models: Sequence[str]) -> Said:
     for name, by_run in errors.items():
         values = {samples.get(run, run): value for run, value in by_run.items() if value is not None}
         if len(values) > 1:
-            yield name, OverRuns.of(values, file.dof.units.shown), ""
-    yield "preferred model", number, ""
+            yield name, OverRuns.of(values, file.dof.units.shown)
+    yield "preferred model", number
 
 
-def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Said:
+def of_diagnosis(file: DiagnosisFile, models: Sequence[str]) -> Statements:
     names = ", ".join(effect.name for effect in file.effects)
-    yield "verdict", file.verdict + (f": {names}" if names else ""), ""
+    yield "verdict", file.verdict + (f": {names}" if names else "")
     for effect in file.effects:
         for name, value in effect.parameters.items():
             if value.stderr != 0:  # a choice of law has no interval
-                yield f"{effect.name}: {name}", value, ""
+                yield f"{effect.name}: {name}", value
     for name, moved in file.base.items():
-        yield f"{name} with what was missing", moved.after, f"base.{name}.after"
+        yield f"{name} with what was missing", moved.after.known(f"base.{name}.after")
     sizes = {"gap": file.gap, "held-out gap": file.gap_held_out, "held out, from commands:": file.from_commands}
     for what, word in product(sizes, ("before", "after")):
-        yield f"{what} {word} [{file.unit}]", getattr(sizes[what], word, None), ""
-    yield f"noise [{file.unit}]", file.gap.noise_floor, ""
+        yield f"{what} {word} [{file.unit}]", getattr(sizes[what], word, None)
+    yield f"noise [{file.unit}]", file.gap.noise_floor
 
 
-COMPARED: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Said]] = {
+STATEMENTS_OF: Mapping[ResultKind[Any], Callable[[Any, Sequence[str]], Statements]] = {
     **dict.fromkeys(MODELS.values(), of_model),
     THRUSTER_MAP: of_thrusters,
     VALIDATION: of_validation,
@@ -233,35 +229,27 @@ def locate(results: Sequence[Path]) -> dict[str, tuple[Path, ResultKind[Any]]]:
 
 
 def _result_file(folder: Path) -> tuple[Path, ResultKind[Any]]:
-    for kind in COMPARED:
+    for kind in STATEMENTS_OF:
         if (path := folder / kind.file).is_file():
             return path, kind
     raise SettingError(
         f"{folder} holds no result of fit-thrusters, fit-yaw, validate or diagnose; expected one of the files "
-        f"{listed(kind.file for kind in COMPARED)}; of a campaign compare one step"
+        f"{listed(kind.file for kind in STATEMENTS_OF)}; of a campaign compare one step"
     )
 
 
-def inputs_of(results: Sequence[Path]) -> list[Input]:
-    """List the result files as inputs of a manifest."""
-    return [Input(f"{name}/{path.name}", path, "result") for name, (path, _) in locate(results).items()]
-
-
-def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str]]:
+def read_sides(results: Sequence[Path]) -> tuple[str, tuple[ComparedResult, ...], list[str]]:
     """Read results of one command: its name, the sides, and notes on what must be known of them. Raises SettingError
     for results that cannot be compared, ModelError for a file that is not as automarine wrote it."""
     places = locate(results)
     files = {name: kind.read(path, f"{name}/{path.name}") for name, (path, kind) in places.items()}
-    commands = {
-        name: kind.writer + " of thrusters" * getattr(files[name], "of_thrusters", False)
-        for name, (_, kind) in places.items()
-    }
+    commands = {name: kind.writer for name, (_, kind) in places.items()}
+    commands |= {name: "diagnose of thrusters" for name, file in files.items() if getattr(file, "of_thrusters", False)}
     units = {name: getattr(file, "force_unit", None) or "" for name, file in files.items()}
-    motions = {name: file.dof.name for name, file in files.items()}
     force = next(iter(files.values())).dof.words.force
     for subject, values, only in (
         ("results of", commands, "results of one command"),
-        ("results in", motions, "results of one motion"),
+        ("results in", {name: file.dof.name for name, file in files.items()}, "results of one motion"),
         (f"{force}s in", units, "results in one unit: there is no factor between the two"),
     ):
         if len(different := dict.fromkeys(values.values())) > 1:
@@ -269,17 +257,18 @@ def read_sides(results: Sequence[Path]) -> tuple[str, tuple[Side, ...], list[str
             raise SettingError(f"{subject} {' and '.join(different)} cannot be compared ({listing}); compare {only}")
     fits, sides = [file for file in files.values() if isinstance(file, ModelFile)], []
     common = [n for n in ("1", "2", "3") if fits and all(n in fit.models for fit in fits)]
-    preferred = {fit.preferred for fit in fits}
-    models = [number for number in common if number in preferred] or common
+    models = [number for number in common if any(number == fit.preferred for fit in fits)] or common
     for name, (path, kind) in places.items():
         try:
-            sides.append(Side(name, *contents(COMPARED[kind](files[name], models)), files[name].runs.used))
+            sides.append(
+                ComparedResult(name, *contents(STATEMENTS_OF[kind](files[name], models)), files[name].runs.used)
+            )
         except ModelError as problem:
             raise ModelError(f"{name}/{path.name}: {problem}") from None
     return next(iter(commands.values())), tuple(sides), list(_notes(sides))
 
 
-def _notes(sides: Sequence[Side]) -> Iterator[str]:
+def _notes(sides: Sequence[ComparedResult]) -> Iterator[str]:
     """Yield what must be known of the sides: facts that differ, and what means over runs are."""
     for fact in ("preferred model", "form", "verdict"):
         values = {side.name: side.facts[fact] for side in sides if fact in side.facts}

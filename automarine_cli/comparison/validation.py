@@ -6,10 +6,10 @@ own parameters are held; the sizes of what is random (disturbance, unsteady thru
 fitted on these very runs, for no file knows the weather of their day.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from automarine_cli.fits.driven import STEPS, Judgement, base_starts, disturbed,
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.store import StoredModels, StoredPlanar, Use
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, counted, silent
@@ -41,18 +42,18 @@ from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, key
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice, unbiased_velocity
 from automarine_cli.runs.checks import without_undriven
-from automarine_cli.runs.load import GAP_IN_PERIODS
-from automarine_cli.runs.run import ExcludedRun, Run, position_noise, runs_json
+from automarine_cli.runs.load import GAP_IN_PERIODS, Campaign, load_runs, require_usable
+from automarine_cli.runs.run import ExcludedRun, Run, command_warnings, position_noise, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.text import format_value
-from automarine_cli.thrusters.map import driven_by
+from automarine_cli.thrusters.map import driven_by, moment_maker
 
-SMOOTHED = 1.0  # s over which a position is smoothed for its rate; 5 samples at least
-MIN_RUNS = 3  # for an interval over runs
-DRAWS = 2000  # bootstrap resamples: how often each run is in each
-DRAWN = 3  # how often runs are simulated anew with more thrust and with less
-ALONE = np.ones((1, 1), dtype=np.int64)  # the only resample of one run
-NOTHING = np.zeros(0)
+SMOOTHING_S = 1.0  # over which a position is smoothed for its rate; 5 samples at least
+MIN_RUNS_OF_INTERVAL = 3
+RESAMPLES = 2000  # how often each run is in each
+EXPECTED_DRAWS = 3  # how often runs are simulated anew with more thrust and with less
+SINGLE_RUN = np.ones((1, 1), dtype=np.int64)  # the only resample of one run
+NO_ERRORS = np.zeros(0)
 RMS, MAX, FIT = "rms", "max", "fit"
 
 
@@ -134,7 +135,7 @@ def rate_error(free: FreeRun) -> Floats:
     if logged is not None:
         return np.asarray(dof.shown((logged - free.rate)[~np.isnan(logged)]))
     period = run.sample_period
-    width = max(5, 2 * round(SMOOTHED / period / 2) + 1)
+    width = max(5, 2 * round(SMOOTHING_S / period / 2) + 1)
     arm = np.arange(width // 2, -width // 2, -1)  # the parabola's slope, as `np.convolve` takes weights
     weights = arm / (arm @ arm) / period
     edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1
@@ -146,10 +147,10 @@ def rate_error(free: FreeRun) -> Floats:
     return np.asarray(dof.shown(np.concatenate(slopes)))
 
 
-def pooled(runs: Sequence[Errors], score: Score, drawn: NDArray[np.int64] = ALONE) -> Overall:
+def pooled(runs: Sequence[Errors], score: Score, drawn: NDArray[np.int64] = SINGLE_RUN) -> Overall:
     """Return one score over runs, all samples pooled or the largest error of all, with its interval over the resamples
     `drawn`; nothing under a model that diverged in any run."""
-    errors = [run.get(score.errors, NOTHING) for run in runs]
+    errors = [run.get(score.errors, NO_ERRORS) for run in runs]
     below = _squares(runs, "measured") if score.size == FIT else np.array([float(len(error)) for error in errors])
     if below.sum() <= 0 or not all(runs):
         return Overall(None)
@@ -169,7 +170,7 @@ def lead(better: Sequence[Errors], worse: Sequence[Errors], drawn: NDArray[np.in
 
 
 def _squares(runs: Sequence[Errors], kind: str) -> Floats:
-    return np.array([error @ error for error in (run.get(kind, NOTHING) for run in runs)])
+    return np.array([error @ error for error in (run.get(kind, NO_ERRORS) for run in runs)])
 
 
 def _roots(above: Floats, below: Floats, drawn: NDArray[np.int64]) -> tuple[float, Floats]:
@@ -179,7 +180,7 @@ def _roots(above: Floats, below: Floats, drawn: NDArray[np.int64]) -> tuple[floa
 
 
 def _interval(draws: Floats, runs: int) -> tuple[float, float] | None:
-    if runs < MIN_RUNS:
+    if runs < MIN_RUNS_OF_INTERVAL:
         return None
     low, high = np.percentile(draws, [2.5, 97.5])
     return float(low), float(high)
@@ -279,8 +280,8 @@ class Validation(Shown):
         """Say whether the preferred model is of use on driven runs; empty for others."""
         if self.use is None or isinstance(self.stored, StoredPlanar):
             return ""
-        model = f"Model {self.stored.preferred}" + ", which the fit preferred," * (len(self.models) > 1)
-        return self.use.sentence(self.dof, model, "on these runs")
+        which = ", which the fit preferred," if len(self.models) > 1 else ""
+        return self.use.sentence(self.dof, f"Model {self.stored.preferred}{which}", "on these runs")
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -326,7 +327,7 @@ class Validation(Shown):
                 "restarted_horizon_s": restarts.horizon,
             }  # fmt: skip
         if self.use is not None:
-            prediction = {number: list(self._ahead_json(predicted)) for number, predicted in self.predictions.items()}
+            prediction = {number: self._ahead_json(predicted) for number, predicted in self.predictions.items()}
             data |= {"prediction": prediction, "use": {"of_use": self.use.of_use, "says": self.says}}
         return data | {
             f"noise_floor_{unit}": self.floor, f"restarted_expected_{unit}": self.expected,
@@ -335,12 +336,13 @@ class Validation(Shown):
             "command_delay_s": stored.command_delay, **channels_json(self.channels, measured_noises(runs, dof)),
         }  # fmt: skip
 
-    def _ahead_json(self, predicted: tuple[Predicted, ...]) -> Iterator[dict[str, object]]:
+    def _ahead_json(self, predicted: tuple[Predicted, ...]) -> list[dict[str, object]]:
         """By horizon, in the unit in which people see positions."""
-        for score, ahead in zip(worth_of(predicted), predicted):
+        entries = [score.to_json(self.dof) for score in worth_of(predicted)]
+        for entry, ahead in zip(entries, predicted):
             sizes = self.dof.shown(np.sqrt(ahead.by_run(ahead.error, len(self.runs))))
-            runs = {run.name: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
-            yield score.to_json(self.dof) | {"runs": runs}
+            entry["runs"] = {run.name: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
+        return entries
 
     def _model_json(self, scored: Scored) -> dict[str, object]:
         overall = {self.key(name): score for name, score in scored.overall.items()}
@@ -361,7 +363,7 @@ def compare(
     stored: StoredModels | StoredPlanar, runs: Sequence[Run], seed: int = 0, progress: Progress = silent
 ) -> Validation:
     """Simulate and score `runs` under every model. Raises RunError as `make_batch`."""
-    drawn = np.random.default_rng(seed).multinomial(len(runs), np.full(len(runs), 1.0 / len(runs)), size=DRAWS)
+    drawn = np.random.default_rng(seed).multinomial(len(runs), np.full(len(runs), 1.0 / len(runs)), size=RESAMPLES)
     models: dict[str, Scored] = {}
     if isinstance(stored, StoredPlanar):
         free = tuple(planar_free_runs(stored.model, runs))
@@ -391,14 +393,14 @@ def expected_error(model: YawModel, free: Sequence[FreeRun], scatter: float | No
     if scatter is None or any(of_run.diverged for of_run in free):
         return None
     rng, errors = np.random.default_rng(seed), list[Floats]()
-    for gain in DRAWN * (1.0 + scatter, 1.0 - scatter):
+    for gain in EXPECTED_DRAWS * (1.0 + scatter, 1.0 - scatter):
         again = remade(model, free, gain, rng)
         errors += [error[1:] for error in restarted_errors(model, again, [find_restarts(of.run) for of in again])]
     size = float(model.dof.shown(np.sqrt(np.mean(np.square(np.concatenate(errors))))))
     return size if np.isfinite(size) else None
 
 
-EQUAL = 0.01  # share of the error below which a lead is of no use
+MIN_LEAD = 0.01  # share of the error below which a lead is of no use
 
 
 def _because(
@@ -409,23 +411,20 @@ def _because(
         return None, "No model follows these runs: every simulation diverges."
     best, *behind = ranked
     if not behind:
-        return best, f"Model {best} is the only one" + " that follows all runs" * (len(models) > 1) + "."
+        return best, f"Model {best} is the only one{' that follows all runs' if len(models) > 1 else ''}."
     second, error = behind[0], models[best].overall["rmse"].value or 0.0
     gap = lead(models[best].errors, models[second].errors, drawn)
-    between = "" if gap.ci95 is None else " [{}, {}]".format(*map(_digits, gap.ci95))
-    apart = f"{_digits(gap.value)}{between} {stored.dof.units.shown}"
-    if (gap.value or 0.0) > EQUAL * error and (gap.ci95 is None or gap.ci95[0] > 0):
+    # two digits, all before the point where there are more
+    value, *ends = (f"{x:.0f}" if abs(x) >= 10 else f"{x:.2g}" for x in (gap.value or 0.0, *(gap.ci95 or ())))
+    apart = f"{value}{' [{}, {}]'.format(*ends) if ends else ''} {stored.dof.units.shown}"
+    if (gap.value or 0.0) > MIN_LEAD * error and (gap.ci95 is None or gap.ci95[0] > 0):
         says = f"Model {best} has the smallest free-run {stored.dof.position} error"
         return best, f"{says}, {apart} below model {second}."
     sizes = {number: len(stored.models[number].theta) for number in sorted((best, second))}
-    simpler = f"; model {min(sizes, key=sizes.__getitem__)} is simpler" * (len(set(sizes.values())) > 1)
+    simpler = ""
+    if len(set(sizes.values())) > 1:
+        simpler = f"; model {min(sizes, key=sizes.__getitem__)} is simpler"
     return best, f"Models {' and '.join(sizes)} are equally good, {apart} apart{simpler}."
-
-
-def _digits(gap: float | None) -> str:
-    """Two digits, all before the point where there are more."""
-    gap = gap or 0.0
-    return f"{gap:.0f}" if abs(gap) >= 10 else f"{gap:.2g}"
 
 
 def predictions_of(
@@ -459,11 +458,15 @@ def _predicted(
     return tuple(ahead for ahead in predicted if len(ahead.error))
 
 
-def usable_runs(
-    runs: Sequence[Run], stored: StoredModels, drive: Callable[[Run], Run] | None
-) -> tuple[list[Run], list[ExcludedRun]]:
-    """Select the runs that every model can be driven by and that their commands may have moved, commanded by `drive`;
-    return the others with their reasons. Raises ModelError for commands in another unit than the models'."""
+def load_usable(
+    logs: Logs, stored: StoredModels, columns: ColumnMap, thrusters: Any, arm: float | None, *, strict: bool, jobs: int,
+    progress: Progress,
+) -> Campaign:  # fmt: skip
+    """Load the runs of the models' motion that each of them can be driven by and that their commands may have moved,
+    commanded through the map `thrusters` where there is one; the others are set aside. Raises LogError or RunError as
+    `load_runs`, and ModelError for commands in another unit than the models'."""
+    drive = moment_maker(thrusters, arm, columns, stored.dof)
+    campaign = load_runs(logs, columns, dof=stored.dof, strict=strict, jobs=jobs, progress=progress)
     signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
 
     def complete(run: Run) -> Run:
@@ -479,7 +482,7 @@ def usable_runs(
                 )
         return driven
 
-    commanded, aside = driven_by(runs, complete)
+    commanded, aside = driven_by(campaign.runs, complete)
     usable, undriven = without_undriven(commanded)
     for run in usable:
         if run.moment_unit != stored.moment_unit:
@@ -488,4 +491,7 @@ def usable_runs(
                 f"gives them in {run.moment_unit}; there is no factor between the two. Give logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
-    return usable, [*aside, *undriven]
+    set_aside = (*campaign.set_aside, *aside, *undriven)
+    require_usable(usable, set_aside, len(campaign.inputs), strict)
+    command_warnings(usable)  # refused where they cannot be of this map
+    return replace(campaign, runs=tuple(usable), set_aside=set_aside)

@@ -27,6 +27,7 @@ from automarine_cli.models.store import (
     PLANAR_MODEL,
     DiagnosisFile,
     ModelFile,
+    Moved,
     PlanarFile,
     named_model,
 )
@@ -50,7 +51,7 @@ MADE = (
 )
 FIRST_DATE_S = 946_684_800.0  # 2000, in seconds since 1970: clocks that show less know no date
 MISSES = "Missing"
-LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: MISSES, TUNING.name: "Gains"}  # in the box at the top
+BOX_LABELS = {VALIDATION.name: "Error", DIAGNOSIS.name: MISSES, TUNING.name: "Gains"}  # in the box at the top
 CAPTIONS = {
     "collapse": "All runs on one curve, scaled by the fitted model: what is off the curve is thrust scatter or missing",
     "drag": "Steady rate of each run and the drag that the models give it",
@@ -65,7 +66,9 @@ CAPTIONS = {
 """Of figures that no page of a step shows, by their files."""
 USE = "`automarine tune` and `automarine export` use the model."
 MORE = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
-PLAN = "`automarine plan` plans the runs that tell what is missing."
+PLAN_RUNS = "`automarine plan` plans the runs that tell what is missing."
+WORST = "The worst verdict decides. More: `automarine guide good-enough`."
+WITHOUT = "This is the model without {}, which the diagnosis added: the final numbers are at the top."
 Numbers = Mapping[str, list[dict[str, str]]]
 """Rows of what says whether a model is good enough, by motion."""
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
@@ -112,10 +115,6 @@ class Step:
     logs: tuple[tuple[str, ...], ...] = ()
     models: tuple[str, ...] = ()
     final: bool = False
-
-    @property
-    def command(self) -> str:
-        return self.kind.writer
 
     @property
     def always(self) -> bool:
@@ -176,6 +175,25 @@ class StepResult:
 
 Steps = Mapping[str, StepResult]
 """The steps that are there, by the names of their folders, in their order."""
+
+
+class MotionResults:
+    """What the steps of one motion left, None where one left nothing; the names of the effects that the diagnosis
+    `added` to the model (empty for none), and the parameters of the `base` that this moved."""
+
+    def __init__(self, steps: Steps, motion: str) -> None:
+        before = "" if motion in (YAW.name, "tune") else f"{motion}_"
+        self.fit, self.validation = steps.get(motion), steps.get(f"{before}validation")
+        self.diagnosis, self.final = steps.get(f"{before}diagnosis"), steps.get(f"{before}final_validation")
+        file: DiagnosisFile | None = self.diagnosis.file if self.diagnosis else None
+        self.added, self.base = "", dict[str, Moved]()
+        if file is not None and file.verdict == NAMED and not file.of_thrusters:
+            self.added, self.base = " and ".join(effect.name for effect in file.effects), dict(file.base)
+
+    @property
+    def superseded(self) -> StepResult | None:
+        """The validation of a model that a diagnosis replaced by the final one, which was validated too."""
+        return self.validation if self.final else None
 
 
 def read_steps(folder: Path, steps: Iterable[Step] = STEPS) -> Steps:
@@ -256,12 +274,14 @@ class Campaigns(Shown):
 def _(result: CampaignRun) -> Sections:
     says, did = result.says, {step.step: step.did for step in result.steps}
     rows = [
-        {"step": step.step, "": step.did, "because": step.why * (step.did == "done") or MISSING,
+        {"step": step.step, "": step.did, "because": (step.did == "done" and step.why) or MISSING,
          "result": says.get(step.step) or (step.why if step.did == "skipped" else MISSING)}
         for step in result.steps if step.did == "skipped" or step.step != REPORT
         if step.did != "skipped" or "-final" not in step.step  # where nothing was named, there is none
     ]  # fmt: skip
-    written = () if REPORT not in did else FILES if did[REPORT] in ("done", "kept") else ("run.json",)
+    written: tuple[str, ...] = ()
+    if REPORT in did:
+        written = FILES if did[REPORT] in ("done", "kept") else (RUN.file,)
     folders = [f"{folder}/" for folder in result.results]
     table = Table.of("", rows, header=("step",)).without_empty_columns()
     return Sections([table, *_sentences(result.results), *result.content.cautions], listed=(*written, *folders))
@@ -329,22 +349,29 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     lines = {step.name: "not run" for step in STEPS if step.always}
     lines |= {step.step: f"skipped: {step.skipped}" if step.skipped else "refused" for step in ran.steps}
     lines |= headlines(steps)
-    numbers = {motion: rows for motion in (*DOFS, PLANAR.name) if (rows := _numbers(steps, motion))}
+    numbers = {motion: rows for motion in (*DOFS, PLANAR.name) if (rows := _numbers(MotionResults(steps, motion)))}
+    grades = [{"motion": motion} | row for motion, rows in numbers.items() for row in rows]
+    if len(numbers) == 1:
+        grades = next(iter(numbers.values()))
+    good_enough: list[Table | str] = ["## Is it good enough?", Table.of("", grades), WORST] if grades else []
     pages = [result for result in reversed(list(steps.values())) if result.step.section]
     pages.sort(key=lambda result: SECTIONS.index(result.step.section))  # what is final or missing stands first in each
+    manifests = [result.manifest for result in steps.values() if result.manifest]
+    versions = {", ".join(map(" ".join, [("automarine", of.automarine), *of.libraries.items()])) for of in manifests}
     text = document(
         f"# {escape(title)}",
         *(f"**{step.step} was refused:** {escape(step.refused)}" for step in ran.steps if step.refused),
         *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
         _result_box(steps, ran, numbers),
         bullets(escape(f"Caution: {line}") for line in ran.cautions),
-        *_good_enough(numbers),
+        *good_enough,
         *_set_aside(steps),
-        *(block for result in pages for block in _page(result, steps)),
-        *_logs(steps),
+        *(block for result in pages for block in _page(result, MotionResults(steps, result.step.section))),
+        *(["## Logs", _folded("Every run", steps["check"].markdown().strip())] if "check" in steps else []),
         "## How this was made",
         Table.of("", [{"step": name, "result": lines[name]} for name in STEP_NAMES if name in lines]),
-        *_manifests(steps),
+        *(f"Versions: {escape(line)}." for line in sorted(versions)),
+        MADE if versions else None,
     )
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
 
@@ -354,12 +381,13 @@ def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
     says, after, lines = headlines(steps), dict[str, str](), dict[str, dict[str, str]]()
     for result in steps.values():
         file, motion = result.file, result.step.section
-        if motion in ("", "thrusters") or _is_superseded(result, steps):
+        of_motion = MotionResults(steps, motion)
+        if motion in ("", "thrusters") or result is of_motion.superseded:
             continue
         text = says[result.step.name].removeprefix("named: ").replace("nothing missing that", "nothing that")
         if isinstance(file, ModelFile | PlanarFile):
             after[motion] = "`automarine diagnose` says what the model lacks." if file.runs.used >= MIN_RUNS else MORE
-        if isinstance(file, ModelFile) and file.proposed and f"{_before(motion)}diagnosis" not in steps:
+        if isinstance(file, ModelFile) and file.proposed and of_motion.diagnosis is None:
             asks = ", ".join(f"{name} (gains {number(gain, 3)} in deviance)" for name, gain in file.proposed.items())
             lines.setdefault(MISSES, {})[motion] = f"the fit itself asks for {asks}"
             after[motion] = f"Fit again with {' and '.join(file.proposed)}: `--with {','.join(file.proposed)}`."
@@ -368,13 +396,13 @@ def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
             text = "; ".join([text, *filter(None, sizes)])
             there = [effect.name for effect in file.effects if motion in DOFS and effects.known(effect.name)]
             advice = " ".join(effects.get(name).card(result.dof).better for name in there)
-            after[motion] = advice or (USE if file.verdict == NOTHING else PLAN)
+            after[motion] = advice or (USE if file.verdict == NOTHING else PLAN_RUNS)
             if file.verdict == NAMED:
                 after[motion] = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after[motion]}"
-        lines.setdefault(LABELS.get(result.step.kind.name, result.step.title), {})[motion] = text
+        lines.setdefault(BOX_LABELS.get(result.step.kind.name, result.step.title), {})[motion] = text
     tested = ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))
     verdict = {motion: worst(rows) for motion, rows in numbers.items()}
-    lines |= {label: lines.pop(label, {}) for label in LABELS.values()}  # in this order, whatever was done first
+    lines |= {label: lines.pop(label, {}) for label in BOX_LABELS.values()}  # in this order, whatever was done first
     texts = {label: _of_motions(texts, "; ") for label, texts in {**lines, "Verdict": verdict}.items()}
     box = [f"**{label}:** {escape(text)}" for label, text in {"Tested": tested, **texts}.items() if text]
     return bullets([*box, *(f"**Next:** {text}" for text in [_of_motions(after, " ")] if text)])
@@ -382,31 +410,20 @@ def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
 
 def _of_motions(texts: Mapping[str, str], between: str) -> str:
     """Texts by motion in a line, with its name before each where there are several."""
-    return between.join(f"{motion}: " * (len(texts) > 1) + text for motion, text in texts.items() if text)
+    several = len(texts) > 1
+    return between.join(f"{motion}: {text}" if several else text for motion, text in texts.items() if text)
 
 
-def _before(motion: str) -> str:
-    """What the folders of a motion begin with."""
-    return "" if motion in (YAW.name, "tune") else f"{motion}_"
-
-
-def _is_superseded(result: StepResult, steps: Steps) -> bool:
-    """Whether it is the validation of a model that a diagnosis replaced by the final one, which was validated too."""
-    later = f"{_before(result.step.section)}final_validation"
-    return isinstance(result.file, ValidationFile) and not result.step.final and later in steps
-
-
-def _numbers(steps: Steps, motion: str) -> list[dict[str, str]]:
+def _numbers(of_motion: MotionResults) -> list[dict[str, str]]:
     """Rows of what says whether the final model of a motion is good enough; none where there is no model."""
-    fit, judged = steps.get(motion), steps.get(f"{_before(motion)}diagnosis")
+    fit, diagnosis, base = of_motion.fit, of_motion.diagnosis, of_motion.base
     if fit is None:
         return []
-    added, base = _added_by(steps, motion)
-    validated = steps.get(f"{_before(motion)}{'final_' * bool(added)}validation")
+    validation = of_motion.final if of_motion.added else of_motion.validation
     values = {name: base[name].after if name in base else value for name, value in _main(fit.file).items()}
     estimates = {name: value.estimate for name, value in values.items() if value.stderr != 0}
-    found = (result.file if result else None for result in (validated, judged))
-    return list(five_numbers((judged if added and judged else fit).file.runs, estimates, *found))
+    runs = (diagnosis if diagnosis and of_motion.added else fit).file.runs
+    return list(five_numbers(runs, estimates, *(step.file if step else None for step in (validation, diagnosis))))
 
 
 def _main(file: ModelFile | PlanarFile) -> dict[str, Given]:
@@ -417,12 +434,6 @@ def _main(file: ModelFile | PlanarFile) -> dict[str, Given]:
     return {name: value for name, value in values.items() if name != names.linear or names.quadratic not in values}
 
 
-def _good_enough(numbers: Numbers) -> list[Table | str]:
-    rows = [({"motion": motion} if len(numbers) > 1 else {}) | row for motion, of in numbers.items() for row in of]
-    note = "The worst verdict decides. More: `automarine guide good-enough`."
-    return ["## Is it good enough?", Table.of("", rows), note] * bool(rows)
-
-
 def _sentences(steps: Steps) -> list[str]:
     """What the validations of the final models and the diagnoses say first."""
     says, sentences = headlines(steps), list[str]()
@@ -430,12 +441,13 @@ def _sentences(steps: Steps) -> list[str]:
         motion, text = result.step.section, ""
         if isinstance(result.file, DiagnosisFile):
             text = plain(next((line for line in result.markdown().splitlines()[1:] if line), ""))
-        elif isinstance(result.file, ValidationFile) and not _is_superseded(result, steps):
-            use, error = result.file.use.says, f"{result.dof.position} error of " * (motion != PLANAR.name)
+        elif isinstance(result.file, ValidationFile) and result is not MotionResults(steps, motion).superseded:
+            use = result.file.use.says
             text = use if isinstance(use, str) else " ".join(use)
+            error = "" if motion == PLANAR.name else f"{result.dof.position} error of "
             text = text or f"{error}{says[result.step.name]}."
         if text:
-            text = f"{motion}: " * (motion != YAW.name) + text
+            text = text if motion == YAW.name else f"{motion}: {text}"
             sentences.append(text[0].upper() + text[1:])
     return sentences
 
@@ -461,89 +473,77 @@ def _refusal(file: Any) -> str:
 def headlines(steps: Steps) -> dict[str, str]:
     """Say what each result is in a few words, by the name of its step: first that a model must not be used, where so;
     models with what a diagnosis named."""
-    return {
-        result.step.name: "not usable: " * bool(_refusal(result.file)) + _headline(result, steps)
-        for result in steps.values()
-    }
+    texts = {}
+    for result in steps.values():
+        text = _headline(result, MotionResults(steps, result.step.section))
+        texts[result.step.name] = f"not usable: {text}" if _refusal(result.file) else text
+    return texts
 
 
-def _headline(result: StepResult, steps: Steps) -> str:
+def _headline(result: StepResult, of_motion: MotionResults) -> str:
     file = result.file
     match file:
         case CheckFile():
             idle = [str(run.get("run")) for run in file.yaw_runs if run.get("half_turn") is None]
-            aside = len(file.runs.set_aside)
-            parts = [plural(file.logs, "log"), plural(file.runs.used, "run")]
-            parts += [f"{len(idle)} without a half-turn ({listed(idle)})"] * bool(idle)
-            parts += [f"{aside} set aside"] * bool(aside)
-            return ", ".join(parts)
+            without = f"{len(idle)} without a half-turn ({listed(idle)})" if idle else ""
+            aside = f"{len(file.runs.set_aside)} set aside" if file.runs.set_aside else ""
+            return ", ".join(filter(None, [plural(file.logs, "log"), plural(file.runs.used, "run"), without, aside]))
         case ThrusterFile():
             laws = {"forward": file.a_forward, "backward": file.a_backward} if file.form == "square" else {}
             values = "".join(f", a {side} {_interval(a)}" for side, a in laws.items() if a is not None)
             error = f"R² {number(file.r2)}, error {number(file.error_percent, 2)} % of full scale"
             return f"{file.chosen or file.form} law{values}, {error}"
         case ModelFile():
-            return _of_model(file, result.step.section, steps)
+            before, base = dict(file.main_parameters()), of_motion.base
+            after, model = {name: base[name].after for name in before if name in base}, named_model(file.preferred)
+            if len(after) < len(before):
+                return f"{model}: {_values(before)}"
+            alone = ", ".join(number(value.value) for value in before.values())
+            return f"{model} with {of_motion.added}: {_values(after)} (without: {alone})"
         case PlanarFile():
             return f"{file.structure}: {_values(masses)}" if (masses := _main(file)) else file.structure
         case ValidationFile():
-            return _of_validation(file, result, steps)
+            return _of_validation(file, result, of_motion)
         case DiagnosisFile():
             if file.verdict == NOTHING:
                 return f"nothing missing that these {'levels' if file.of_thrusters else 'runs'} could show"
             names = ", ".join(effect.name for effect in file.effects)
             verdict = file.verdict.replace("-", " ") + (f": {names}" if names else "")
-            gap, of = file.gap_held_out or file.gap, " of runs held out" * (file.gap_held_out is not None)
+            gap, of = (file.gap, "") if file.gap_held_out is None else (file.gap_held_out, " of runs held out")
             sizes = f"error{of} {number(gap.before, 3)} to {number(gap.after, 3)} {file.unit}"
             if free := file.from_commands:
-                sizes += (
-                    f" with own thrust and start, {number(free.before, 3)} to {number(free.after, 3)} from commands"
-                )
+                commands = f"{number(free.before, 3)} to {number(free.after, 3)} from commands"
+                sizes += f" with own thrust and start, {commands}"
             return f"{verdict}; {sizes}"
     return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
-def _of_model(file: ModelFile, motion: str, steps: Steps) -> str:
-    """The final model with its parameters; where a diagnosis named what is missing, those without it behind."""
-    before = dict(file.main_parameters())
-    added, base = _added_by(steps, motion)
-    after, model = {name: base[name].after for name in before if name in base}, named_model(file.preferred)
-    if len(after) < len(before):
-        return f"{model}: {_values(before)}"
-    alone = ", ".join(number(value.value) for value in before.values())
-    return f"{model} with {added}: {_values(after)} (without: {alone})"
-
-
-def _of_validation(file: ValidationFile, result: StepResult, steps: Steps) -> str:
+def _of_validation(file: ValidationFile, result: StepResult, of_motion: MotionResults) -> str:
     """How far the preferred model is from runs: those that it was fitted to are told by the content of their logs."""
-    dof, motion, score = result.dof, result.step.section, file.models[file.judged]
-    fit = steps.get(f"{_before(motion)}diagnosis" if result.step.final else motion)
-    logs = fit.logs if fit else set()
-    again = len(logs & result.logs)
-    fitted = f" ({again} logs were fitted)" if again else " not fitted" if logs else ""
+    final, score, unit = result.step.final, file.models[file.judged], result.dof.units.shown
+    fit = of_motion.diagnosis if final else of_motion.fit
+    again = len(fit.logs & result.logs) if fit else 0
+    fitted = " not fitted" if fit and fit.logs else ""
+    if again:
+        fitted = f" ({again} logs were fitted)"
+    name = ""
+    if of_motion.added:
+        name = f"the model with {of_motion.added}" if final else f"without {of_motion.added}"
     band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
-    (added, _), unit, planar = _added_by(steps, motion), dof.units.shown, file.motion == PLANAR.name
-    names = [(f"the model with {added}" if result.step.final else f"without {added}") * bool(added)]
-    names.append(named_model(file.judged) * (not result.step.final and not planar))
     errors = [f"{number(score.rmse, 3)}{band} {unit} free run", f"{number(score.restarted, 3)} {unit} restarted"]
-    errors = ["heading " + errors[0]] if planar else errors
-    former = steps.get(f"{_before(motion)}validation") if result.step.final else None
-    if former is not None:
-        without = former.file.models[former.file.judged]
+    if file.motion == PLANAR.name:
+        errors = ["heading " + errors[0]]
+    elif not final:
+        name = ", ".join(filter(None, [name, named_model(file.judged)]))
+    if final and of_motion.validation is not None:
+        former: ValidationFile = of_motion.validation.file
+        without = former.models[former.judged]
         sizes = [without.rmse, without.restarted][: len(errors)]
         errors[-1] += f" (without: {', '.join(number(size, 3) for size in sizes)})"
-    noise = f"noise {number(file.noise_floor, 2)} {unit}" * (not planar)
-    over = f"over {plural(file.runs.used, 'run')}{fitted}"
-    name = ", ".join(filter(None, names))
-    return f"{name}: " * bool(name) + ", ".join(filter(None, [*errors, noise, over]))
-
-
-def _added_by(steps: Steps, motion: str) -> tuple[str, Mapping[str, Any]]:
-    """Name what the diagnosis of a motion added to its model, and give the parameters that moved; empty for nothing."""
-    result = steps.get(f"{_before(motion)}diagnosis")
-    if result is None or result.file.verdict != NAMED or result.file.of_thrusters:
-        return "", {}
-    return " and ".join(effect.name for effect in result.file.effects), result.file.base
+    if file.motion != PLANAR.name:
+        errors.append(f"noise {number(file.noise_floor, 2)} {unit}")
+    text = ", ".join([*errors, f"over {plural(file.runs.used, 'run')}{fitted}"])
+    return f"{name}: {text}" if name else text
 
 
 def _values(parameters: Mapping[str, Given]) -> str:
@@ -556,63 +556,58 @@ def _interval(value: Given) -> str:
     return f"{interval(value.estimate)} {unit}".rstrip() if value.estimate else number(value.value)
 
 
-def _page(result: StepResult, steps: Steps) -> list[str]:
+def _page(result: StepResult, of_motion: MotionResults) -> list[str]:
     """The page of a step: its Markdown with headings a level lower and pictures by their place from here, and the
     figures that it does not show. What was rejected is folded, and so is where nothing missing was looked for."""
-    file, first, title = result.file, list[str](), result.step.title
-    added, _ = _added_by(steps, result.step.section)
+    file, title, added = result.file, f"## {result.step.title}", of_motion.added
     text = re.sub(r"^## ", "### ", re.sub(r"\A# .*\n", "", result.markdown()), flags=re.MULTILINE)
     inside = re.compile(r"^!\[(.*)\]\((\w+)\.\w+\)$", flags=re.MULTILINE)
     text = inside.sub(lambda match: result.picture(match[2], match[1]), text)
-    if _is_superseded(result, steps):
-        return [f"## {title} without {added}", _folded("Tables of the models without it", text)]
+    if result is of_motion.superseded:
+        return [f"{title} without {added}", _folded("Tables of the models without it", text)]
     stems = sorted({path.stem for kind in ("png", "svg") for path in result.folder.glob(f"*.{kind}")})
     apart = [stem for stem in stems if f"/{stem}." not in text and not stem.endswith(".slide")]
     if isinstance(file, DiagnosisFile) and file.verdict == NOTHING:
         apart = [stem for stem in apart if stem != "before_after"]
-        begin, heading, rest_of = text.partition("### Where")
-        text = begin + _folded("What was tried", heading + rest_of)
+        begin, heading, tried = text.partition("### Where")
+        text = begin + _folded("What was tried", heading + tried)
     words = {stem: CAPTIONS.get(stem) or CAPTIONS.get(stem.partition("_")[0], stem) for stem in apart}
     pictures = [result.picture(stem, words[stem].replace("{}", stem.partition("_")[2])) for stem in apart[:MAX_FIGURES]]
     if (more := len(apart) - MAX_FIGURES) > 0:
         pictures.append(f"The figures of {more} more runs are in the folder {result.step.folder}.")
     if isinstance(file, ModelFile):
         rejected = tuple(f"Model {number}" for number in file.models if number != file.preferred)
-        lines = [f"This is the model without {added}, which the diagnosis added: the final numbers are at the top."]
-        lines = [*lines * bool(added), file.preferred_because, *sentences_of(file.channels, result.dof)]
-        lines += [str(file.buoyancy.get("says", ""))]
+        lines = [file.preferred_because, *sentences_of(file.channels, result.dof), str(file.buoyancy.get("says", ""))]
+        if added:
+            lines.insert(0, WITHOUT.format(added))
         lines += [f"Warning: {line}" for line in file.warnings if not line.startswith(rejected)]
         rows = [{"parameter": name, "value [95 % interval]": _interval(e)} for name, e in file.main_parameters()]
-        first = [*map(escape, lines), Table.of(named_model(file.preferred).capitalize(), rows).to_markdown()]
-        text = _folded("Tables 1 and 2: all models", text)
-        return [f"## {title}", *first, *pictures, text]
+        table = Table.of(named_model(file.preferred).capitalize(), rows).to_markdown()
+        return [title, *map(escape, lines), table, *pictures, _folded("Tables 1 and 2: all models", text)]
     if result.step.final:
-        return [f"## {title}", _beside(result, steps).to_markdown(), *pictures, _folded("Every score and run", text)]
-    return [f"## {title}", text, *pictures]
+        table = _compared(result, of_motion).to_markdown()
+        return [title, table, *pictures, _folded("Every score and run", text)]
+    return [title, text, *pictures]
 
 
-def _beside(result: StepResult, steps: Steps) -> Table:
+def _compared(result: StepResult, of_motion: MotionResults) -> Table:
     """The errors of the final model, of the one without what was named, and those that a right model would have."""
-    file, motion = result.file, result.step.section
-    added, _ = _added_by(steps, motion)
+    file, added, unit = result.file, of_motion.added, result.dof.units.shown
     of = {f"final, with {added}": file.models[file.judged]}
-    if (former := steps.get(f"{_before(motion)}validation")) is not None:
-        of[f"without {added}"] = former.file.models[former.file.judged]
-    free, again = f"free run [{result.dof.units.shown}]", f"restarted [{result.dof.units.shown}]"
+    if of_motion.validation is not None:
+        former: ValidationFile = of_motion.validation.file
+        of[f"without {added}"] = former.models[former.judged]
     of["noise and unsteady thrust alone"] = ScoreEntry(restarted=file.expected)
-    rows = [{"model": name, free: number(of[name].rmse, 3), again: number(of[name].restarted, 3)} for name in of]
+    rows = [
+        {"model": name, f"free run [{unit}]": number(score.rmse, 3), f"restarted [{unit}]": number(score.restarted, 3)}
+        for name, score in of.items()
+    ]
     note = f"Errors over {plural(file.runs.used, 'run')}."
     return Table.of("", rows, [note]).without_empty_rows().without_empty_columns()
 
 
 def _folded(summary: str, text: str) -> str:
-    return f"<details><summary>{summary}</summary>\n\n{text}\n\n</details>" * bool(text)
-
-
-def _logs(steps: Steps) -> list[str]:
-    if "check" not in steps:
-        return []
-    return ["## Logs", "<details><summary>Every run</summary>", steps["check"].markdown(), "</details>"]
+    return f"<details><summary>{summary}</summary>\n\n{text}\n\n</details>" if text else ""
 
 
 def _set_aside(steps: Steps) -> list[str]:
@@ -625,9 +620,3 @@ def _set_aside(steps: Steps) -> list[str]:
         for run, names in folders.items()
     ]
     return ["## Runs set aside", Table.of("", rows).to_markdown()] if rows else []
-
-
-def _manifests(steps: Steps) -> list[str]:
-    manifests = [result.manifest for result in steps.values() if result.manifest]
-    versions = {", ".join(map(" ".join, [("automarine", of.automarine), *of.libraries.items()])) for of in manifests}
-    return [*(f"Versions: {escape(line)}." for line in sorted(versions)), MADE] * bool(versions)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from automarine_cli.comparison.side_by_side import DIFFERS, MAY_DIFFER, Difference, Side
+from automarine_cli.comparison.side_by_side import DIFFERS, MAY_DIFFER, ComparedResult, Difference
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.report.sections import Content, Drawing, Sections, document, numbers, sections
 from automarine_cli.report.tables import Table, escape, number
@@ -19,7 +19,7 @@ class ResultComparison(Shown):
     """Results of one command side by side, each against the first; `notes` say what must be known of them."""
 
     kind: str
-    sides: tuple[Side, ...]
+    sides: tuple[ComparedResult, ...]
     differences: tuple[Difference, ...]
     notes: tuple[str, ...]
 
@@ -56,7 +56,7 @@ def _(result: ResultComparison) -> Sections:
     return Sections([*tables, *words], files, figures, rows=rows)
 
 
-def parameter_table(sides: Sequence[Side]) -> Table:
+def parameter_table(sides: Sequence[ComparedResult]) -> Table:
     """Lay out parameters down, results across; then what else the results say of themselves."""
     units = {name: estimate.unit for side in reversed(sides) for name, estimate in side.parameters.items()}
     names = dict.fromkeys(name for side in sides for name in side.parameters)
@@ -68,7 +68,7 @@ def parameter_table(sides: Sequence[Side]) -> Table:
     ]
     rows += [{"parameter": name} | {side.name: side.facts.get(name) for side in sides} for name in facts]
     rows.append({"parameter": "runs"} | {side.name: side.runs for side in sides})
-    return Table.of("Side by side", rows, ["Brackets are 95 % intervals."], (len(names),))
+    return Table.of("ComparedResult by side", rows, ["Brackets are 95 % intervals."], (len(names),))
 
 
 def difference_table(differences: Sequence[Difference]) -> Table:

@@ -108,45 +108,14 @@ def _test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
 
 
 @dataclass(frozen=True)
-class Cut:
-    """One run: its name and state, the log it comes from, its rows there (the last included) and its interval.
-
-    `moving`: another command acted right before, so that the vehicle was in motion when this one began.
-    """
-
-    run: str
-    state: str
-    source: str
-    source_run: str | None
-    rows: tuple[int, int]
-    samples: int
-    moving: bool
-    from_s: float
-    to_s: float
-
-    def comment(self, by: str) -> str:
-        rows, seconds = f"rows {self.rows[0]} to {self.rows[1]}", f"{_seconds(self.from_s)} to {_seconds(self.to_s)} s"
-        return f"{self.source}, {rows}, {seconds}, cut by {by}: {self.state}"
-
-
-@dataclass(frozen=True)
-class Between:
-    """An interval of a log that became no run, and why."""
-
-    source: str
-    from_s: float
-    to_s: float
-    why: str
-
-
-@dataclass(frozen=True)
 class SlicedLog:
-    """One log that was cut: its runs and the content of their files, what is between them, notes of the reading."""
+    """One log that was cut: its runs as slices.json has them and the content of their files, the intervals between
+    them with the reason why they became no run, notes of the reading."""
 
     file: str
-    cuts: tuple[Cut, ...]
+    cuts: tuple[Mapping[str, Any], ...]
     contents: tuple[bytes, ...]
-    between: tuple[Between, ...]
+    between: tuple[Mapping[str, Any], ...]
     notes: tuple[str, ...]
 
 
@@ -158,47 +127,57 @@ class Slices(Shown):
     set_aside: tuple[ExcludedRun, ...]
 
     @property
-    def cuts(self) -> tuple[Cut, ...]:
-        return tuple(cut for source in self.sources for cut in source.cuts)
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        stems = file_stems([cut.run for cut in self.cuts])
-        return tuple(f"{MOVING if cut.moving else RUNS}/{stem}.{self.form}" for cut, stem in zip(self.cuts, stems))
-
-    @property
-    def between(self) -> tuple[Between, ...]:
-        return tuple(gap for source in self.sources for gap in source.between)
+    def cuts(self) -> list[dict[str, Any]]:
+        """The runs with their files; those that begin in motion have a folder of their own."""
+        cuts = [cut for source in self.sources for cut in source.cuts]
+        stems = file_stems([cut["run"] for cut in cuts])
+        folders = [MOVING if cut["moving"] else RUNS for cut in cuts]
+        return [{"file": f"{at}/{stem}.{self.form}", **cut} for at, stem, cut in zip(folders, stems, cuts)]
 
     def to_json(self) -> dict[str, Any]:
+        cuts = self.cuts
         return {
             "schema": "automarine/slices/1",
             "by": self.by,
-            "slices": [{"file": file, **asdict(cut)} for file, cut in zip(self.files, self.cuts)],
-            "left_out": [asdict(gap) for gap in self.between],
+            "slices": cuts,
+            "left_out": [gap for source in self.sources for gap in source.between],
             "sources": [{"file": source.file, "notes": list(source.notes)} for source in self.sources],
-            "runs": runs_json(len(self.cuts), self.set_aside),
+            "runs": runs_json(len(cuts), self.set_aside),
         }
 
 
 @sections.register
 def _(result: Slices) -> Sections:
-    rows = [
-        {"run": cut.run, result.by: cut.state, "log": cut.source, "rows": f"{cut.rows[0]} to {cut.rows[1]}",
-         "from s": _seconds(cut.from_s), "to s": _seconds(cut.to_s), "lasts s": number(cut.to_s - cut.from_s, 3)}
-        for cut in result.cuts
-    ]  # fmt: skip
-    moving, logs = sum(cut.moving for cut in result.cuts), plural(len(result.sources), "log")
-    answer = f"{plural(len(rows), 'run')} cut from {logs} by {result.by}"
-    answer += f", of which {moving} begin in motion, in the folder {MOVING}" * bool(moving)
+    content, cuts = result.to_json(), result.cuts
+    rows = []
+    for cut in cuts:
+        low, high = _seconds(cut["from_s"]), _seconds(cut["to_s"])
+        row = {
+            "run": cut["run"],
+            result.by: cut["state"],
+            "log": cut["source"],
+            "rows": "{} to {}".format(*cut["rows"]),
+        }
+        rows.append(row | {"from s": low, "to s": high, "lasts s": number(cut["to_s"] - cut["from_s"], 3)})
+    moving, logs = sum(cut["moving"] for cut in cuts), plural(len(result.sources), "log")
+    answer = f"{plural(len(cuts), 'run')} cut from {logs} by {result.by}"
+    if moving:
+        answer += f", of which {moving} begin in motion, in the folder {MOVING}"
     notes = [f"{source.file}: {note}" for source in result.sources for note in source.notes]
-    notes += [f"{gap.source}, {_seconds(gap.from_s)} to {_seconds(gap.to_s)} s: {gap.why}" for gap in result.between]
-    table, content = Table.of("Runs", rows, notes), result.to_json()
-    files: dict[str, Content] = dict(zip(result.files, (log for source in result.sources for log in source.contents)))
+    notes += [f"{gap['source']}, {interval_of(gap)}: {gap['why']}" for gap in content["left_out"]]
+    table = Table.of("Runs", rows, notes)
+    files: dict[str, Content] = {
+        cut["file"]: log for cut, log in zip(cuts, (log for source in result.sources for log in source.contents))
+    }
     files |= {"slices.json": content, "slices.md": table.to_markdown()}
-    folders = dict.fromkeys(file.partition("/")[0] + "/" for file in result.files)
+    folders = dict.fromkeys(cut["file"].partition("/")[0] + "/" for cut in cuts)
     listed = ("slices.json", "slices.md", *folders)
-    return Sections([f"{answer}.", table], files, listed=listed, rows=content["slices"])
+    return Sections([f"{answer}.", table], files, listed=listed, rows=cuts)
+
+
+def interval_of(part: Mapping[str, Any]) -> str:
+    """Write the interval of a log in seconds of its clock."""
+    return f"{_seconds(part['from_s'])} to {_seconds(part['to_s'])} s"
 
 
 def _seconds(value: float) -> str:

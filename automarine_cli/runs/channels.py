@@ -7,8 +7,8 @@ its noise and that of a sensor of its own have nothing in common; a velocity tha
 one estimator, follows it.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,17 +16,17 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs.columns import names_of
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import Run, median, position_noise, slope, summed
+from automarine_cli.runs.run import NORMAL, Run, median, position_noise, slope, summed
 from automarine_cli.text import listed
 
-MIN_READINGS = 8  # Readings
+MIN_VELOCITIES = 8  # Readings of a velocity that is compared
 
 
 def unbiased_velocity(run: Run) -> Floats | None:
     """The velocity logged, (N,), less its bias, by which its sum runs away from the position; NaN where there is no
     reading, None where there are hardly any."""
     velocity = run.extras.get(run.dof.velocity)
-    if velocity is None or np.isfinite(velocity).sum() < MIN_READINGS:
+    if velocity is None or np.isfinite(velocity).sum() < MIN_VELOCITIES:
         return None
     good = np.isfinite(velocity)
     drift, _ = slope(run.time[good], summed(run.time[good], velocity[good]) - run.position[good])
@@ -40,12 +40,14 @@ def velocity_noise(run: Run) -> float:
     return position_noise(run.time[: len(velocity)][good], velocity[good])
 
 
-SEGMENTS = (16, 32, 128)  # Samples of a segment of the spectra: filters of different length show in each
-MIN_SEGMENTS, MANY_SEGMENTS = 10, 24  # Segments of a spectrum, and from which on single octaves can be told
-LUCK = 9.0
-"""Share of a bin's power, times the segments, that chance explains in one of a thousand: these overlap by half."""
-NOISE_BAND = 1.6  # The position is noise at frequencies where its spectrum is no more than so many times the lowest
-MIN_NOISE = 1e-6  # Of positions [rad or m]; what is less is arithmetic
+SEGMENT_LENGTHS = (16, 32, 128)  # Samples of a segment of the spectra: filters of different length show in each
+MIN_SEGMENTS, MIN_SEGMENTS_OF_OCTAVES = 10, 24  # Segments of a spectrum, and from which on single octaves can be told
+CHANCE_COHERENCE = 9.0
+"""Coherence in a bin, times the segments, that chance exceeds in one of a thousand: these overlap by half."""
+NOISE_BAND_RATIO = (
+    1.6  # The position is noise at frequencies where its spectrum is no more than so many times the lowest
+)
+ARITHMETIC_NOISE = 1e-6  # Of positions [rad or m]; what is less is arithmetic
 
 
 def noise_followed(pairs: Sequence[tuple[Floats, Floats]]) -> float | None:
@@ -57,58 +59,57 @@ def noise_followed(pairs: Sequence[tuple[Floats, Floats]]) -> float | None:
     the quieter half of the segments: where a command changed both see the same kink.
     """
     rough = [(np.diff(position, 3), np.diff(velocity, 2)) for position, velocity in pairs]
-    return max((share for size in SEGMENTS if (share := _followed(rough, size)) is not None), default=None)
+    return max((share for size in SEGMENT_LENGTHS if (share := _coherence(rough, size)) is not None), default=None)
 
 
-def _followed(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | None:
-    """The same from segments of `size` samples of the differences, less what chance would explain of so few."""
+def _coherence(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | None:
+    """The same from segments of `size` samples of the differences (Welch's method), less what chance would explain."""
     pairs = [(a[i : i + size], b[i : i + size]) for a, b in rough for i in range(0, len(a) - size + 1, size // 2)]
     if len(pairs) < 2 * MIN_SEGMENTS:
         return None
-    levels = [float(a @ a) for a, _ in pairs]
-    quiet = np.argsort(levels, kind="stable")[: len(levels) // 2]
+    pairs.sort(key=lambda pair: float(pair[0] @ pair[0]))
+    quiet = np.array(pairs[: len(pairs) // 2])
     window, inner = np.hanning(size), np.arange(1, size // 2)
-    first, second = (np.fft.rfft(window * np.array([pairs[i][k] for i in quiet]), axis=1)[:, inner] for k in (0, 1))
+    first, second = np.moveaxis(np.fft.rfft(window * quiet, axis=2)[..., inner], 1, 0)
     turn = np.abs(1.0 - np.exp(-2j * np.pi * inner / size)) ** 2
     of_position, of_velocity = (np.abs(first) ** 2).mean(axis=0), (np.abs(second) ** 2).mean(axis=0)
     across = np.abs((first * second.conj()).mean(axis=0)) ** 2
     position = of_position / turn**3
     floor = np.sort(position)[: size // 8].mean()
-    if floor <= MIN_NOISE**2 * float(window @ window):
+    if floor <= ARITHMETIC_NOISE**2 * float(window @ window):
         return None
-    noise = position <= NOISE_BAND * floor
+    noise = position <= NOISE_BAND_RATIO * floor
     power, explained = of_velocity / turn**2, across / np.maximum(of_position, 1e-300) / turn**2
     octaves = [noise]
-    if len(quiet) >= MANY_SEGMENTS:
+    if len(quiet) >= MIN_SEGMENTS_OF_OCTAVES:
         octaves = [noise & (inner >= low) & (inner < 2 * low) for low in 2 ** np.arange(int(np.log2(size)) - 1)]
-    shares = (
-        float(explained[octave].sum() / power[octave].sum() - LUCK / (len(quiet) * np.sqrt(octave.sum())))
-        for octave in octaves
-        if power[octave].sum() > 0
-    )
+    shares = []
+    for octave in octaves:
+        if power[octave].sum() > 0:
+            chance = CHANCE_COHERENCE / (len(quiet) * np.sqrt(octave.sum()))
+            shares.append(float(explained[octave].sum() / power[octave].sum() - chance))
     return max(shares, default=None)
 
 
-LONGEST = 20.0  # s; longer runs are cut up, for biases wander
-MIN_SAMPLES = 12  # Samples of a stretch
-MIN_STRETCHES = 3  # Stretches whose scatter tells anything
-MAX_STRETCHES = 200  # Stretches that are looked at, evenly over the campaign
+MAX_STRETCH_S = 20.0  # Longer runs are cut up, for biases wander
+MIN_STRETCH_SAMPLES = 12
+MIN_STRETCHES, MAX_COMPARED = 3, 200  # Stretches whose scatter tells anything, and that are looked at, evenly
 STRETCH_GAP = 3.0  # Sample periods; a longer hole parts two stretches
-MOVES, SEEN = 5.0, 2.0
+MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0
 """A stretch tells of scale and clock if its motion, less a line, is so many times what noise makes of the summed
 velocities, and of the position: the former would bias the scale, the latter only blurs it."""
-LATEST = 5.0  # s; clocks are not looked at further apart
-GRID, FINE = 60, 40  # Delays tried to either side: first over all, then between neighbours of the best
-OF_ONE = np.log(1.5)  # Scales this near to one, as a logarithm, may be those of a sensor whose clock is off
-DRAWS = 200  # Resamples of the stretches for the doubt of a delay
-REPEATS = 0.8  # Share of one exact reading from which on a sensor is stuck where the position goes elsewhere
-BENDS = 0.04  # Share of all its way by which a position then leaves a straight line
+MAX_DELAY_S = 5.0  # Clocks are not looked at further apart
+COARSE_DELAYS, FINE_DELAYS = 60, 40  # Tried to either side: first over all, then between neighbours of the best
+MAX_LOG_SCALE = np.log(1.5)  # Scales this near to one, as a logarithm, may be those of a sensor whose clock is off
+DELAY_RESAMPLES = 200  # Of the stretches, for the doubt of a delay
+STUCK_SHARE = 0.8  # Of one exact reading, from which on a sensor is stuck where the position goes elsewhere
+MIN_BEND = 0.04  # Share of all its way by which a position then leaves a straight line
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples of a run in which both sensors read: arrays (n,), times since the first [s]; `summed` is the sum of the
-    velocities."""
+    """Samples of a run in which both sensors read: arrays (n,), times since the first [s]. The velocity's noise is its
+    `way_noise` in one sample [rad or m], of which the sum is a random walk."""
 
     time: Floats
     position: Floats
@@ -116,7 +117,7 @@ class Stretch:
     summed: Floats
     period: float
     position_noise: float
-    velocity_noise: float
+    way_noise: float
 
 
 @dataclass(frozen=True)
@@ -124,64 +125,61 @@ class Agreement:
     """What `moving` stretches say of a velocity sensor: `correlation` of its sum with the position, both less a line;
     `scale` and `late` [s] by which it reads too small and too late, with standard errors, and whether the `clock`
     explains more of what is left than the scale; `period` [s] of the slower of the two sensors; `follows` the share of
-    its power, where the position is noise, that is this noise filtered (None: not to be told); `stuck` names the runs
-    in which it repeats one value while the vehicle moves."""
+    its power, where the position is noise, that is this noise filtered (None: not to be told); `stuck` the runs in
+    which it repeats one value while the vehicle moves, with this value."""
 
-    moving: int
-    correlation: float
-    scale: float
-    scale_error: float
-    late: float
-    late_error: float
-    clock: bool
-    period: float
-    follows: float | None
-    stuck: tuple[str, ...]
-    stuck_at: float = 0.0
+    moving: int = 0
+    correlation: float = 0.0
+    scale: float = 1.0
+    scale_error: float = np.inf
+    late: float = 0.0
+    late_error: float = np.inf
+    clock: bool = False
+    period: float = 0.0
+    follows: float | None = None
+    stuck: Mapping[str, float] = field(default_factory=dict)
 
 
 def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
     """Compare the channel `quantity`, a velocity, with the positions of the runs that have both."""
-    good = [run for run in runs if run.channel(quantity) is not None and not run.summed_up and len(run) >= MIN_SAMPLES]
-    stuck = {run.name: at for run in good if (at := _stuck_at(run, quantity)) is not None}
-    names, at = tuple(stuck), median(np.array([*stuck.values()])) if stuck else 0.0
-    every = [stretch for run in good if run.name not in stuck for stretch in stretches(run, quantity)]
-    if len(every) > MAX_STRETCHES:
-        every = [every[i] for i in np.linspace(0, len(every) - 1, MAX_STRETCHES).astype(int)]
-    follows = noise_followed([(stretch.position, stretch.velocity) for stretch in every])
-    nothing = Agreement(0, 0.0, 1.0, np.inf, 0.0, np.inf, False, 0.0, follows, names, at)
-    rough = _rough(every)
-    if rough is None:
+    both = [run for run in runs if run.channel(quantity) is not None and not run.summed_up]
+    long = [run for run in both if len(run) >= MIN_STRETCH_SAMPLES]
+    stuck = {run.name: at for run in long if (at := _stuck_at(run, quantity)) is not None}
+    parts = [part for run in long if run.name not in stuck for part in stretches(run, quantity)]
+    if len(parts) > MAX_COMPARED:
+        parts = [parts[i] for i in np.linspace(0, len(parts) - 1, MAX_COMPARED).astype(int)]
+    nothing = Agreement(follows=noise_followed([(part.position, part.velocity) for part in parts]), stuck=stuck)
+    going = [part for part in parts if _goes(part)]
+    if not going:
         return nothing
-    correlation, scale = rough
-    moving = [stretch for stretch in every if _moves(stretch, abs(scale))]
+    correlation, scale, _ = _scale(going, 0.0, line=False)
+    moving = [part for part in parts if _moves(part, abs(scale))]
     if len(moving) < MIN_STRETCHES:
-        return replace(nothing, moving=len(every), correlation=correlation, scale=scale)
-    fixed = 1.0 if abs(np.log(max(scale, 1e-9))) < OF_ONE else None
+        return replace(nothing, moving=len(parts), correlation=correlation, scale=scale)
+    fixed = 1.0 if abs(np.log(max(scale, 1e-9))) < MAX_LOG_SCALE else None
     late, late_error, misfit = _delay(moving, fixed)
-    correlation, scale, scale_error = _scale(moving, 0.0 if fixed else late)
+    of_scale = _scale(moving, 0.0 if fixed else late)
     clock = fixed is None or misfit < float(_misfit(moving, np.zeros(1), None).sum())
     period = max(_pace(moving, "position"), _pace(moving, "velocity"))
-    return Agreement(len(moving), correlation, scale, scale_error, late, late_error, clock, period, follows, names, at)
+    return Agreement(len(moving), *of_scale, late, late_error, clock, period, nothing.follows, stuck)
 
 
 def stretches(run: Run, quantity: str) -> list[Stretch]:
     """The parts of a run in which both sensors read without a hole."""
     readings = run.channel(quantity)
     rows = np.flatnonzero(np.isfinite(readings)) if readings is not None else np.zeros(0, dtype=int)
-    if readings is None or len(rows) < MIN_SAMPLES:
+    if readings is None or len(rows) < MIN_STRETCH_SAMPLES:
         return []
-    steps = np.diff(run.time[rows])
+    steps, clock = np.diff(run.time[rows]), run.time[rows] - run.time[rows[0]]
     period = median(steps)
-    clock = run.time[rows] - run.time[rows[0]]
     part = np.concatenate([[0], np.cumsum(steps > STRETCH_GAP * period)]) * 1000.0
-    part += np.floor(clock / max(LONGEST, MIN_SAMPLES * period))
+    part += np.floor(clock / max(MAX_STRETCH_S, MIN_STRETCH_SAMPLES * period))
     parts = []
     for chosen in np.split(rows, np.flatnonzero(np.diff(part)) + 1):
-        if len(chosen) >= MIN_SAMPLES:
-            time, position, velocity = run.time[chosen], run.position[chosen], readings[chosen]
-            noises = position_noise(time, position), position_noise(time, velocity)
-            parts.append(Stretch(time - time[0], position, velocity, summed(time, velocity), period, *noises))
+        if len(chosen) >= MIN_STRETCH_SAMPLES:
+            time, position, velocity = run.time[chosen] - run.time[chosen[0]], run.position[chosen], readings[chosen]
+            noise, way_noise = position_noise(time, position), position_noise(time, velocity) * period
+            parts.append(Stretch(time, position, velocity, summed(time, velocity), period, noise, way_noise))
     return parts
 
 
@@ -190,53 +188,45 @@ def _stuck_at(run: Run, quantity: str) -> float | None:
     coarse reading rightly; or None."""
     readings = run.channel(quantity)
     assert readings is not None
-    good = np.isfinite(readings)
-    if good.sum() < MIN_SAMPLES or np.ptp(run.position) < max(run.dof.limits.unmoved, 5.0 * run.noise):
+    good, way = readings[np.isfinite(readings)], float(np.ptp(run.position))
+    if len(good) < MIN_STRETCH_SAMPLES or way < max(run.dof.limits.unmoved, 5.0 * run.noise):
         return None
-    values, counts = np.unique(readings[good], return_counts=True)
-    if counts.max() < REPEATS * good.sum():
-        return None
+    values, counts = np.unique(good, return_counts=True)
     at = float(values[counts.argmax()])
     same = readings == at
-    (bent,) = _freed(run.time[same], run.position[same])
-    return at if np.ptp(bent) > max(5.0 * run.noise, BENDS * np.ptp(run.position)) else None
-
-
-def _freed(time: Floats, *columns: Floats) -> list[Floats]:
-    centred = time - time.mean()
-    square = float(centred @ centred)
-    return [c - c.mean(axis=-1, keepdims=True) - (c @ centred / square)[..., None] * centred for c in columns]
-
-
-def _rough(every: Sequence[Stretch]) -> tuple[float, float] | None:
-    """Correlation and scale as if no sensor had a bias worth the name, from all stretches in which the position goes
-    anywhere; None for none. Good for signs and units."""
-    slopes = []
-    for part in every:
-        position, summed = part.position - part.position.mean(), part.summed - part.summed.mean()
-        power = float(position @ position)
-        square = max(float(summed @ summed), 1e-12 * power)
-        drift = (part.velocity_noise * part.period * len(part.time)) ** 2 / 6.0  # of a sum of noise, less its mean
-        if power > (MOVES * part.position_noise) ** 2 * len(part.time) and max(square, power) > MOVES**2 * drift:
-            across = float(summed @ position)
-            slopes.append((across / np.sqrt(square * power), across / square, power))
-    if not slopes:
+    if counts.max() < STUCK_SHARE * len(good):
         return None
-    correlations, scales, weights = np.array(slopes).T
-    return _reached(correlations, weights), _weighted_median(scales, weights)
+    bent = _freed(run.time[same], run.position[same])
+    return at if np.ptp(bent) > max(5.0 * run.noise, MIN_BEND * way) else None
+
+
+def _freed(time: Floats, values: Floats, *, line: bool = True) -> Floats:
+    """Values (..., n) less their mean, and less the straight line through them."""
+    less_mean = values - values.mean(axis=-1, keepdims=True)
+    if not line:
+        return np.asarray(less_mean)
+    centred = time - time.mean()
+    return np.asarray(less_mean - (values @ centred / float(centred @ centred))[..., None] * centred)
+
+
+def _goes(part: Stretch) -> bool:
+    """Whether the position goes anywhere, as if no sensor had a bias worth the name: good for signs and units."""
+    power, square, count = part.position.var(), part.summed.var(), len(part.time)
+    drift = part.way_noise**2 * count / 6.0  # of a sum of noise, less its mean
+    least = MIN_WAY_VELOCITY_NOISE**2
+    return bool(power > least * part.position_noise**2 and max(square, power) > least * drift)
 
 
 def _moves(part: Stretch, scale: float) -> bool:
     """By the position alone: chosen by the sum itself, those would be told of in which its noise adds to the motion."""
-    (position,) = _freed(part.time, part.position)
-    wander = (scale * part.velocity_noise * part.period) ** 2 * len(part.time) / 15.0  # of a sum of noise, less a line
-    moved = float(position @ position) / len(part.time)
-    return moved > MOVES**2 * wander and moved > SEEN**2 * part.position_noise**2
+    wander = (scale * part.way_noise) ** 2 * len(part.time) / 15.0  # of a sum of noise, less a line
+    least = max(MIN_WAY_VELOCITY_NOISE**2 * wander, MIN_WAY_POSITION_NOISE**2 * part.position_noise**2)
+    return bool(np.mean(_freed(part.time, part.position) ** 2) > least)
 
 
 def _ahead(part: Stretch, delays: Floats) -> Floats:
     """The summed velocities read `delays` (k,) later, (k, n); beyond the ends they go on as there."""
-    edge, far = max(3, min(8, len(part.time) // 4)), 2.0 * LATEST
+    edge, far = max(3, min(8, len(part.time) // 4)), 2.0 * MAX_DELAY_S
     first, last = np.median(part.velocity[:edge]), np.median(part.velocity[-edge:])
     time = np.concatenate([[-far], part.time, [part.time[-1] + far]])
     summed = np.concatenate([[-far * first], part.summed, [part.summed[-1] + far * last]])
@@ -248,7 +238,7 @@ def _misfit(moving: Sequence[Stretch], delays: Floats, scale: float | None) -> F
     the stretch's own where it is None."""
     rows = []
     for part in moving:
-        position, summed = _freed(part.time, part.position, _ahead(part, delays))
+        position, summed = _freed(part.time, part.position), _freed(part.time, _ahead(part, delays))
         across, square = summed @ position, (summed**2).sum(axis=1)
         slope = across / np.maximum(square, 1e-300) if scale is None else scale
         residual = position @ position - 2.0 * slope * across + slope**2 * square
@@ -259,52 +249,51 @@ def _misfit(moving: Sequence[Stretch], delays: Floats, scale: float | None) -> F
 
 def _delay(moving: Sequence[Stretch], scale: float | None) -> tuple[float, float, float]:
     """How late the velocity is [s], the standard error of that over stretches, and the misfit that it leaves."""
-    step = min(LATEST, median(np.array([part.time[-1] for part in moving])) / 3.0) / GRID
-    coarse = np.asarray(step * np.arange(-GRID, GRID + 1), dtype=np.float64)
+    step = min(MAX_DELAY_S, median(np.array([part.time[-1] for part in moving])) / 3.0) / COARSE_DELAYS
+    coarse = np.asarray(step * np.arange(-COARSE_DELAYS, COARSE_DELAYS + 1), dtype=np.float64)
     best = coarse[_misfit(moving, coarse, scale).sum(axis=0).argmin()]
-    fine = best + 2.0 * step * np.arange(-FINE, FINE + 1) / FINE
+    fine = best + 2.0 * step * np.arange(-FINE_DELAYS, FINE_DELAYS + 1) / FINE_DELAYS
     misfit, count = _misfit(moving, fine, scale), len(moving)
     total = misfit.sum(axis=0)
-    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), DRAWS)
+    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), DELAY_RESAMPLES)
     again = np.array([_lowest(fine, row) for row in drawn @ misfit])
-    error = float(max(again.std() * np.sqrt(count / (count - 1)), 0.1 * step / FINE))
+    error = float(max(again.std() * np.sqrt(count / (count - 1)), 0.1 * step / FINE_DELAYS))
     return _lowest(fine, total), error, float(total.min())
 
 
 def _lowest(at: Floats, values: Floats) -> float:
+    """Where a parabola through the lowest of `values` (N,) and its neighbours is lowest."""
     i = int(np.clip(values.argmin(), 1, len(at) - 2))
     before, middle, after = values[i - 1 : i + 2]
     bend = before - 2.0 * middle + after
     return float(at[i] + (0.5 * (before - after) / bend if bend > 0 else 0.0) * (at[1] - at[0]))
 
 
-def _scale(moving: Sequence[Stretch], late: float) -> tuple[float, float, float]:
+def _scale(parts: Sequence[Stretch], late: float, *, line: bool = True) -> tuple[float, float, float]:
+    """Correlation of positions with sums, the correlation that four of five stretches reach, to the side of most (sums
+    of anything look alike in one); median scale and its standard error. Without `line` only means are taken off."""
     products = []
-    for part in moving:
-        position, summed = _freed(part.time, part.position, _ahead(part, np.array([late]))[0])
+    for part in parts:
+        position = _freed(part.time, part.position, line=line)
+        summed = _freed(part.time, _ahead(part, np.array([late]))[0], line=line)
         raw, power = float(summed @ summed), float(position @ position)
-        step = part.velocity_noise * part.period
-        square = max(raw - (step * len(part.time)) ** 2 / 15.0, 0.5 * raw, 1e-12 * power)
+        noise = (part.way_noise * len(part.time)) ** 2 / 15.0 if line else 0.0
+        square = max(raw - noise, 0.5 * raw, 1e-12 * power)
         wander = np.cumsum(summed[::-1])[::-1]  # of a sum of noise, by the noise of each sample
-        doubt = part.position_noise**2 * raw + step**2 * float(wander @ wander)
+        doubt = part.position_noise**2 * raw + part.way_noise**2 * float(wander @ wander)
         products.append((float(summed @ position), square, power, doubt))
     across, squares, powers, doubts = np.array(products).T
     slopes, weights = across / squares, powers / powers.sum()
-    correlation = _reached(across / np.sqrt(squares * powers), weights)
-    scale = _weighted_median(slopes, weights)
-    spread = 1.4826 * _weighted_median(np.abs(slopes - scale), weights) * np.sqrt((weights**2).sum())
-    least = np.sqrt((weights**2 * doubts / squares**2).sum())
-    return correlation, scale, 1.2533 * float(max(spread, least))
+    correlations = across / np.sqrt(squares * powers)
+    middle = _weighted_quantile(correlations, weights, 0.5)
+    least = _weighted_quantile(correlations, weights, 0.2 if middle > 0 else 0.8)
+    scale = _weighted_quantile(slopes, weights, 0.5)
+    scatter = NORMAL * _weighted_quantile(np.abs(slopes - scale), weights, 0.5) * np.sqrt((weights**2).sum())
+    error = 1.2533 * float(max(scatter, np.sqrt((weights**2 * doubts / squares**2).sum())))
+    return least if least * middle > 0 else 0.0, scale, error
 
 
-def _reached(correlations: Floats, weights: Floats) -> float:
-    """The correlation that four of five stretches reach, to the side of most: sums of anything look alike in one."""
-    most = _weighted_median(correlations, weights)
-    least = _weighted_median(correlations, weights, 0.2 if most > 0 else 0.8)
-    return least if least * most > 0 else 0.0
-
-
-def _weighted_median(values: Floats, weights: Floats, share: float = 0.5) -> float:
+def _weighted_quantile(values: Floats, weights: Floats, share: float) -> float:
     return float(np.quantile(values, share, weights=weights, method="inverted_cdf"))
 
 
@@ -320,15 +309,13 @@ def _pace(moving: Sequence[Stretch], name: str) -> float:
 
 
 AUTO, POSITION, ALL = "auto", "position", "all"
-
-FOLLOWS = 0.3
-"""Share of a velocity's noise that comes from the position's from which on it counts as computed from that."""
-RELATED = 0.7  # Correlation, of either sign, of velocity and position below which they are of different motions
-SURELY_RELATED = 0.9  # The same where the vehicle hardly changed its velocity, and the sensor's bias may hide in it
-MIN_SCALE = 0.03  # Error of scale that is none: what tilt, deviation and the sums of slow loggers make of it
-MIN_LATE = 1.5  # Delay that is none, in times between readings
-SURE = 5.0  # Standard errors
-NEAR = 1.25  # A scale this near to that of a mistaken unit, as a factor, is that
+MAX_FOLLOWED = 0.3  # Share of a velocity's noise that is the position's, beyond which it counts as computed from that
+MIN_CORRELATION = 0.7  # Of either sign, of velocity and position below which they are of different motions
+MIN_BIASED_CORRELATION = 0.9  # The same where the vehicle hardly changed its velocity, and a bias may hide in it
+MIN_SCALE_ERROR = 0.03  # What is less is none: tilt, deviation and the sums of slow loggers make it
+MIN_DELAY_PERIODS = 1.5  # Delay that is none, in times between readings
+FAULT_STDERRS = 5.0
+UNIT_RATIO = 1.25  # A scale this near to that of a mistaken unit, as a factor, is that
 
 
 @dataclass(frozen=True)
@@ -379,30 +366,34 @@ def parse_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
     return names
 
 
-def choose_channels(runs: Sequence[Run], dof: Dof, wanted: str = AUTO, *, late_position: bool = False) -> ChannelChoice:
-    """Judge the sensors of all runs and choose, as `wanted` says.
+def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_position: bool = False) -> ChannelChoice:
+    """Judge the sensors of all runs and choose, as `which` says.
 
     "auto" takes every sensor that does not contradict the position and tells something of its own, "position" that
     alone, "all" every one; else they are named, with commas between. With `late_position` a position that is read late
     is no contradiction: who asks has a name for that. Raises SettingError for a sensor that no log holds.
     """
-    named = parse_channels(wanted, dof)
-    read = any((column := run.channel(dof.velocity)) is not None and np.isfinite(column).any() for run in runs)
-    logged = any(not run.summed_up for run in runs)
-    lacking = [name for name, there in zip(dof.channels, (logged, read)) if named and name in named and not there]
+    names = parse_channels(which, dof)
+    has_velocity = any((x := run.channel(dof.velocity)) is not None and np.isfinite(x).any() for run in runs)
+    logged = {dof.position: any(not run.summed_up for run in runs), dof.velocity: has_velocity}
+    lacking = [name for name in dof.channels if names and name in names and not logged[name]]
     if lacking and runs:
         what, columns = lacking[0].replace("_", " "), ", ".join(names_of(lacking[0]))
-        raise SettingError(f"channels is {wanted!r}, and no log holds {what}; name its column {columns} with --columns")
-    if not read:
+        raise SettingError(f"channels is {which!r}, and no log holds {what}; name its column {columns} with --columns")
+    if not has_velocity:
         return NOTHING_TO_CHOOSE
-    sensors = agreement(runs, dof.velocity)
-    trouble = trouble_of(sensors, dof, late_position) if logged else ""
-    velocity = dof.velocity in named if named else wanted == ALL or not trouble
-    position = logged and (named is None or dof.position in named)
-    not_named = "It was not asked for (--channels)."
-    summed_up = f"The logs hold no {dof.words.position}: that shown is a sum of the {dof.words.rate}, and no evidence."
-    why = trouble or (_stuck_in(sensors, dof) if velocity else "") if velocity or named is None else not_named
-    of_position = "" if position else not_named if logged else summed_up
+    sensors, not_named = agreement(runs, dof.velocity), "It was not asked for (--channels)."
+    trouble = trouble_of(sensors, dof, late_position) if logged[dof.position] else ""
+    position = logged[dof.position] and (names is None or dof.position in names)
+    velocity = dof.velocity in names if names else which == ALL or not trouble
+    why, of_position = trouble, "" if position else not_named
+    if names and not velocity:
+        why = not_named
+    elif velocity and not trouble:
+        why = _stuck_in(sensors, dof)
+    if not logged[dof.position]:
+        words = dof.words
+        of_position = f"The logs hold no {words.position}: that shown is a sum of the {words.rate}, and no evidence."
     verdicts = (ChannelVerdict(dof.position, position, of_position), ChannelVerdict(dof.velocity, velocity, why))
     return ChannelChoice(verdicts, tuple(v.quantity for v in verdicts if v.used), frozenset(sensors.stuck))
 
@@ -411,19 +402,19 @@ def trouble_of(sensors: Agreement, dof: Dof, late_position: bool = False) -> str
     """A sentence on what speaks against the velocity, with the remedy; empty for nothing."""
     rate, position, column = dof.words.rate, dof.words.position, names_of(dof.velocity)[0]
     correlation, scale = sensors.correlation, sensors.scale
-    if sensors.follows is not None and sensors.follows > FOLLOWS:
+    if sensors.follows is not None and sensors.follows > MAX_FOLLOWED:
         return (
             f"The {rate} was computed from the {position}, or both come out of one estimator "
             f"({100 * sensors.follows:.0f} % of its noise is that of the {position}): it adds no information."
         )
     if not sensors.moving:
         return _stuck_in(sensors, dof)
-    if abs(correlation) < RELATED:
+    if abs(correlation) < MIN_CORRELATION:
         return (
             f"The {rate} does not follow the {position} (correlation {correlation:.2f}): it is of another motion or "
             f"another time; check which column is meant by {column}."
         )
-    if abs(correlation) < SURELY_RELATED and not np.isfinite(sensors.scale_error):
+    if abs(correlation) < MIN_BIASED_CORRELATION and not np.isfinite(sensors.scale_error):
         return ""
     unit, rule = _mistaken_unit(abs(scale), dof)
     if scale < 0:
@@ -433,8 +424,8 @@ def trouble_of(sensors: Agreement, dof: Dof, late_position: bool = False) -> str
         )
     if unit:
         return f"The {rate} {unit}; map it with {rule} in the --columns file."
-    off = abs(scale - 1.0) > max(MIN_SCALE, SURE * sensors.scale_error)
-    late = abs(sensors.late) > max(MIN_LATE * sensors.period, SURE * sensors.late_error)
+    off = abs(scale - 1.0) > max(MIN_SCALE_ERROR, FAULT_STDERRS * sensors.scale_error)
+    late = abs(sensors.late) > max(MIN_DELAY_PERIODS * sensors.period, FAULT_STDERRS * sensors.late_error)
     if late and (sensors.clock or not off):
         if late_position and sensors.late < 0:
             return ""
@@ -460,7 +451,7 @@ def _mistaken_unit(size: float, dof: Dof) -> tuple[str, str]:
         units = {dof.units.per_base: (f"{base}, not in {log}", f'unit = "{base}"'),
                  1 / dof.units.per_base: (f"{log}, not in {base}", f'unit = "{log}"')}  # fmt: skip
     for factor, (unit, rule) in units.items():
-        if abs(np.log(size / factor)) < np.log(NEAR):
+        if abs(np.log(size / factor)) < np.log(UNIT_RATIO):
             times = f"{names_of(dof.velocity)[0]}: {1 / size:.3g} times what the {dof.words.position} moves"
             return f"is in {unit} ({times})", rule
     return "", ""
@@ -469,7 +460,7 @@ def _mistaken_unit(size: float, dof: Dof) -> tuple[str, str]:
 def _stuck_in(sensors: Agreement, dof: Dof) -> str:
     if not sensors.stuck:
         return ""
-    value = f"{float(dof.logged(sensors.stuck_at)):.4g} {dof.units.log}/s"
+    value = f"{float(dof.logged(median(np.array([*sensors.stuck.values()])))):.4g} {dof.units.log}/s"
     where = listed(sensors.stuck) if sensors.moving else "every run"
     return (
         f"The {dof.words.rate} is stuck at {value} in {where} while the {dof.words.position} moves, and left out "

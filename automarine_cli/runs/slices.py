@@ -1,9 +1,9 @@
 """Where one long log falls into runs: where a mode, an arming state or a constant command begins and ends."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,78 +18,72 @@ from automarine_cli.runs.half_turn import SAME_MOMENT, SHORT_REST
 from automarine_cli.text import listed
 
 By = Literal["mode", "arm", "moment"]
-Stretch: TypeAlias = tuple[int, int, str, bool]
-UNKNOWN, AT_REST = "?", "no command acts"
-DISARMED = ("disarmed", "0", "false", "no", "off", "")
+NOT_LOGGED, AT_REST = "?", "no command acts"
+NOT_ARMED = ("disarmed", "0", "false", "no", "off", "")
 
 
 @dataclass(frozen=True)
 class Slice:
     """Rows `first` to `stop - 1` of a table, of one run and with a clock that never steps back; `state` is the mode,
     "armed", or the constant command. `moving`: a command acted until shortly before, so that the vehicle did
-    not stand still, which a run alone could not show.
+    not stand still, which a run alone could not show. `why` it became no run (else empty).
     """
 
     first: int
     stop: int
     state: str
     moving: bool = False
-
-
-@dataclass(frozen=True)
-class Passed:
-    first: int
-    stop: int
-    why: str
+    why: str = ""
 
 
 def find_slices(
     table: LogTable, by: By, keep: tuple[str, ...] = (), lead: float = 2.0, shortest: float = 1.0
-) -> tuple[list[Slice], list[Passed]]:
-    """The runs of a table in the order of its rows, and the rows between them.
+) -> list[Slice]:
+    """Cut a table into runs and what lies between them, in the order of its rows.
 
     `keep` are the modes to keep (all if empty), `lead` [s] how much of the rest before a constant command comes
     along, `shortest` [s] the shortest run. Raises LogError where the log does not tell what it is to be cut by.
     """
     require(table, ("time",))
-    time = table.columns["time"]
+    time, modes = table.columns["time"], {word.lower() for word in keep}
     slices: list[Slice] = []
-    passed: list[Passed] = []
-    modes = {word.lower() for word in keep}
     stretches = list(_stretches(table, by))
     for i, (first, stop, state, follows) in enumerate(stretches):
         why = _why_not(by, state, modes, time[first:stop], shortest)
-        before = passed[-1] if passed and follows and passed[-1].stop == first else None
-        if why is not None:
-            passed.append(Passed(first if before is None or before.why != why else passed.pop().first, stop, why))
+        passed = follows and bool(slices[-1].why)
+        if why:
+            if passed and slices[-1].why == why:
+                first = slices.pop().first
+            slices.append(Slice(first, stop, state, why=why))
             continue
         start = first
-        if before is not None and before.why == AT_REST:
-            passed.pop()
-            start = before.first + int(np.searchsorted(time[before.first : first], time[first] - lead))
-            passed += [Passed(before.first, start, AT_REST)] * (start > before.first)
+        if passed and slices[-1].why == AT_REST:
+            rest = slices.pop()
+            start = rest.first + int(np.searchsorted(time[rest.first : first], time[first] - lead))
+            if start > rest.first:
+                slices.append(replace(rest, stop=start))
         moving = False
         if by == "moment" and follows:  # something acted right before, or so shortly before that nobody knows the rest
             begin, end, earlier, goes_on = stretches[i - 1]
-            moving = earlier != UNKNOWN if earlier else goes_on and end - begin < SHORT_REST
+            moving = earlier != NOT_LOGGED if earlier else goes_on and end - begin < SHORT_REST
         slices.append(Slice(start, stop, state, moving))
-    return slices, passed
+    return slices
 
 
-def _why_not(by: By, state: str, wanted: set[str], time: Floats, shortest: float) -> str | None:
+def _why_not(by: By, state: str, modes: set[str], time: Floats, shortest: float) -> str:
     if state == "":
         return {"mode": "no mode known yet", "arm": "not armed", "moment": AT_REST}[by]
-    if state == UNKNOWN:
+    if state == NOT_LOGGED:
         return "no command known yet"
-    if wanted and state.lower() not in wanted:
+    if modes and state.lower() not in modes:
         return f"mode {state} is not asked for"
     length = float(time[-1] - time[0])
     if length < shortest or len(time) < FEWEST_SAMPLES:
         return f"shorter than {shortest:g} s, or fewer than {FEWEST_SAMPLES} samples"
-    return None
+    return ""
 
 
-def _stretches(table: LogTable, by: By) -> Iterator[Stretch]:
+def _stretches(table: LogTable, by: By) -> Iterator[tuple[int, int, str, bool]]:
     """First row, last row and one, and state of every stretch of one state; whether it goes on from the one before."""
     names, code = _commands(table) if by == "moment" else _states(table, MODE if by == "mode" else ARMED)
     anew = np.diff(table.columns["time"]) < 0
@@ -108,7 +102,7 @@ def _states(table: LogTable, name: str) -> tuple[list[str], NDArray[np.int64]]:
     labels = table.labels[name]
     words = [*labels.names, ""]
     if name == ARMED:
-        words = ["" if word.lower() in DISARMED else "armed" for word in words]
+        words = ["" if word.lower() in NOT_ARMED else "armed" for word in words]
     order = list(dict.fromkeys(words))
     return order, np.array([order.index(word) for word in words])[labels.code]
 
@@ -130,5 +124,5 @@ def _commands(table: LogTable) -> tuple[list[str], NDArray[np.int64]]:
         values = commands[:, first]
         acts = (np.abs(values) > least[:, 0]).any()
         text = "_".join(f"{value:+.4g}" for value in values + 0.0)
-        words.append(UNKNOWN if not logged_all[first] else text if acts else "")
+        words.append(NOT_LOGGED if not logged_all[first] else text if acts else "")
     return words, code

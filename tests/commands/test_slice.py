@@ -32,8 +32,9 @@ def table(folder: Path, frame: pd.DataFrame) -> LogTable:
 
 def slices(log: LogTable, by: str, **how: object) -> tuple[list[tuple[int, int, str]], list[tuple[int, int, str]]]:
     """What is cut out, by its state, and what is passed over, by its reason."""
-    cuts, passed = find_slices(log, by, **how)  # type: ignore[arg-type]
-    return [(cut.first, cut.stop, cut.state) for cut in cuts], [(cut.first, cut.stop, cut.why) for cut in passed]
+    parts = find_slices(log, by, **how)  # type: ignore[arg-type]
+    cuts = [(part.first, part.stop, part.state) for part in parts if not part.why]
+    return cuts, [(part.first, part.stop, part.why) for part in parts if part.why]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -49,8 +50,8 @@ def test_a_command_right_after_another_is_told_apart(tmp_path: Path) -> None:
     """Alone, a run that begins with its moment on may seem to begin at rest."""
     table(tmp_path, day([(0, 30), (0.8, 60), (-0.8, 60), (0, 5), (0.4, 60), (0, 30), (-0.4, 60)]))
     result = am.slice_log(tmp_path / "day.csv", by="moment", lead=0.0, out=tmp_path / "out")
-    assert [cut.moving for cut in result.cuts] == [False, True, True, False]
-    assert [file.partition("/")[0] for file in result.files] == ["runs", "moving", "moving", "runs"]
+    assert [cut["moving"] for cut in result.cuts] == [False, True, True, False]
+    assert [cut["file"].partition("/")[0] for cut in result.cuts] == ["runs", "moving", "moving", "runs"]
     assert sorted(path.name for path in (tmp_path / "out/moving").iterdir()) == ["day_2_-0.8.csv", "day_3_+0.4.csv"]
     assert "of which 2 begin in motion" in repr(am.slice_log(tmp_path / "day.csv", by="moment"))
 

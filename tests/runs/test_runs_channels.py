@@ -130,7 +130,7 @@ def test_without_a_velocity_there_is_nothing_to_choose() -> None:
     ],
 )
 def test_units_of_a_speed_are_named(scale: float, dof: Dof, parts: tuple[str, ...]) -> None:
-    trouble = trouble_of(Agreement(9, 1.0, scale, 1e-3, 0.0, 0.01, False, 0.1, 0.0, ()), dof)
+    trouble = trouble_of(Agreement(9, 1.0, scale, 1e-3, 0.0, 0.01, False, 0.1, 0.0), dof)
     assert [part for part in parts if part not in trouble] == [] and bool(trouble) is bool(parts)
 
 

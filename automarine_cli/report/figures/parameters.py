@@ -6,7 +6,7 @@ from textwrap import fill
 import numpy as np
 from matplotlib.figure import Figure
 
-from automarine_cli.comparison.side_by_side import Difference, Side
+from automarine_cli.comparison.side_by_side import ComparedResult, Difference
 from automarine_cli.estimate import Estimate
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, above_residuals, house_style, panels, shortened
 from automarine_cli.report.tables import interval, number
@@ -59,7 +59,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
 
 
 @house_style
-def compare_figure(sides: Sequence[Side], differences: Sequence[Difference]) -> Figure:
+def compare_figure(sides: Sequence[ComparedResult], differences: Sequence[Difference]) -> Figure:
     """Draw a panel for each parameter; the interval of the first result goes on as a band."""
     names = list(dict.fromkeys(name for side in sides for name in side.parameters))
     figure, axes = panels(len(names), 3, 0.75 + 0.32 * len(sides), 0.0, sharey=True)
