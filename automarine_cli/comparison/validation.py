@@ -450,9 +450,8 @@ def _predicted(
 ) -> tuple[Predicted, ...]:
     """Predict with one model, by the sizes that the runs themselves give to what is random."""
     course = make_course(runs, at_rest, needed_signals(model), channels=channels)
-    problem, size = driven_problem(model, course), len(model.theta)
-    bounds = np.concatenate([np.tile(model.theta[:, None], 2), problem.bounds[size:]])
-    problem = replace(problem, bounds=bounds)
+    problem = driven_problem(model, course)
+    problem = replace(problem, parameters=problem.parameters.fixed_at(model.theta))
     fit = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
     predicted = predict(model, course, model.theta, problem.noises(fit.theta[None]))
     return tuple(ahead for ahead in predicted if len(ahead.error))

@@ -116,7 +116,7 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
     problem = study.problem(trial.model)
     if fitted:
         return study.residual(trial.fit.fitted)
-    simulated = run_effects_given(problem, problem.search(trial.fit.theta), trial.fit.variances)[1]
+    simulated = run_effects_given(problem, problem.parameters.search(trial.fit.theta), trial.fit.variances)[1]
     return study.residual(simulated)
 
 
@@ -714,7 +714,7 @@ class Diagnosis(Shown):
         base_names = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
         drag = {name: base[name].to_json() for name in base_names.values()}
         ratio, covariance = None, study.covariance(model, fit)
-        likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
+        likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.parameters.log, covariance)}
         if "quadratic" in base_names and base[base_names["quadratic"]].value > 0:
             i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
             ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()

@@ -399,7 +399,7 @@ def _on_the_best_summit(
 
 def _densities(likelihood: PlanarLikelihood, estimate: Estimated) -> Floats:
     problem = likelihood.problem(estimate.model)
-    return problem.follow(problem.search(estimate.fit.theta)[None]).log_density[0]
+    return problem.follow(problem.parameters.search(estimate.fit.theta)[None]).log_density[0]
 
 
 def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Sequence[Predicted]:
@@ -423,7 +423,7 @@ def find_planar_where(search: PlanarDiagnosis, seed: int) -> ResidualRegions:
     residual, observed = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
     residual[prediction.run, prediction.target], observed[prediction.run, prediction.target] = prediction.error, True
     problem = every.problem(before.model)
-    followed = problem.follow(problem.search(fit.theta)[None], keep=True)
+    followed = problem.follow(problem.parameters.search(fit.theta)[None], keep=True)
     assert followed.states is not None
     places, states = followed.places, followed.states[:, 0]
     command = np.stack([_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs])

@@ -68,9 +68,10 @@ def _of_driven(
         wider = study.driven_problem(model.with_effect(name, values[0]))
         theta = np.tile(fit.theta, (len(values), 1))
         theta = np.concatenate([theta[:, :model_size], values, theta[:, model_size:]], axis=1)
-        if len(wider.random) > len(problem.random):  # what an effect may let vary has a score of its own
+        if len(wider.parameters.nuisance) > len(problem.parameters.nuisance):
+            # what an effect may let vary has a score of its own
             theta = np.concatenate([theta, np.full((len(values), 1), 1e-9)], axis=1)
-        innovations.append(innovations_of(wider.follow(wider.search(theta)), all_runs, 1.0, innovations[0]))
+        innovations.append(innovations_of(wider.follow(wider.parameters.search(theta)), all_runs, 1.0, innovations[0]))
     slopes = Slopes.of(innovations)
     free, count = problem.free, len(fit.phi)
     places = np.concatenate([free, np.arange(count, count + slopes.gradient.shape[1] - len(free))])

@@ -613,7 +613,7 @@ def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit, name: str) -> b
     term = next(term for term in trial.model.terms if term.name == name)
     first = trial.model.index(f"{name}.{effect.names_in(trial.model.dof)[0]}")
     fixed = np.array(effect.shapes) | np.array(effect.held(term.values))
-    sizes = first + np.flatnonzero(~fixed & ~fit.positive[first : first + len(term.values)])
+    sizes = first + np.flatnonzero(~fixed & ~fit.parameters.log[first : first + len(term.values)])
     sizes = np.setdiff1d(sizes, fit.at_bound)
     if not len(sizes) or effect.varies(term.values) or isinstance(effect, Learned):
         return False

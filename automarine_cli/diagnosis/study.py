@@ -19,7 +19,6 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations
-from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covariance, varying_terms, whole_run_problem
@@ -29,7 +28,6 @@ from automarine_cli.runs.run import Run, position_noise
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
-UNIFORM_INSTANT = Prior(0.0, 1.0)  # of the z of the commands' common instant: anywhere in its sample interval
 ITERATIONS = 25
 SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
 HORIZON = 5.0  # seconds ahead over which driven runs show the gap
@@ -293,33 +291,22 @@ class DiagnosisProblem:
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
         problem = driven_problem(model, self.course, latest=self.logger_delay, slowest=self.slowest)
-        return replace(problem, smooth=smoothness(model, len(problem.names)))
+        smooth = smoothness(model, len(problem.parameters))
+        return replace(problem, parameters=replace(problem.parameters, smooth=smooth))
 
     def problem(self, model: YawModel) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z
         of the instant that all switches share in their sample intervals: a longer delay is an effect."""
-        problem = whole_run_problem(model, self.batch, self.at_rest, confined=True)
-        bounds, positive = [(0.0, np.inf)], [True]
-        roles = [effects.get(term.name).role for term in self.base.terms]
-        main = "quadratic" if "quadratic" in roles else "linear"
-        for i, term in enumerate(model.terms):
-            in_base = i < len(self.base.terms)
-            effect = effects.get(term.name)
-            dropped = in_base and term.values == (0.0,) != self.base.terms[i].values
-            fixed_flags = [dropped] if dropped else effect.held(term.values)
-            for parameter, value, fixed in zip(effect.parameters, term.values, fixed_flags):
-                shifts = effect.shifts(term.values) and not in_base
-                lower = max(parameter.lower, self.logger_delay if shifts else -np.inf)
-                slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
-                bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
-                positive.append(parameter.log or (in_base and effect.role == main and not dropped))
+        dropped = {new.name for old, new in zip(self.base.terms, model.terms) if new.values == (0.0,) != old.values}
+        parameters = model.parameters(
+            log_drag=True, least_delay=self.logger_delay, longest_period=self.slowest, fixed=dropped
+        )
+        problem = whole_run_problem(model, parameters, self.batch, self.at_rest, confined=True)
+        smooth = smoothness(model, len(problem.parameters))
         return replace(
             problem,
             effects=problem.effects.with_scale(disturbance=0.0),
-            bounds=np.array([*bounds, problem.bounds[-1]]),
-            positive=np.array([*positive, False]),
-            smooth=smoothness(model, len(positive) + 1),
-            priors={COMMAND_DELAY: UNIFORM_INSTANT},
+            parameters=replace(problem.parameters, smooth=smooth),
         )
 
     def fit(
@@ -462,7 +449,7 @@ def log_density(study: DiagnosisProblem, model: YawModel, fit: Fit) -> Floats:
     if fit.driven:
         return study.driven_problem(model).follow(fit.phi[None]).log_density[0]
     problem, variances = study.problem(model), fit.variances
-    phi = problem.search(fit.theta)
+    phi = problem.parameters.search(fit.theta)
     b, _ = run_effects_given(problem, phi, variances)
     fitted, by_phi, by_run = derivatives(problem, phi, b)
     gram = problem.gram(by_phi, by_run, fitted, b)
@@ -490,7 +477,7 @@ def run_effects_given(problem: Problem, phi: Floats, variances: Floats, rounds: 
         gram = problem.inner(by_phi, by_run, data)
         step = linear_mixed.posterior_mean(gram, problem.effects, variances, phi) - b
         trials = b + shares * step
-        tried = problem.response(np.tile(problem.natural(phi), (len(trials), 1)), trials)
+        tried = problem.response(np.tile(problem.parameters.natural(phi), (len(trials), 1)), trials)
         trial_costs = np.stack([costs(h, e) for h, e in zip(tried, trials)])
         best, now = trial_costs.argmin(axis=0), costs(fitted, b)
         better = trial_costs.min(axis=0) < now * (1.0 - 1e-6)

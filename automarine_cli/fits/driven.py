@@ -16,9 +16,7 @@ from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import FilterResult, Predicted, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
-from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import DISTURBANCE
-from automarine_cli.fits.mixed_model import natural_of, search_of
 from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
@@ -30,6 +28,7 @@ from automarine_cli.fits.whole_runs import (
     run_covariance,
     run_dof,
 )
+from automarine_cli.models.parameter import Parameters, Prior
 from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
@@ -54,19 +53,13 @@ def driven_problem(
 
     What varies from run to run has periods of at most `slowest` [s]. `quiet`: see `randomness`."""
     largest = float(np.abs(course.commanded).max()) or 1.0
-    searched = [((0.0, np.inf), True, 1.0)]
-    for term in model.terms:
-        effect = effects.get(term.name)
-        for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
-            lower = max(parameter.lower, latest if effect.shifts(term.values) and latest < MAX_DELAY_S else -np.inf)
-            slow = slowest if parameter.scan and effect.varies(term.values) else np.inf
-            bounds = (value, value) if fixed else (lower, min(parameter.upper, slow))
-            searched.append((bounds, parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)))
+    least = latest if latest < MAX_DELAY_S else -np.inf
+    searched = model.parameters(largest, least_delay=least, longest_period=slowest)
     varying = [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
     pushes = [largest / max(model.inertia, 1e-9)]
     delayed = any(effects.get(term.name).delays for term in model.terms)
     random = randomness(course, pushes, varying, quiet, 0.0 if delayed else latest)
-    return DrivenProblem.of(model, course, model.parameter_names, searched, random)
+    return DrivenProblem(model, course, Parameters((*searched, *random)))
 
 
 def parse_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
@@ -84,7 +77,7 @@ def base_starts(problem: DrivenProblem) -> Floats:
     arithmetic would run away, is slowed down first."""
     model = problem.model
     assert isinstance(model, YawModel)
-    starts, middle = [], [chance.median for chance in problem.random]
+    starts, middle = [], [chance.value for chance in problem.parameters.nuisance]
     linear, quadratic = model.drag()
     slope = linear + 2.0 * quadratic * float(problem.course.fastest[0])
     middling = max(model.inertia, float(problem.course.length.max()) * slope)
@@ -92,13 +85,13 @@ def base_starts(problem: DrivenProblem) -> Floats:
     for inertia, drag, size, unsteady in product(INERTIAS, DRAGS, SIZES, UNSTEADY):
         random = size * push / inertia, middle[1], unsteady, *middle[3:]
         starts.append([inertia * middling, *(drag * model.theta[1:]), *random])
-    return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
+    return problem.parameters.within(starts)
 
 
 def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: Mapping[str, float]) -> Floats:
     """Starts (S, p) from values of the model's parameters and what is known of the random ones."""
-    chances = [random.get(chance.name, chance.median) for chance in problem.random]
-    return np.clip(np.array([[*theta, *chances] for theta in thetas]), problem.bounds[:, 0], problem.bounds[:, 1])
+    chances = [random.get(chance.name, chance.value) for chance in problem.parameters.nuisance]
+    return problem.parameters.within([[*theta, *chances] for theta in thetas])
 
 
 def stepped(run: Run) -> bool:
@@ -213,7 +206,7 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     difference of both is then added to the covariance.
     """
     innovations, dof = likely.mixed, likely.model.dof
-    problem = driven_problem(likely.model, course).informed(innovations.priors)
+    problem = driven_problem(likely.model, course).informed(innovations.parameters.known)
     starts = np.concatenate([innovations.theta[None], base_starts(problem)])
     try:
         plain = with_chance(problem, fit_forecasts(problem, innovations.phi, starts))
@@ -239,7 +232,7 @@ def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
     )
     if not better:
         return replace(likely, estimator=says)
-    covariance, count = run_covariance(plain).copy(), plain.parameters
+    covariance, count = run_covariance(plain).copy(), len(plain.of_model)
     quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:count]]
     bias = (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
     covariance[:count, :count] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
@@ -269,7 +262,7 @@ def _refuse_runaways(model: YawModel, fit: Fit, course: Course) -> None:
         reason = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
     elif not QUICKEST < slowness < SLOWEST:
         reason = f"it would answer its thrusters within {slowness:.2g} s"
-    elif fit.names[0] not in fit.priors and (0 in fit.at_bound or deviation <= 0.0 or deviation > np.log(3.0)):
+    elif fit.names[0] not in fit.parameters.known and (0 in fit.at_bound or not 0.0 < deviation <= np.log(3.0)):
         reason = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
         return
@@ -291,7 +284,7 @@ def left_out_predictions(
     by_run = []
     for r in range(len(problem.course.names)):
         phi, course = fit.left_out[r], problem.course.some(np.arange(len(problem.course.names)) == r)
-        theta = problem.natural(phi)
+        theta = problem.parameters.natural(phi)
         followed = problem.follow(phi[None], True, course if thinned else course.unthinned)
         followed = of_model_alone(followed) if alone else followed
         model, noises = theta[: len(fit.of_model)], problem.noises(theta[None])
@@ -322,16 +315,15 @@ def _joined(pieces: Sequence[Predicted]) -> Predicted:
 def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
     """The same by a fit of runs simulated whole, with random gains and noise alone; none where no filter follows."""
     problem, count = driven_problem(fit.model, course, quiet=True), len(fit.model.theta)
-    bounds, mixed = problem.bounds.copy(), fit.mixed
-    bounds[:count] = fit.model.theta[:, None]
-    start = np.append(fit.model.theta, [chance.median for chance in problem.random])
+    fixed = replace(problem, parameters=problem.parameters.fixed_at(fit.model.theta))
     try:
-        innovations = fit_innovations(replace(problem, bounds=bounds), start[None], BRIEF, brief=True)
+        innovations = fit_innovations(fixed, fixed.parameters.theta[None], BRIEF, brief=True)
     except FitError:
         return ()
-    left_out = np.tile(innovations.phi, (len(course.names), 1))
-    without = natural_of(mixed.left_out[:, :count], mixed.positive[:count])
-    left_out[:, :count] = search_of(np.clip(without, *problem.bounds[:count].T), problem.positive[:count])
+    mixed = fit.mixed.parameters
+    without = mixed.natural(fit.mixed.left_out)[:, mixed.of_model]
+    thetas = problem.parameters.within([[*of_model, *innovations.theta[count:]] for of_model in without])
+    left_out = problem.parameters.search(thetas)
     return left_out_predictions(problem, replace(innovations, left_out=left_out))[0]
 
 
@@ -351,7 +343,7 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
     The square of the shift by which the best of them moves the parameters is added to their covariance.
     """
     narrow = fit.mixed
-    problem = driven_problem(fit.model, course).informed(narrow.priors)
+    problem = driven_problem(fit.model, course).informed(narrow.parameters.known)
     likelihood, count = narrow.log_likelihood, len(fit.model.theta)
     if fit.by_forecasts:
         likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
@@ -360,7 +352,7 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
         if name in have:
             continue
         start = _start(name, course)
-        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.priors)
+        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.known)
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
         gain = 2.0 * (wide.log_likelihood - likelihood)

@@ -48,7 +48,7 @@ class ForecastProblem:
 
     @property
     def count(self) -> int:
-        return len(self.driven.names) - len(self.driven.random)
+        return self.driven.parameters.of_model.stop
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -62,7 +62,7 @@ class ForecastProblem:
 
     def misses(self, phi: Floats) -> Floats:
         """Forecast less measured (P, C, H, A) under phi (P, p), zero where nothing was measured."""
-        theta = self.driven.natural(phi)[:, : self.count]
+        theta = self.driven.parameters.natural(phi)[:, : self.count]
         path = carried(
             self.driven.model, self.driven.course, theta, self.noises, self.states, self.channels, self.run,
             self.origin, self.target.max(axis=(0, 1)),
@@ -110,8 +110,8 @@ def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
 
     Raises FitError where no run is long enough.
     """
-    course, count = driven.course, len(driven.names) - len(driven.random)
-    theta = driven.natural(phi)
+    course, count = driven.course, driven.parameters.of_model.stop
+    theta = driven.parameters.natural(phi)
     noises = driven.noises(theta[None])
     followed = smoothed(driven.model, course.unthinned, theta[:count], noises)
     assert followed.states is not None
@@ -153,7 +153,7 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
     Raises FitError where no run is long enough, or no start leads anywhere.
     """
     problem = forecast_problem(driven, phi)
-    begins = np.clip(driven.search(starts), driven.limits[:, 0], driven.limits[:, 1])
+    begins = np.clip(driven.parameters.search(starts), *driven.parameters.limits.T)
     begins[:, problem.count :] = phi[problem.count :]
     problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
     costs = (problem.scaled(begins) ** 2).sum(axis=(1, 2, 3))
@@ -165,7 +165,7 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
         others = problem.unit != unit
         if others.any() and not others.all():
             row[:] = _descend(problem.some(others), phi, OF_LEFT_OUT)[0]
-    free, limits = problem.free, driven.limits
+    free, limits = problem.free, driven.parameters.limits
     at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
     at_bound[problem.count :] = False
     inside = free[~at_bound[free]]
@@ -179,14 +179,14 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
 
 def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
     """Mean (f,) and precision (f, f) of the model's free parameters before the data."""
-    mean, precision = problem.driven.prior_moments
+    mean, precision = problem.driven.parameters.prior
     return mean[problem.free], precision[np.ix_(problem.free, problem.free)]
 
 
 def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> tuple[Floats, Floats, int, bool]:
     """Levenberg and Marquardt's search from phi (p,) within the bounds: where it got to, the curvatures of the units
     there (U, f, f), after how many iterations, and whether it converged."""
-    driven, free, limits = problem.driven, problem.free, problem.driven.limits[problem.free]
+    driven, free, limits = problem.driven, problem.free, problem.driven.parameters.limits[problem.free]
     mean, precision = _prior(problem)
     steps = driven.steps(phi)[: len(free)]
 
@@ -228,11 +228,9 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> tuple[Fl
 def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
     """The fit as diagnosis, plans and reports ask for one: what is random is fitted by innovations beside the model's
     parameters, which stay as they are. Raises FitError where no filter follows the runs."""
-    count = len(driven.names) - len(driven.random)
-    theta = driven.natural(fit.phi)
-    bounds = driven.bounds.copy()
-    bounds[:count] = theta[:count, None]
-    chance = fit_innovations(replace(driven, bounds=bounds), theta[None], brief=True)
+    count, theta = driven.parameters.of_model.stop, driven.parameters.natural(fit.phi)
+    fixed = driven.parameters.fixed_at(theta[:count])
+    chance = fit_innovations(replace(driven, parameters=fixed), theta[None], brief=True)
     runs, phi = len(driven.course.names), np.append(fit.phi[:count], chance.phi[count:])
     left_out, covariance, by_run = chance.left_out.copy(), chance.covariance.copy(), chance.information.copy()
     covariance[:count, :count] = fit.covariance[:count, :count]
@@ -249,7 +247,8 @@ def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
         by_run[0, :count, :count] = fit.by_unit.sum(axis=0)[:count, :count]
     density = driven.follow(left_out).log_density if runs > 1 else chance.density[None]
     return replace(
-        chance, theta=np.append(theta[:count], chance.theta[count:]), phi=phi, covariance=covariance, left_out=left_out,
+        chance, parameters=driven.parameters, theta=np.append(theta[:count], chance.theta[count:]), phi=phi,
+        covariance=covariance, left_out=left_out,
         predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
         at_bound=tuple(sorted({*fit.at_bound, *(i for i in chance.at_bound if i >= count)})), information=by_run,
         converged=fit.converged and chance.converged, iterations=fit.iterations + chance.iterations,

@@ -226,7 +226,7 @@ def fit_warnings(
             "lag."
         )
     early = fit.mixed.names.index(COMMAND_DELAY) in fit.mixed.at_bound and fit.delay.value < 0.0
-    if early and COMMAND_DELAY not in fit.mixed.priors:
+    if early and COMMAND_DELAY not in fit.mixed.parameters.known:
         says = "The {force} seems to act half a sample interval or more before the log shows it. Check the clocks of "
         sentences.append(dof.fill(says + "{position} and command."))
     return sentences
@@ -245,7 +245,7 @@ def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> 
         return []
     run, i = (int(k) for k in np.argwhere(decides)[0])
     name, estimate = list(fit.estimates.items())[i]
-    without = np.exp(mixed.left_out[run, i]) if mixed.positive[i] else mixed.left_out[run, i]
+    without = np.exp(mixed.left_out[run, i]) if mixed.parameters.log[i] else mixed.left_out[run, i]
     changes = f"{name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} {estimate.unit}"
     check = f"check its log, and whether its {fit.model.dof.words.position} jumps"
     return [f"{names_of_runs[run]} alone changes {changes}, more than all other runs together: {check}."]
@@ -363,7 +363,9 @@ class YawFit(Shown):
             "log_likelihood": fit.mixed.log_likelihood,
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
             **_scatter_json(fit),
-            "covariance": covariance_json(list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance),
+            "covariance": covariance_json(
+                list(fit.estimates), fit.mixed.theta, fit.mixed.parameters.log, fit.covariance
+            ),
             "converged": fit.mixed.converged,
             **({"estimator": fit.estimator} if fit.estimator else {}),
         }

@@ -8,7 +8,7 @@ Fisher scoring on innovations and their variances (Ljung 1999, System Identifica
 """
 
 from collections.abc import Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 from typing import ClassVar, Literal
@@ -23,10 +23,10 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, least_noise
 from automarine_cli.filters.kalman import FAR, FilterResult, Noises, follow
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.fits.mixed_model import MixedFit, Outcome, natural_of, search_of
+from automarine_cli.fits.mixed_model import MixedFit, Outcome
 from automarine_cli.models.allocation import Vehicle
+from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
 from automarine_cli.models.store import Sensor
 from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S
 from automarine_cli.pipeline.records import to_mapping
@@ -39,98 +39,45 @@ MIN_SIZE = 1e-4  # smallest disturbance, as a share of the acceleration that the
 
 
 @dataclass(frozen=True)
-class Randomness:
-    """One parameter of what is random: its name, limits, and a log-normal prior (median, spread of the logarithm), or
-    a normal one where it may be negative (`signed`)."""
-
-    name: str
-    lower: float
-    upper: float
-    median: float
-    spread: float
-    signed: bool = False
-
-
-@dataclass(frozen=True)
 class DrivenProblem:
-    """Likelihood of a model on a course. theta is the model's parameters, then those of `random`, in the order that
-    `noises` takes them; `bounds` (p, 2) and `positive` (p,) are those of theta, `scale` (p,) what is a small step.
-    `smooth` (p, p) is the precision about zero of parameters that are not positive, as of a smooth curve; `priors` are
-    parameters that are known beforehand.
-    """
+    """Likelihood of a model on a course. theta is the model's parameters, then those of what is random, in the order
+    that `noises` takes them."""
 
     model: Vehicle
     course: Course
-    names: tuple[str, ...]
-    bounds: Floats
-    positive: NDArray[np.bool_]
-    scale: Floats
-    random: tuple[Randomness, ...]
-    smooth: Floats | None = None
-    priors: Mapping[str, Prior] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls, model: Vehicle, course: Course, names: Sequence[str],
-        searched: Sequence[tuple[tuple[float, float], bool, float]], random: tuple[Randomness, ...],
-    ) -> "DrivenProblem":  # fmt: skip
-        """From the bounds, the scale and a small step of each of the model's own parameters."""
-        every = [*searched, *(((chance.lower, chance.upper), not chance.signed, 1.0) for chance in random)]
-        bounds, positive, scale = map(np.array, zip(*every))
-        return cls(model, course, (*names, *(chance.name for chance in random)), bounds, positive, scale, random)
+    parameters: Parameters
 
     def informed(self, priors: Mapping[str, Prior]) -> "DrivenProblem":
-        return replace(self, priors=priors, bounds=bounds_of(priors, self.names, self.bounds))
+        return replace(self, parameters=self.parameters.informed(priors))
 
-    @cached_property
+    @property
     def free(self) -> NDArray[np.int64]:
-        return np.flatnonzero(self.bounds[:, 0] < self.bounds[:, 1])
-
-    @cached_property
-    def limits(self) -> Floats:
-        """Bounds in the search's coordinates, (p, 2)."""
-        return np.stack([self.search(end) for end in self.bounds.T], axis=1)
-
-    @cached_property
-    def prior_moments(self) -> tuple[Floats, Floats]:
-        """Mean (p,) and precision (p, p) of phi before the data; no precision where nothing is known."""
-        count = len(self.names)
-        prior = prior_of(self.priors, self.names, self.positive, self.smooth)
-        mean, precision = prior or (np.zeros(count), np.zeros((count, count)))
-        for i, chance in enumerate(self.random, count - len(self.random)):
-            mean[i] = chance.median if chance.signed else np.log(chance.median)
-            precision[i, i] = chance.spread**-2
-        return mean, precision
+        return self.parameters.free
 
     @cached_property
     def prior_information(self) -> Floats:
         """What the prior says of the free parameters, (f, f)."""
-        return self.prior_moments[1][np.ix_(self.free, self.free)]
+        return self.parameters.prior[1][np.ix_(self.free, self.free)]
 
     def prior_gradient(self, phi: Floats) -> Floats:
         """Slope of the prior's log density by the free parameters at phi (p,), (f,)."""
-        mean, precision = self.prior_moments
+        mean, precision = self.parameters.prior
         return np.asarray(-(precision @ (phi - mean))[self.free])
-
-    def natural(self, phi: Floats) -> Floats:
-        return natural_of(phi, self.positive)
-
-    def search(self, theta: Floats) -> Floats:
-        return search_of(theta, self.positive)
 
     def noises(self, theta: Floats) -> Noises:
         dofs, channels = len(self.course.motion.dofs), len(self.course.channels)
-        chances = list(theta[:, len(self.names) - len(self.random) :].T)
+        chances = list(theta[:, self.parameters.of_model.stop :].T)
         size, time, thrust = (np.array([chances[3 * d + i] for d in range(dofs)]) for i in range(3))
         gain, late, at = chances[3 * dofs], chances[3 * dofs + 1], 3 * dofs + 2
-        per_run = {c.name.partition(".")[0]: chances[i] for i, c in enumerate(self.random) if i >= at + channels}
+        varying = self.parameters.nuisance[at + channels :]
+        per_run = {p.name.partition(".")[0]: size for p, size in zip(varying, chances[at + channels :])}
         return Noises(size, time, thrust, gain, late, np.array(chances[at : at + channels]), per_run)
 
     def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> FilterResult:
         """Filter the runs under phi (P, p), or those of another course."""
-        theta = self.natural(phi)
-        count = len(self.names) - len(self.random)
-        return follow(self.model, course or self.course, theta[:, :count], self.noises(theta), keep)
+        theta = self.parameters.natural(phi)
+        of_model = theta[:, self.parameters.of_model]
+        return follow(self.model, course or self.course, of_model, self.noises(theta), keep)
 
     def value(self, phi: Floats) -> Floats:
         """Log density of all runs with the prior, (P,); minus infinity where a filter diverges."""
@@ -139,12 +86,12 @@ class DrivenProblem:
 
     def prior(self, phi: Floats) -> Floats:
         """Log density of phi (..., p) before the data, up to a constant."""
-        mean, precision = self.prior_moments
+        mean, precision = self.parameters.prior
         return np.asarray(-0.5 * np.einsum("...i,ij,...j->...", phi - mean, precision, phi - mean))
 
     def steps(self, phi: Floats) -> Floats:
         """By how much each free parameter is moved for its derivative, (f,)."""
-        size = np.where(self.positive, 1.0, np.maximum(np.abs(phi), self.scale))
+        size = np.where(self.parameters.log, 1.0, np.maximum(np.abs(phi), self.parameters.steps))
         return DIFFERENCE * size[self.free]
 
     def moved(self, phi: Floats) -> Floats:
@@ -230,31 +177,39 @@ class Slopes:
 
 def randomness(
     course: Course, accelerations: Sequence[float], varying: Sequence[str], quiet: bool, latest: float = MAX_DELAY_S
-) -> tuple[Randomness, ...]:
+) -> tuple[Parameter, ...]:
     """What is random on a course, in the order of `DrivenProblem.noises`.
 
     `accelerations` (D,) are those that the largest commands give. A `quiet` course has no disturbance and no unsteady
     thrust: the limit of a pool. Commands act at most `latest` [s] after the middle of the sample interval in which
     they changed; where that is 0, an effect of the model says how late they are.
     """
-    chances = []
+    chances: list[Parameter] = []
+
+    def add(name: str, lower: float, upper: float, median: float, spread: float) -> None:
+        """Add a size with a log-normal prior of this spread of the logarithm."""
+        prior = Prior(median, spread * median)
+        chances.append(Parameter(name, median, lower, upper, log=True, role=NUISANCE, prior=prior))
+
     for dof, push in zip(course.motion.dofs, accelerations):
         least, most = MIN_SIZE * push, 3.0 * push
         size = (0.0, 0.0) if quiet else (least, most)
-        chances.append(Randomness(f"{dof.name}.disturbance", *size, 0.05 * push, 3.0))
+        add(f"{dof.name}.disturbance", *size, 0.05 * push, 3.0)
         time = (2.0, 2.0) if quiet else (0.3, 60.0)
-        chances.append(Randomness(f"{dof.name}.disturbance-time", *time, 2.0, 1.0))
+        add(f"{dof.name}.disturbance-time", *time, 2.0, 1.0)
         thrust = (0.0, 0.0) if quiet else (1e-3, 3.0)
-        chances.append(Randomness(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0))
-    chances.append(Randomness("gain-scatter", 1e-3, 0.3, 0.04, 0.5))
+        add(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0)
+    add("gain-scatter", 1e-3, 0.3, 0.04, 0.5)
     earliest = -course.half_width if latest else 0.0
-    chances.append(Randomness(COMMAND_DELAY, earliest, latest, 0.0, MAX_DELAY_S, signed=True))
+    anywhere = Prior(0.0, MAX_DELAY_S)
+    chances.append(Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, prior=anywhere))
     for channel, noise in zip(course.channels, course.noise):
         floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)
-        chances.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
+        add(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7)
     largest = float(np.abs(course.commanded).max())
-    chances += [Randomness(f"{name}.spread", 1e-4 * largest, largest, 0.05 * largest, 2.0) for name in varying]
+    for name in varying:
+        add(f"{name}.spread", 1e-4 * largest, largest, 0.05 * largest, 2.0)
     return tuple(chances)
 
 
@@ -273,22 +228,12 @@ NO_START = "no starting point of the fit has a finite likelihood; check the unit
 @dataclass(frozen=True)
 class InnovationsFit(Outcome):
     """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `density` (R,) the runs'
-    own log densities, `gains` (R,) their log gains as filtered, `parameters` how many of theta are the model's."""
+    own log densities, `gains` (R,) their log gains as filtered."""
 
     driven: ClassVar[Literal[True]] = True
 
     density: Floats
     gains: Floats
-    parameters: int
-
-    @property
-    def of_model(self) -> Floats:
-        """The model's own entries of theta, which come first."""
-        return self.theta[: self.parameters]
-
-    @property
-    def of_chance(self) -> dict[str, float]:
-        return dict(zip(self.names[self.parameters :], self.theta[self.parameters :].tolist()))
 
     def factor(self, block: str) -> float:
         """Size of what differs from run to run: of the gain, or of what an effect lets vary."""
@@ -319,7 +264,7 @@ def fit_innovations(
 
     Raises FitError where no start leads anywhere.
     """
-    phis = np.clip(problem.search(starts), problem.limits[:, 0], problem.limits[:, 1])
+    phis = np.clip(problem.parameters.search(starts), *problem.parameters.limits.T)
     if len(phis) > 1:
         values = problem.value(phis)
         if not np.isfinite(values).any():
@@ -370,7 +315,7 @@ def _climb(
     needs the slopes."""
     (slopes,) = yield phi[None]
     value = slopes.value(problem, phi)
-    free, limits = problem.free, problem.limits
+    free, limits = problem.free, problem.parameters.limits
     converged, done, damping = False, 0, MIN_DAMPING
     rounds = len(shares) if problem.course.motion.turns else 1  # of three motions arrays are long as they are
     settled = SETTLED if shares is SHARES else 0.02 * SETTLED  # a run left out moves a fit by little
@@ -411,7 +356,7 @@ def _climb(
 
 def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> InnovationsFit:
     phi, slopes = reached.phi, reached.slopes
-    free, limits, count = problem.free, problem.limits, len(problem.names)
+    free, limits, count = problem.free, problem.parameters.limits, len(phi)
     at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
     inside = ~at_bound[free]
     hessian = (slopes.information.sum(axis=0) + problem.prior_information)[np.ix_(inside, inside)]
@@ -430,17 +375,17 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         left_out = np.array([climb.phi for climb in _climbed(problem, left_out, LOOK, without_each=True)])
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
-    information += 0.0 if problem.smooth is None else problem.smooth / runs
+    smooth = problem.parameters.smooth
+    information += 0.0 if smooth is None else smooth / runs
     every = problem.follow(phi[None] if brief else np.concatenate([phi[None], left_out]), keep=True)
     density = every.log_density
     of_left_out = np.where(np.isfinite(density), density, -1e9)[1:]  # next to nothing where a filter ran away
     assert every.states is not None
-    theta, readings = problem.natural(phi), {c.quantity: int(c.seen.sum()) for c in problem.course.channels}
+    theta, readings = problem.parameters.natural(phi), {c.quantity: int(c.seen.sum()) for c in problem.course.channels}
     return InnovationsFit(
-        names=problem.names,
+        parameters=problem.parameters,
         theta=theta,
         phi=phi,
-        positive=problem.positive,
         covariance=covariance,
         left_out=left_out,
         log_likelihood=float(density[0].sum()),
@@ -450,11 +395,9 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         converged=reached.converged,
         density=density[0],
         gains=every.states[every.places.gain, 0, :, -1],
-        parameters=count - len(problem.random),
         information=information,
-        noise_of={name: float(theta[problem.names.index(f"noise.{name}")]) for name in readings},
+        noise_of={name: float(theta[problem.parameters.names.index(f"noise.{name}")]) for name in readings},
         readings=readings,
-        priors=problem.priors,
     )
 
 

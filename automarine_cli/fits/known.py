@@ -6,29 +6,15 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
+from automarine_cli.models.parameter import Prior
 from automarine_cli.models.yaw_model import COMMAND_DELAY
-from automarine_cli.quantities import Floats
 from automarine_cli.text import LONGEST
 
 EXAMPLE = "I_r=915 or I_r=915±50"
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _KNOWN = re.compile(rf"\s*([^\s=]+)\s*=\s*({_NUMBER})\s*(?:(?:±|\+/?-)\s*({_NUMBER})\s*)?")
-
-
-@dataclass(frozen=True)
-class Prior:
-    """A value that is known beforehand, with its standard error; None: exactly. In the unit of the fit."""
-
-    value: float
-    stderr: float | None = None
-
-    def __str__(self) -> str:
-        return f"{self.value:g}" + ("" if self.stderr is None else f" ± {self.stderr:g}")
 
 
 @dataclass(frozen=True)
@@ -111,26 +97,3 @@ def names_in(dof: Dof, effects: Iterable[str] = ()) -> dict[str, str]:
     roles = ("inertia", "linear", "quadratic", *(["constant"] if dof.has_constant else []))
     names = {dof.parameters[role]: dof.parameter(role) for role in roles} | {name: name for name in effects}
     return names | {COMMAND_DELAY: COMMAND_DELAY}
-
-
-def bounds_of(priors: Mapping[str, Prior], names: Sequence[str], bounds: Floats) -> Floats:
-    """The bounds (p, 2) of a fit's parameters, by what is known exactly."""
-    exact = {name: prior.value for name, prior in priors.items() if prior.stderr is None}
-    limits = [(exact[name], exact[name]) if name in exact else tuple(row) for name, row in zip(names, bounds)]
-    return np.array(limits, dtype=float)
-
-
-def prior_of(
-    priors: Mapping[str, Prior], names: Sequence[str], positive: NDArray[np.bool_], smooth: Floats | None = None
-) -> tuple[Floats, Floats] | None:
-    """Mean (p,) and precision (p, p) in the coordinates of a search, with the precision `smooth` (p, p) about zero;
-    None where nothing is known with an error."""
-    at = {names.index(name): prior for name, prior in priors.items() if name in names and prior.stderr is not None}
-    if not at and smooth is None:
-        return None
-    mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names))) if smooth is None else smooth.copy()
-    for i, prior in at.items():
-        assert prior.stderr is not None
-        mean[i] = np.log(prior.value) if positive[i] else prior.value
-        precision[i, i] = (prior.value / prior.stderr if positive[i] else 1.0 / prior.stderr) ** 2
-    return mean, precision

@@ -27,7 +27,6 @@ from scipy import optimize, special
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.linear_mixed import (
     SMALLEST_FACTOR,
     Grams,
@@ -36,29 +35,25 @@ from automarine_cli.fits.linear_mixed import (
     choose_variances,
     scored_deviance,
 )
-from automarine_cli.models.yaw_model import COMMAND_DELAY
+from automarine_cli.models.parameter import Parameters, Prior
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
-
-SMALLEST = 1e-9  # what a positive parameter may fall to: nothing, for all that a log can show
 
 
 @dataclass(frozen=True)
 class Outcome:
     """What every fit gives.
 
-    `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
-    the likelihood and `left_out` (R, p), phi without each run; `positive` (p,) marks what is searched on the logarithm;
-    `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound` indices
-    of the parameters that a bound stopped, `information` (R, p, p) what each run says of phi, `noise_of` each channel
-    that counts by its quantity [its unit] with the number of its `readings`; `priors` what was known beforehand;
-    `driven` says whether a filter followed the runs, else they were simulated.
+    `theta` (p,) and `phi` (p,), the same on the scales of the search, on which are `covariance` (p, p) from the
+    likelihood and `left_out` (R, p), phi without each run; `log_likelihood` (marginal), `predictive` (R,) log density
+    of each run predicted from the others, `at_bound` indices of the parameters that a bound stopped, `information`
+    (R, p, p) what each run says of phi, `noise_of` each channel that counts by its quantity [its unit] with the number
+    of its `readings`; `driven` says whether a filter followed the runs, else they were simulated.
     """
 
-    names: tuple[str, ...]
+    parameters: Parameters
     theta: Floats
     phi: Floats
-    positive: NDArray[np.bool_]
     covariance: Floats
     left_out: Floats
     log_likelihood: float
@@ -69,7 +64,20 @@ class Outcome:
     information: Floats = field(repr=False)
     noise_of: Mapping[str, float]
     readings: Mapping[str, int]
-    priors: Mapping[str, Prior] = field(default_factory=dict, kw_only=True)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.parameters.names
+
+    @property
+    def of_model(self) -> Floats:
+        """The model's own entries of theta, which come first."""
+        return self.theta[self.parameters.of_model]
+
+    @property
+    def of_chance(self) -> dict[str, float]:
+        """What was estimated beside the model, by name."""
+        return {parameter.name: self.value(parameter.name) for parameter in self.parameters.nuisance}
 
     def value(self, name: str) -> float:
         return float(self.theta[self.names.index(name)])
@@ -81,8 +89,7 @@ class Outcome:
     @property
     def error_of_known(self) -> Floats:
         """Covariance of phi that the errors of what was known make, (p, p): no run that is left out shows it."""
-        prior = prior_of(self.priors, self.names, self.positive)
-        return np.zeros_like(self.covariance) if prior is None else self.covariance @ prior[1] @ self.covariance
+        return self.covariance @ self.parameters.information_of_known @ self.covariance
 
 
 def jackknife(left_out: Floats) -> Floats:
@@ -90,15 +97,6 @@ def jackknife(left_out: Floats) -> Floats:
     count, spread = len(left_out), left_out - left_out[0]
     spread = spread - spread.mean(axis=0)  # without rounding where a parameter stands still
     return np.asarray((count - 1) / count * spread.T @ spread)
-
-
-def natural_of(phi: Floats, positive: NDArray[np.bool_]) -> Floats:
-    return np.where(positive, np.exp(np.where(positive, phi, 0.0)), phi)
-
-
-def search_of(theta: Floats, positive: NDArray[np.bool_]) -> Floats:
-    """phi (..., p) of theta; a positive parameter at zero counts as `SMALLEST`."""
-    return np.where(positive, np.log(np.maximum(np.where(positive, theta, 1.0), SMALLEST)), theta)
 
 
 Response = Callable[[Floats, Floats], Floats]
@@ -147,33 +145,27 @@ def series_noise(values: Floats) -> float:
 
 @dataclass(frozen=True)
 class Problem:
-    """Measured readings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
+    """Measured readings (R, N) with their mask, the response to theta (p,), the run effects, and the `parameters`.
 
-    `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
-    are formed, on the logarithm. `slots` are the channels, the first that counts first. `priors` are parameters that
-    are known beforehand, `smooth` (p, p) the precision about zero of parameters that are not positive, as of a curve.
-    `slopes` are the derivatives of the response where a formula has them.
+    `slots` are the channels, the first that counts first. `slopes` are the derivatives of the response where a formula
+    has them.
     """
 
     response: Response
     measured: Floats
     observed: NDArray[np.bool_]
     effects: RunEffects
-    bounds: Floats
-    positive: NDArray[np.bool_]
-    names: tuple[str, ...]
+    parameters: Parameters
     slots: tuple[Slot, ...]
-    priors: Mapping[str, Prior] = field(default_factory=dict)
-    smooth: Floats | None = None
     slopes: ReadingSlopes | None = None
 
     def informed(self, priors: Mapping[str, Prior]) -> "Problem":
-        return replace(self, priors=priors, bounds=bounds_of(priors, self.names, self.bounds))
+        return replace(self, parameters=self.parameters.informed(priors))
 
     @cached_property
     def prior(self) -> tuple[Floats, Floats] | None:
         """Mean (p,) and precision (p, p) of phi before the data; None where nothing is known."""
-        return prior_of(self.priors, self.names, self.positive, self.smooth)
+        return self.parameters.prior if self.parameters.prior[1].any() else None
 
     @cached_property
     def counted(self) -> tuple[Slot, ...]:
@@ -208,14 +200,8 @@ class Problem:
             tuple(NormalEquations.of(by_phi[:, x], by_run[:, x], residual[:, x], count, b) for x, count in parts)
         )
 
-    def natural(self, phi: Floats) -> Floats:
-        return natural_of(phi, self.positive)
-
-    def search(self, theta: Floats) -> Floats:
-        return search_of(theta, self.positive)
-
     def readings(self, phi: Floats, b: Floats) -> Floats:
-        return self.response(self.natural(phi)[None], b[None])[0]
+        return self.response(self.parameters.natural(phi)[None], b[None])[0]
 
 
 @dataclass(frozen=True)
@@ -238,19 +224,9 @@ class MixedFit(Outcome):
         return self.fitted[:, next(slot.part for slot in self.slots if slot.name == channel)]
 
     @property
-    def of_model(self) -> Floats:
-        """The model's own entries of theta: all but the command delay."""
-        return self.theta[[name != COMMAND_DELAY for name in self.names]]
-
-    @property
     def variances(self) -> Floats:
         """Logarithms of noises and factors, as `linear_mixed` takes them."""
         return np.log([*self.noises, *np.maximum(self.factors, SMALLEST_FACTOR)])
-
-    @property
-    def of_chance(self) -> dict[str, float]:
-        """The command delay, which is no parameter of the model."""
-        return {COMMAND_DELAY: self.value(COMMAND_DELAY)}
 
     def factor(self, block: str) -> float:
         """Estimated size of one kind of run effect."""
@@ -284,14 +260,14 @@ class MixedFit(Outcome):
         return scored_deviance(self.gram, self.effects, variances, restricted=True)[0]
 
 
-def without_fixed(problem: Problem, fixed: NDArray[np.bool_]) -> Problem:
-    """The problem without the parameters that are held: their direction may be that of others (the moment at which a
-    loss is told, and the loss), and would take the search with it."""
-    values = problem.bounds[:, 0]
+def of_free(problem: Problem) -> Problem:
+    """Return the problem without the parameters that are fixed: their direction may be that of others (the moment at
+    which a loss is told, and the loss), and would take the search with it."""
+    free = problem.parameters.free
 
     def filled(theta: Floats) -> Floats:
-        full = np.tile(values, (*theta.shape[:-1], 1))
-        full[..., ~fixed] = theta
+        full = np.tile(problem.parameters.bounds[:, 0], (*theta.shape[:-1], 1))
+        full[..., free] = theta
         return full
 
     def response(theta: Floats, b: Floats) -> Floats:
@@ -300,34 +276,25 @@ def without_fixed(problem: Problem, fixed: NDArray[np.bool_]) -> Problem:
     def slopes(theta: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
         assert problem.slopes is not None
         readings, by_theta, by_run = problem.slopes(filled(theta), b)
-        return readings, by_theta[:, :, ~fixed], by_run
+        return readings, by_theta[:, :, free], by_run
 
-    names = tuple(name for name, h in zip(problem.names, fixed) if not h)
-    priors = {name: prior for name, prior in problem.priors.items() if name in names}
-    smooth = None if problem.smooth is None else problem.smooth[np.ix_(~fixed, ~fixed)]
+    parameters = problem.parameters.of_free()
+    return replace(problem, response=response, parameters=parameters, slopes=problem.slopes and slopes)
+
+
+def with_fixed(fit: MixedFit, parameters: Parameters) -> MixedFit:
+    """Return the fit with the fixed parameters put back, without any spread."""
+    free, count, runs = parameters.free, len(parameters), len(fit.left_out)
+    theta = parameters.bounds[:, 0].copy()
+    phi = parameters.search(theta)
+    left_out = np.tile(phi, (runs, 1))
+    covariance, information = np.zeros((count, count)), np.zeros((runs, count, count))
+    theta[free], phi[free], left_out[:, free] = fit.theta, fit.phi, fit.left_out
+    covariance[np.ix_(free, free)], information[:, free[:, None], free] = fit.covariance, fit.information
+    fixed = np.setdiff1d(np.arange(count), free)
     return replace(
-        problem, response=response, bounds=problem.bounds[~fixed], positive=problem.positive[~fixed], names=names,
-        priors=priors, smooth=smooth, slopes=problem.slopes and slopes,
-    )  # fmt: skip
-
-
-def with_fixed(fit: MixedFit, problem: Problem, fixed: NDArray[np.bool_]) -> MixedFit:
-    """The fit with the held parameters put back, without any spread."""
-    free = np.flatnonzero(~fixed)
-    phi, left_out = problem.search(problem.bounds[:, 0]), np.zeros((len(fit.left_out), len(fixed)))
-    phi[free] = fit.phi
-    left_out[:] = phi
-    left_out[:, free] = fit.left_out
-    covariance = np.zeros((len(fixed), len(fixed)))
-    covariance[np.ix_(free, free)] = fit.covariance
-    information = np.zeros((len(left_out), len(fixed), len(fixed)))
-    information[:, free[:, None], free] = fit.information
-    theta = problem.bounds[:, 0].copy()
-    theta[free] = fit.theta
-    at_bound = tuple(sorted([*np.flatnonzero(fixed).tolist(), *(int(free[i]) for i in fit.at_bound)]))
-    return replace(
-        fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
-        left_out=left_out, at_bound=at_bound, priors=problem.priors, information=information,
+        fit, parameters=parameters, theta=theta, phi=phi, covariance=covariance, left_out=left_out,
+        at_bound=tuple(sorted([*fixed.tolist(), *free[list(fit.at_bound)].tolist()])), information=information,
     )  # fmt: skip
 
 
@@ -362,17 +329,17 @@ def fit_mixed(
     Parameters whose bounds are one value are held there; they count as `at_bound`. Raises FitError when there are no
     more samples than parameters or the response is not finite at the start.
     """
-    fixed = problem.bounds[:, 0] == problem.bounds[:, 1]
-    if fixed.any():
+    parameters = problem.parameters
+    if len(parameters.free) < len(parameters):
         free = fit_mixed(
-            without_fixed(problem, fixed), theta[~fixed], noise=noise, factors=factors, run_effects=run_effects,
+            of_free(problem), theta[parameters.free], noise=noise, factors=factors, run_effects=run_effects,
             iterations=iterations, settled=settled,
         )  # fmt: skip
-        return with_fixed(free, problem, fixed)
+        return with_fixed(free, parameters)
     if problem.count.sum() <= len(theta) + 1:
         raise FitError(f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
-    bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
-    phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
+    bounds = parameters.limits
+    phi = np.clip(parameters.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
     noises = np.atleast_1d(noise)
     noises = np.append(noises, [slot.noise for slot in problem.counted[len(noises) :]])
@@ -418,10 +385,10 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     """
     if problem.slopes is not None:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            theta = problem.natural(phi)
+            theta = problem.parameters.natural(phi)
             fitted, by_theta, by_run = problem.slopes(theta, b)
         there = problem.observed[:, :, None]
-        by_theta = by_theta * np.where(problem.positive, theta, 1.0)
+        by_theta = by_theta * np.where(problem.parameters.log, theta, 1.0)
         fitted = np.where(problem.observed, fitted, 0.0)
         return fitted, np.where(there, by_theta, 0.0), np.where(there, by_run, 0.0)
     free = np.flatnonzero(problem.effects.scale.any(axis=0))
@@ -433,7 +400,7 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     effects[np.arange(1 + p, 1 + p + q), :, free] += RUN_STEP
     by_run = np.zeros((b.shape[1], *b.shape[:1], problem.observed.shape[1]))
     with np.errstate(over="ignore", invalid="ignore"):  # parameters that no vehicle has: `weigh` sees the infinity
-        out = np.where(problem.observed, problem.response(problem.natural(sets), effects), 0.0)
+        out = np.where(problem.observed, problem.response(problem.parameters.natural(sets), effects), 0.0)
         by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
         by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
@@ -460,7 +427,7 @@ def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: 
     the perturbed ones, and the first trial is nearly always taken.
     """
     limit = _penalised(problem, variances, current) * (1 + 1e-12) + 1e-12
-    boldest = np.max(np.abs(new_phi - current.phi)[problem.positive], initial=0.0)
+    boldest = np.max(np.abs(new_phi - current.phi)[problem.parameters.log], initial=0.0)
     share = min(1.0, BOLDEST / max(float(boldest), 1e-300))
     for _ in range(12):
         phi, b = current.phi + share * (new_phi - current.phi), current.b + share * (new_b - current.b)
@@ -473,7 +440,7 @@ def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: 
 def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, target: Floats) -> bool:
     """Whether the search stands: a step cut to a quarter of the one allowed, or less, gained a trifle."""
     proposed = target - old.phi
-    allowed = min(1.0, BOLDEST / max(float(np.abs(proposed)[problem.positive].max(initial=0.0)), 1e-300))
+    allowed = min(1.0, BOLDEST / max(float(np.abs(proposed)[problem.parameters.log].max(initial=0.0)), 1e-300))
     if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(proposed).max():
         return False
     return _penalised(problem, variances, old) - _penalised(problem, variances, new) < TRIFLE
@@ -529,15 +496,15 @@ def _report(
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
     ml = choose_variances(inside, problem.effects, variances, restricted=False)
     ml_deviance, *_ = scored_deviance(inside, problem.effects, ml, restricted=False)
-    if problem.smooth is not None:  # the likelihood told is that of the readings alone
-        ml_deviance -= float(phi @ problem.smooth @ phi)
-        information += problem.smooth / len(information)
+    smooth = problem.parameters.smooth
+    if smooth is not None:  # the likelihood told is that of the readings alone
+        ml_deviance -= float(phi @ smooth @ phi)
+        information += smooth / len(information)
     quantities, channels = [slot.name for slot in problem.counted], len(problem.counted)
     return MixedFit(
-        names=problem.names,
-        theta=problem.natural(phi),
+        parameters=problem.parameters,
+        theta=problem.parameters.natural(phi),
         phi=phi,
-        positive=problem.positive,
         covariance=covariance,
         left_out=left_out,
         noises=np.exp(variances[:channels]),
@@ -555,5 +522,4 @@ def _report(
         slots=problem.slots,
         gram=gram.keep(free),
         effects=problem.effects,
-        priors=problem.priors,
     )

@@ -24,18 +24,12 @@ from automarine_cli.fits.driven import (
     worth_of,
 )
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
-from automarine_cli.fits.innovations import (
-    ITERATIONS,
-    DrivenProblem,
-    InnovationsFit,
-    Randomness,
-    fit_innovations,
-    randomness,
-)
-from automarine_cli.fits.known import NOTHING_KNOWN, Known, Prior
+from automarine_cli.fits.innovations import ITERATIONS, DrivenProblem, InnovationsFit, fit_innovations, randomness
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.planar_structure import PLACES, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.whole_runs import estimate_of, run_covariance, run_dof
+from automarine_cli.models.parameter import Parameter, Parameters, Prior
 from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
 from automarine_cli.models.store import planar_json, units
 from automarine_cli.models.yaw_model import COMMAND_DELAY
@@ -120,7 +114,7 @@ class Estimated:
             i, freedom = int(np.argmax(np.abs(row))), float(self.readings - len(self.model.free))
             if runs > 1:
                 freedom = run_dof(fit, np.eye(len(fit.theta))[i])
-            if fit.positive[i]:
+            if fit.parameters.log[i]:
                 estimate = Estimate.from_log(value, error / value, freedom, unit[name])
             else:
                 estimate = Estimate.from_stderr(value, error, freedom, unit[name])
@@ -321,14 +315,15 @@ class PlanarLikelihood:
 
     def problem(self, model: Tied) -> DrivenProblem:
         """The likelihood of a model: inertias on a logarithmic scale, own drags zero or more, couplings of any sign."""
-        searched = [_searched(name, self.rough, self.course) for name in model.free]
-        return DrivenProblem.of(model, self.course, model.free, searched, self._random(model)).informed(self.priors)
+        searched = [_searched(name, value, self.rough, self.course) for name, value in zip(model.free, model.theta)]
+        parameters = Parameters((*searched, *self._random(model)))
+        return DrivenProblem(model, self.course, parameters.informed(self.priors))
 
     def starts(self, problem: DrivenProblem, random: Mapping[str, float] | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the `random` ones."""
         model = problem.model
         assert isinstance(model, Tied)
-        middle = {chance.name: chance.median for chance in problem.random}
+        middle = {chance.name: chance.value for chance in problem.parameters.nuisance}
         if random is not None:
             return starts_near(problem, [model.theta], random)
         heavy = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in model.free])
@@ -339,7 +334,7 @@ class PlanarLikelihood:
                 for name, value in middle.items()
             }
             starts.append([*np.where(heavy, inertia * model.theta, model.theta), *pushed.values()])
-        return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
+        return problem.parameters.within(starts)
 
     def estimate(
         self, model: Tied, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
@@ -381,12 +376,12 @@ class PlanarLikelihood:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
         `neighbour`, and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)
-        (phi,) = problem.search(self.starts(problem, neighbour.random))
+        (phi,) = problem.parameters.search(self.starts(problem, neighbour.random))
         (slopes,) = problem.slopes(phi[None])
         gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
         hessian = slopes.information.sum(axis=0) + problem.prior_information
-        names, free = [problem.names[i] for i in problem.free], {*neighbour.model.free, *neighbour.random}
-        limits, origin = problem.limits[problem.free], phi[problem.free]
+        names, free = [problem.parameters.names[i] for i in problem.free], {*neighbour.model.free, *neighbour.random}
+        limits, origin = problem.parameters.limits[problem.free], phi[problem.free]
 
         def promise(more: tuple[str, ...]) -> Promise:
             chosen = np.array([name in free or name in more for name in names])
@@ -394,7 +389,7 @@ class PlanarLikelihood:
             step = bounded_solution(h, g + h @ origin[chosen], limits[chosen]) - origin[chosen]
             there = phi.copy()
             there[problem.free[chosen]] += step
-            theta = dict(zip(problem.names, problem.natural(there).tolist()))
+            theta = dict(zip(problem.parameters.names, problem.parameters.natural(there).tolist()))
             return Promise(float(g @ step - 0.5 * step @ h @ step), theta)
 
         without = promise(()).gain
@@ -404,13 +399,13 @@ class PlanarLikelihood:
         """The model, and what is `random`, as promised, where that is likelier than as they are."""
         problem = self.problem(model)
         (start,) = self.starts(problem, random)
-        there = np.array([promised.theta.get(name, value) for name, value in zip(problem.names, start)])
-        value, reached = problem.value(problem.search(np.stack([start, there])))
+        there = np.array([promised.theta.get(name, value) for name, value in zip(problem.parameters.names, start)])
+        value, reached = problem.value(problem.parameters.search(np.stack([start, there])))
         if not reached > value:
             return model, random
-        return model.with_theta(there[: len(model.free)]), dict(zip(problem.names, there.tolist()))
+        return model.with_theta(there[: len(model.free)]), dict(zip(problem.parameters.names, there.tolist()))
 
-    def _random(self, model: Tied) -> tuple[Randomness, ...]:
+    def _random(self, model: Tied) -> tuple[Parameter, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
         m = np.diagonal(model.model.inertia.matrix)
         forces = [_usual(self.rough, dof)[0] for dof in PLANAR.dofs]
@@ -422,8 +417,8 @@ class PlanarLikelihood:
 
 
 def _estimated(model: Tied, fit: InnovationsFit) -> Estimated:
-    of_model = slice(0, fit.parameters)
-    slopes = np.where(fit.positive[of_model], fit.theta[of_model], 1.0)
+    of_model = fit.parameters.of_model
+    slopes = np.where(fit.parameters.log[of_model], fit.theta[of_model], 1.0)
     covariance = run_covariance(fit)[of_model, of_model] * np.outer(slopes, slopes)
     return Estimated(model.with_theta(fit.of_model), covariance, fit)
 
@@ -443,26 +438,26 @@ def _usual(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:
     return linear**2 / quadratic, linear / quadratic
 
 
-def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tuple[float, float], bool, float]:
-    """Bounds of a parameter by its qualified name, whether it is searched on a logarithmic scale, a small step."""
+def _searched(name: str, value: float, rough: Mapping[str, float], course: Course) -> Parameter:
+    """A parameter by its qualified name, as it is searched."""
     where, _, short = name.partition(".")
     if where == "current":
-        return (-FASTEST_WATER, FASTEST_WATER), False, 0.05
+        return Parameter(name, value, -FASTEST_WATER, FASTEST_WATER, step=0.05)
     if where == PLANAR.name:  # inertia that couples
-        return (-np.inf, np.inf), False, 0.1 * rough[YAW.parameter("inertia")] / 1.0
+        return Parameter(name, value, step=0.1 * rough[YAW.parameter("inertia")])
     if name in [dof.parameter("inertia") for dof in PLANAR.dofs]:
-        return (1e-6, np.inf), True, 1.0
+        return Parameter(name, value, 1e-6, log=True, role="inertia")
     if name in rough:  # own drag
-        return (0.0, np.inf), False, 0.1 * rough[name]
+        return Parameter(name, value, 0.0, step=0.1 * rough[name])
     if "." in short:  # of an effect of the library
         effect_name, _, symbol = short.partition(".")
         effect, dof = effects.get(effect_name), DOFS[where]
-        parameter = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == symbol)
+        law = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == symbol)
         largest = float(np.abs(course.commanded[PLANAR.index(dof)]).max()) or 1.0
-        return (parameter.lower, parameter.upper), parameter.log, max(parameter.scaled(parameter.start, largest), 1e-6)
+        return Parameter(name, value, law.lower, law.upper, law.log, max(law.scaled(law.start, largest), 1e-6))
     if short[0] in FORCES and short[1:2] == "_":  # coupling
         size, _ = _usual(rough, PLANAR.dofs[FORCES.index(short[0])])
         for letter in short[2:]:
             size /= _usual(rough, PLANAR.dofs[VELOCITIES.index(letter)])[1]
-        return (-np.inf, np.inf), False, 0.1 * size
-    return (-np.inf, np.inf), False, 0.01 * _usual(rough, DOFS[where])[0]
+        return Parameter(name, value, step=0.1 * size)
+    return Parameter(name, value, step=0.01 * _usual(rough, DOFS[where])[0])

@@ -186,7 +186,7 @@ def _convention(data: StepData, fit: MixedFit) -> float:
 
 
 def _again(problem: Problem, fit: MixedFit) -> MixedFit:
-    theta = np.clip(fit.theta, *problem.bounds.T)
+    theta = np.clip(fit.theta, *problem.parameters.bounds.T)
     return fit_mixed(problem, theta, noise=fit.noises, factors=fit.factors, run_effects=fit.run_effects)
 
 
@@ -240,7 +240,7 @@ def freed_of(push: str, data: StepData, fit: OutputErrorFit, prior: Known) -> Ou
     without = (scores.score.sum() - scores.score[:, 0]) / (certainty - scores.information[:, 0, 0])
     phi, lean = mixed.phi - size * scores.lean[:, 0], scores.lean[:, 0]
     freed = replace(
-        mixed, phi=phi, theta=problem.natural(phi), left_out=mixed.left_out - np.outer(without, lean),
+        mixed, phi=phi, theta=problem.parameters.natural(phi), left_out=mixed.left_out - np.outer(without, lean),
         covariance=mixed.covariance + np.outer(lean, lean) / certainty,
     )  # fmt: skip
     return replace(result_of_steps(fit.number, fit.model, freed), ways=fit.ways)

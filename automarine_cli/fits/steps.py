@@ -18,7 +18,8 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
 from automarine_cli.fits.mixed_model import Problem, slots_of
-from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, base_roles, main_drag, response_slopes
+from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
+from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles, main_drag, response_slopes
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MAX_REST, HalfTurn
 from automarine_cli.simulation.batch import Channel
@@ -134,11 +135,8 @@ def step_problem(
     sensor.
     """
     roles, main = base_roles(model, data.dof, sided), main_drag(model)
-    names = (*(data.dof.parameter(role) for role in roles), COMMAND_DELAY)
-    signed = [
-        role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]
-    ]  # linear drag has either sign beside a quadratic one, as in Table 1
-    drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
+    start = YawModel.base(model, 1.0, np.ones(len(roles) - 1), "nu", data.dof)
+    entries = start.parameters(log_drag=True, signed_drag=True)
     blocks = RunEffects(_blocks(data))
     moment, searched = data.moment[:, None], (*roles, COMMAND_DELAY)
 
@@ -177,12 +175,10 @@ def step_problem(
         return np.stack([slopes(values, effects)[0] for values, effects in zip(theta, b)])
 
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
-    bounds = np.array([(0.0, np.inf), *drags, delays or (-data.half_interval, MAX_DELAY_S)], dtype=float)
-    positive = np.array([True, *np.logical_not(signed), False])
-    problem = Problem(
-        response, measured, observed, blocks, bounds, positive, names, slots_of(data.channels), slopes=slopes
-    )
-    return problem.informed(prior.parameters)
+    earliest, latest = delays or (-data.half_interval, MAX_DELAY_S)
+    parameters = Parameters((*entries, Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE)))
+    parameters = parameters.informed(prior.parameters)
+    return Problem(response, measured, observed, blocks, parameters, slots_of(data.channels), slopes=slopes)
 
 
 def _blocks(data: StepData) -> tuple[Block, ...]:

@@ -29,7 +29,8 @@ from automarine_cli.fits.linear_mixed import (
     bias_of,
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
-from automarine_cli.models.yaw_model import BASE_TERMS, COMMAND_DELAY, MAX_DELAY_S, YawModel, main_drag
+from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
+from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -94,7 +95,7 @@ def _pull_and_stiffness(
     gram = _about(problem, fit.phi, fit.run_effects)
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
     aside = STEP * np.sqrt(np.diagonal(fit.covariance))[free]
-    aside = np.where(fit.positive[free], np.minimum(aside, FARTHEST), aside)
+    aside = np.where(fit.parameters.log[free], np.minimum(aside, FARTHEST), aside)
     reach = STEP * np.sqrt(np.maximum(weighted.remaining, 1e-6))  # in prior standard deviations
     none = np.zeros_like(scale)
 
@@ -132,11 +133,13 @@ MAX_Z = 2.5  # of the instant that all switches share: 99 % of a sample interval
 AGAINST = 0.2  # share of the impulses that a balance with everything negative must explain to show that a sign is wrong
 
 
-def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], confined: bool = False) -> Problem:
+def whole_run_problem(
+    model: YawModel, parameters: Parameters, batch: Batch, at_rest: NDArray[np.bool_], confined: bool = False
+) -> Problem:
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
-    theta is (the model's parameters, the command delay [s] from half a sample interval before the middle of the one in
-    which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on a lake
+    theta is (the model's `parameters`, the command delay [s] from half a sample interval before the middle of the one
+    in which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on a lake
     thrusters lag. If `confined`, every switch stays in its interval, for more is an effect's to say: where in it is
     `instant` of a z common to all, which is then the last entry of theta, and one of its own. Run
     effects are start position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is
@@ -151,8 +154,7 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
     varying = varying_terms(model)
     blocks = RunEffects(_blocks(batch, at_rest, confined, varying))
 
-    names = (*model.parameter_names, COMMAND_DELAY)
-    inertia, last = names.index(model.dof.parameter("inertia")), len(names) - 1
+    inertia, last = model.index(model.dof.parameter("inertia")), len(parameters)
 
     def readings(theta: Floats, b: Floats) -> Floats:
         accelerations, delay = blocks.of(b, DISTURBANCE), theta[:, last, None, None]
@@ -177,17 +179,13 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_],
                 predicted[i] = predicted[i] + blocks.of(b, bias_of(channel.quantity))
         return np.concatenate(predicted, axis=2)
 
-    bounds, drags = [(0.0, np.inf)], {term.name for term in model.terms} >= set(BASE_TERMS["2"])
-    for term in model.terms:
-        for parameter in effects.get(term.name).parameters:
-            lower = -np.inf if drags and term.name == "linear-drag" else parameter.lower  # either sign, as in Table 1
-            bounds.append((lower, parameter.upper))
-    earliest = -batch.half_interval
-    latest = MAX_DELAY_S if earliest else 0.0
-    limits = np.array([*bounds, (-MAX_Z, MAX_Z) if confined else (earliest, latest)])
-    positive = np.append(limits[:-1, 0] >= 0.0, False)
+    ends = (-batch.half_interval, MAX_DELAY_S if batch.half_interval else 0.0)
+    if confined:
+        ends = (-MAX_Z, MAX_Z)
+    delay = Parameter(COMMAND_DELAY, 0.0, *ends, role=NUISANCE)
+    searched = Parameters((*parameters, delay), known={COMMAND_DELAY: Prior(0.0, 1.0)} if confined else {})
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
-    return Problem(readings, measured, observed, blocks, limits, positive, names, slots_of(batch.channels))
+    return Problem(readings, measured, observed, blocks, searched, slots_of(batch.channels))
 
 
 def instant(z: Floats) -> Floats:
@@ -380,7 +378,7 @@ class OutputErrorFit:
         if "quadratic" not in self.roles:
             return None
         i, k, mixed = self._place("inertia"), self._place("quadratic"), self.mixed
-        if mixed.theta[k] <= 0 or (k in mixed.at_bound and mixed.names[k] not in mixed.priors):
+        if mixed.theta[k] <= 0 or (k in mixed.at_bound and mixed.names[k] not in mixed.parameters.known):
             return None
         return ratio_of(mixed, self.covariance, i, k, self.model.dof.unit_of("ratio"), spare(mixed))
 
@@ -417,7 +415,8 @@ def fit_whole_runs(
     """
     alone = len(batch.names) == 1
     rough = rough_model(number, batch, sided)
-    problem = whole_run_problem(rough, batch, at_rest).informed(prior.parameters)
+    parameters = rough.parameters(log_drag=True, signed_drag=True)
+    problem = whole_run_problem(rough, parameters, batch, at_rest).informed(prior.parameters)
     pooled = replace(problem, effects=problem.effects.with_scale(gain=0.0))
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
@@ -464,9 +463,9 @@ def run_dof(mixed: Fit, direction: Floats) -> float:
 def estimate_of(mixed: Fit, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
     """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
-    form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
+    form = Estimate.from_log if mixed.parameters.log[i] else Estimate.from_stderr
     estimate = form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
-    assumed = mixed.names[i] in mixed.priors
+    assumed = mixed.names[i] in mixed.parameters.known
     return replace(estimate, known=assumed, at_bound=i in mixed.at_bound and not assumed)
 
 
@@ -478,7 +477,7 @@ def spare(mixed: Fit) -> float | None:
 def ratio_of(mixed: Fit, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:
     """Parameter i over parameter k, each searched on its logarithm or not; `dof` is that of `run_dof` if None."""
     axes = np.eye(len(mixed.theta))
-    of_i, of_k = (axes[j] if mixed.positive[j] else axes[j] / mixed.theta[j] for j in (i, k))
+    of_i, of_k = (axes[j] if mixed.parameters.log[j] else axes[j] / mixed.theta[j] for j in (i, k))
     direction = of_i - of_k
     stderr = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
     return Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, dof or run_dof(mixed, direction), unit)

@@ -13,7 +13,7 @@ heading ends on a line through eps = psi0 - sgn(tau) (I/k_rr) ln(1 + r_inf/r_2) 
 r_2 = (delta + b/2)/c is the size of the other root: equation 9 for k_r = 0, equation 7 for k_rr = 0.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -25,6 +25,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.errors import ModelError
 from automarine_cli.models.allocation import Bound
+from automarine_cli.models.parameter import Parameter, Parameters
 from automarine_cli.quantities import Floats
 
 BASE_TERMS = {"1": ("linear-drag",), "2": ("quadratic-drag", "linear-drag"), "3": ("quadratic-drag",)}
@@ -140,6 +141,42 @@ class YawModel:
     @property
     def theta(self) -> Floats:
         return np.array([self.inertia, *(value for term in self.terms for value in term.values)])
+
+    def parameters(
+        self,
+        largest: float = 1.0,
+        *,
+        log_drag: bool = False,
+        signed_drag: bool = False,
+        least_delay: float = -np.inf,
+        longest_period: float = np.inf,
+        fixed: Collection[str] = (),
+    ) -> Parameters:
+        """Give the entries of theta as a fit searches them; steps are for a `largest` moment.
+
+        If `log_drag` the drag that the model always has is on a logarithm; if `signed_drag` linear drag beside
+        quadratic drag has either sign, as in Table 1. Effects that make all commands late do so by `least_delay` [s] or
+        more, what varies from run to run has periods up to `longest_period` [s], and the terms called `fixed` stay as
+        they are.
+        """
+        base = [effects.get(term.name).role for term in self.terms if term.base]
+        main = "quadratic" if "quadratic" in base else "linear"
+        both = {term.name for term in self.terms} >= set(BASE_TERMS["2"])
+        names = iter(self.parameter_names)
+        entries = [Parameter(next(names), self.inertia, 0.0, log=True, role="inertia")]
+        for term in self.terms:
+            effect = effects.get(term.name)
+            for law, value, held in zip(effect.parameters, term.values, effect.held(term.values)):
+                lower, upper = max(law.lower, least_delay if effect.shifts(term.values) else -np.inf), law.upper
+                if law.scan and effect.varies(term.values):
+                    upper = min(upper, longest_period)
+                if signed_drag and both and effect.role == "linear":
+                    lower = -np.inf
+                log = law.log or (log_drag and term.base and effect.role == main)
+                step = max(law.scaled(law.start, largest), 1e-6)
+                entry = Parameter(next(names), value, lower, upper, log, step, effect.role)
+                entries.append(replace(entry.at(value), log=law.log) if held or term.name in fixed else entry)
+        return Parameters(tuple(entries))
 
     def with_theta(self, theta: ArrayLike) -> "YawModel":
         values = values_for(self.parameter_names, theta)

@@ -149,7 +149,8 @@ class Fitting:
             return DiagnosisProblem(tuple(runs), base, False, signals, channels=channels).problem(self.model)
         largest = max(float(np.abs(run.command).max()) for run in runs)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.logger.channels)
-        return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
+        parameters = self.model.parameters(log_drag=True, signed_drag=True)
+        return whole_run_problem(self.model, parameters, batch, np.array([starts_at_rest(run) for run in runs]))
 
     def driven(self, candidates: Sequence[Candidate]) -> tuple[DrivenProblem, Floats]:
         """Set up the likelihood of the candidates' runs where something is random, and its phi; what they read is what
@@ -166,17 +167,17 @@ class Fitting:
         at_rest = np.array([starts_at_rest(run) for run in runs])
         course = make_course(noisy, at_rest, self.logger.signals, channels=self.logger.channels)
         problem = driven_problem(self.model, course)
-        return problem, problem.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]
+        return problem, problem.parameters.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]
 
     @cached_property
     def on_log(self) -> tuple[bool, ...]:
         """Which parameters, and the command delay after them, are searched and told on the logarithm."""
-        return tuple(bool(positive) for positive in self.problem([Candidate("step", "any", ((1.0, 3.0),))]).positive)
+        return tuple(p.log for p in self.problem([Candidate("step", "any", ((1.0, 3.0),))]).parameters)
 
     def phi(self, problem: Problem) -> Floats:
         """Return where the likelihood is looked at, in the search's coordinates."""
-        delay = 0.0 if self.fit == "diagnosis" else np.clip(self.command_delay, *problem.bounds[-1])
-        return problem.search(np.append(self.model.theta, delay))
+        delay = 0.0 if self.fit == "diagnosis" else np.clip(self.command_delay, *problem.parameters.bounds[-1])
+        return problem.parameters.search(np.append(self.model.theta, delay))
 
     def variances(self, problem: Problem) -> Floats:
         """Return logarithms of noise and factors, as the linear half of the mixed model takes them."""
@@ -235,7 +236,7 @@ class Fitting:
         these (the efficient score), so that it adds up over runs."""
         size, (problem, phi) = len(self.model.theta), self.driven(candidates)
         runs = problem.slopes(phi[None])[0].information
-        names = [problem.names[i] for i in problem.free]
+        names = [problem.parameters.names[i] for i in problem.free]
         at = [names.index(name) for name in (*self.model.parameter_names, COMMAND_DELAY) if name in names]
         nuisance = [i for i in range(len(names)) if i not in at]
         total = runs.sum(axis=0) + problem.prior_information
@@ -243,7 +244,7 @@ class Fitting:
         back[:, nuisance] = -np.linalg.solve(total[np.ix_(nuisance, nuisance)], total[np.ix_(nuisance, at)]).T
         natural = phi[: size + 1].copy()
         natural[-1] = 1.0
-        positive = np.append(problem.positive[:size], False)
+        positive = np.append(problem.parameters.log[:size], False)
         scale = np.where(np.array(self.on_log) & ~positive, natural, 1.0)[self.free]
         back *= scale[:, None]
         projected = back @ runs @ back.T

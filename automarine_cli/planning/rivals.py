@@ -130,7 +130,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     """Return `other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that
     stays: Gauss-Newton within the parameters' bounds, steps halved until the misfit falls."""
     problem = other.problem(candidates[:1])
-    bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
+    bounds = problem.parameters.limits
     phi = np.clip(other.phi(problem), bounds[:, 0], bounds[:, 1])
     current, now = _about(true, other, candidates)
     for _ in range(ROUNDS if np.isfinite(now) else 0):
@@ -138,7 +138,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
         for _ in range(HALVINGS):
             trial = phi.copy()
             trial[other.free] += step
-            moved = replace(other, model=other.model.with_theta(problem.natural(trial)[:-1]))
+            moved = replace(other, model=other.model.with_theta(problem.parameters.natural(trial)[:-1]))
             there, then = _about(true, moved, candidates)
             if then < now:
                 break

@@ -19,6 +19,7 @@ from automarine_cli.fits.linear_mixed import GAIN, START_POSITION, SWITCHES, Run
 from automarine_cli.fits.mixed_model import MixedFit, fit_mixed
 from automarine_cli.fits.paper import fit_velocity_error
 from automarine_cli.fits.steps import StepData, data_of_steps, step_problem
+from automarine_cli.models.parameter import Parameters
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
@@ -121,9 +122,10 @@ def _fit(data: StepData, *known: str) -> MixedFit:
     """Model 3, with what differs from run to run known where it is named."""
     problem, begin = step_problem(data, "3"), np.array([1.2 * INERTIA, 0.8 * K_RR, 0.0])
     effects = RunEffects(tuple(replace(b, scale=(b.name not in known) * b.scale) for b in problem.effects.blocks))
-    bounds = problem.bounds.copy()
-    bounds[-1] *= SWITCHES not in known
-    return fit_mixed(replace(problem, effects=effects, bounds=bounds), begin, noise=0.02, factors=np.array([0.03, 0.5]))
+    *of_model, delay = problem.parameters
+    if SWITCHES in known:
+        problem = replace(problem, parameters=Parameters((*of_model, delay.at(0.0))))
+    return fit_mixed(replace(problem, effects=effects), begin, noise=0.02, factors=np.array([0.03, 0.5]))
 
 
 def efficiency(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[str, Any]]:

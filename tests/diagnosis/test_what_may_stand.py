@@ -15,6 +15,7 @@ from automarine_cli.diagnosis.search import CandidateFit, is_admissible, may_be_
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.driven import ForecastScore
+from automarine_cli.models.parameter import Parameter, Parameters
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of, without_noise
@@ -61,9 +62,8 @@ def test_an_effect_whose_interval_holds_nothing_is_not_added(
     first, theta = len(model.theta) - 4, model.theta
     covariance = np.zeros((len(theta), len(theta)))
     covariance[[first, first + 2], [first, first + 2]] = np.square(errors)
-    fit: Any = SimpleNamespace(
-        theta=theta, positive=np.zeros(len(theta), dtype=bool), at_bound=at_bound, left_out=np.zeros((5, 1))
-    )
+    parameters = Parameters(tuple(map(Parameter, model.parameter_names, theta)))
+    fit: Any = SimpleNamespace(theta=theta, parameters=parameters, at_bound=at_bound, left_out=np.zeros((5, 1)))
     study: Any = SimpleNamespace(covariance=lambda *of: covariance)
     assert may_be_nothing(study, CandidateFit(("coulomb-drag",), model, fit, 0.0), "coulomb-drag") == nothing
 

@@ -225,7 +225,7 @@ def test_the_filter_of_driven_runs_knows_each_law(name: str) -> None:
     density = []
     for model in (truth, base_for(name)):
         problem = driven_problem(model, make_course(runs, np.array([True]), effect.needs))
-        start = problem.search(starts_near(problem, [model.theta], {}))
+        start = problem.parameters.search(starts_near(problem, [model.theta], {}))
         density.append(float(problem.follow(start).log_density.sum()))
     assert np.isfinite(density).all() and density[0] > density[1]
 

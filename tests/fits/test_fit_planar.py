@@ -17,7 +17,6 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits import planar_fit
 from automarine_cli.fits.driven import ForecastScore, Judgement
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.mixed_model import search_of
 from automarine_cli.fits.planar_fit import (
     FORECASTS,
     LIKELIHOOD,
@@ -31,6 +30,7 @@ from automarine_cli.fits.planar_fit import (
 from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes
 from automarine_cli.fits.whole_runs import run_covariance
 from automarine_cli.logs import ColumnMap
+from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
 from automarine_cli.models.planar import Inertia, Tied
 from automarine_cli.models.store import planar_from_json
 from automarine_cli.models.yaw_model import COMMAND_DELAY, Term
@@ -53,6 +53,7 @@ TRUTH = {
 ALL = ("heading", "surge", "sway", "north", "east")
 
 
+INERTIAS = ("m_u", "m_v", "I_r")
 RANDOM = ("disturbance", "disturbance-time", "thrust-noise")
 
 
@@ -68,15 +69,15 @@ def made(seed: int, channels: Sequence[str] = ALL, length: float = 16.0) -> Run:
 def fit_of(model: Tied, runs: int = 3, log_likelihood: float = 0.0) -> InnovationsFit:
     """A fit of a model, whose last parameter stands at a bound; runs left out move the second by a tenth."""
     free = len(model.free)
-    names = (*model.free, *(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in RANDOM), COMMAND_DELAY)
-    theta = np.array([*model.theta, *[0.01] * (len(names) - free)])
-    positive = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in names])
-    phi = search_of(theta, positive)
+    of_model = [Parameter(name, x, log=name.endswith(INERTIAS)) for name, x in zip(model.free, model.theta)]
+    random = (*(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in RANDOM), COMMAND_DELAY)
+    parameters = Parameters((*of_model, *(Parameter(name, 0.01, role=NUISANCE) for name in random)))
+    theta, phi = parameters.theta, parameters.search(parameters.theta)
     left_out = np.tile(phi, (runs, 1))
     left_out[:, 1] += 0.1 * np.arange(runs)
     return InnovationsFit(
-        names, theta, phi, positive, 1e-6 * np.eye(len(phi)), left_out, log_likelihood, np.zeros(runs), (free - 1,), 1,
-        True, np.tile(np.eye(len(phi)), (runs, 1, 1)), NOISE, {"heading": 1000}, np.zeros(runs), np.zeros(runs), free,
+        parameters, theta, phi, 1e-6 * np.eye(len(phi)), left_out, log_likelihood, np.zeros(runs), (free - 1,), 1,
+        True, np.tile(np.eye(len(phi)), (runs, 1, 1)), NOISE, {"heading": 1000}, np.zeros(runs), np.zeros(runs),
     )  # fmt: skip
 
 
@@ -232,9 +233,9 @@ def test_the_mirrored_campaign_gives_the_mirrored_model() -> None:
         structure = replace(Structure.simplest(likelihood.observed), couplings=("Y_r",), current=True)
         model = structure.model({**rough_sizes(own), "current.east": 0.0})
         problem = likelihood.problem(model)
-        (start,) = problem.search(likelihood.starts(problem, None)[:1])
+        (start,) = problem.parameters.search(likelihood.starts(problem, None)[:1])
         found.append((problem.value(start[None])[0], problem.slopes(start[None])[0].gradient.sum(axis=0)))
-    names = [problem.names[i] for i in problem.free]
+    names = [problem.parameters.names[i] for i in problem.free]
     sides = np.where(np.array(names) == "current.east", -1.0, 1.0)
     assert found[0][0] == pytest.approx(found[1][0], rel=1e-9)
     np.testing.assert_allclose(found[0][1], sides * found[1][1], rtol=1e-3, atol=1e-2)
@@ -246,8 +247,9 @@ def test_gradients_are_those_of_differences(channels: Sequence[str]) -> None:
     likelihood = PlanarLikelihood(runs, observed(runs))
     model = Structure.simplest(likelihood.observed).widest.beside({}, rough_sizes(runs))
     problem = likelihood.problem(model)
-    (phi,) = problem.search(likelihood.starts(problem, None)[:1])
-    phi[problem.names.index(COMMAND_DELAY)] = -0.01  # at zero nodes lie on edges of commands, where slopes jump
+    (phi,) = problem.parameters.search(likelihood.starts(problem, None)[:1])
+    delay = problem.parameters.names.index(COMMAND_DELAY)
+    phi[delay] = -0.01  # at zero nodes lie on edges of commands, where slopes jump
     gradient = problem.slopes(phi[None])[0].gradient.sum(axis=0)
     steps = np.zeros((len(problem.free), len(phi)))
     steps[np.arange(len(steps)), problem.free] = 10.0 * problem.steps(phi)
@@ -362,8 +364,9 @@ def test_intervals_rest_on_runs_and_a_bound_has_none() -> None:
     structure = Structure.simplest(Observed(SPEEDS))
     model = structure.model(rough_sizes(runs))
     likely = fit_of(model)
-    slopes = np.where(likely.positive, likely.theta, 1.0)[: likely.parameters]
-    covariance = run_covariance(likely)[: likely.parameters, : likely.parameters] * np.outer(slopes, slopes)
+    of_model = likely.parameters.of_model
+    slopes = np.where(likely.parameters.log, likely.theta, 1.0)[of_model]
+    covariance = run_covariance(likely)[of_model, of_model] * np.outer(slopes, slopes)
     tried = Tried(structure, Estimated(model, covariance, likely))
     fit = fit_to(runs, Observed(SPEEDS), tried)
     mass = fit.estimates["sway.m_v"]

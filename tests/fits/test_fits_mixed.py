@@ -26,6 +26,7 @@ from automarine_cli.fits.linear_mixed import (
 from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
 from automarine_cli.fits.steps import data_of_steps, step_problem
 from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
+from automarine_cli.models.parameter import Parameter, Parameters
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 
@@ -69,9 +70,8 @@ class Linear:
             return np.einsum("rnp,sp->srn", self.j, theta) + np.einsum("rnq,srq->srn", self.v, b)
 
         slots = (Slot("heading", slice(0, SAMPLES)),)
-        return Problem(
-            response, self.w, self.seen, self.effects, np.array(bounds), np.zeros(2, dtype=bool), ("a", "b"), slots
-        )
+        parameters = Parameters(tuple(Parameter(name, 0.0, *ends) for name, ends in zip("ab", bounds)))
+        return Problem(response, self.w, self.seen, self.effects, parameters, slots)
 
     def fit(self, bounds: Sequence[tuple[float, float]] = FREE, start: Sequence[float] = (0.0, 0.0)) -> MixedFit:
         return fit_mixed(self.problem(bounds), np.array(start), noise=1.0, factors=np.ones(2))
@@ -357,7 +357,7 @@ def test_two_runs_that_carry_a_parameter_count_as_two() -> None:
         noise = 0.1 * np.random.default_rng(1).standard_normal(x.shape)
         problem = Problem(
             lambda theta, b, x=x: theta[:, 0, None, None] * x + b[:, :, :1], 2.0 * x + noise, x > 0.0,
-            RunEffects((Block("offset", np.zeros((10, 1))),)), np.array(FREE[:1]), np.zeros(1, dtype=bool), ("slope",),
+            RunEffects((Block("offset", np.zeros((10, 1))),)), Parameters((Parameter("slope", 0.0),)),
             (Slot("heading", slice(0, 30)),),
         )  # fmt: skip
         fit = fit_mixed(problem, np.ones(1), noise=0.2, factors=np.array([]))

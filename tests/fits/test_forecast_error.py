@@ -51,7 +51,7 @@ def begin(problem: DrivenProblem) -> np.ndarray:
 def forecasts() -> tuple[DrivenProblem, ForecastFit]:
     problem = problem_of(free_runs())
     start = begin(problem)
-    return problem, fit_forecasts(problem, problem.search(start), start[None])
+    return problem, fit_forecasts(problem, problem.parameters.search(start), start[None])
 
 
 @cache
@@ -67,7 +67,7 @@ def test_parameters_come_back_within_their_own_errors_and_stay_beside_what_is_ra
     assert (np.abs(fit.phi[:2] - [0.0, 1.2]) < 3.2 * error).all()  # t with 3 degrees of freedom
     assert error[0] < 0.15
     whole = complete()
-    assert np.array_equal(whole.of_model, problem.natural(fit.phi)[:2])
+    assert np.array_equal(whole.of_model, problem.parameters.natural(fit.phi)[:2])
     assert np.allclose(whole.left_out[:, :2], fit.left_out[:, :2]) and np.isfinite(whole.predictive).all()
     assert 0.5 < whole.of_chance["yaw.disturbance"] / 0.1 < 2.0
 
@@ -76,7 +76,7 @@ def test_a_run_left_out_is_that_fit_to_the_others() -> None:
     problem, fit = forecasts()
     start = begin(problem)
     others = problem_of(free_runs()[1:])
-    alone = fit_forecasts(others, problem.search(start), start[None])
+    alone = fit_forecasts(others, problem.parameters.search(start), start[None])
     assert np.allclose(fit.left_out[0, :2], alone.phi[:2], atol=0.1 * np.sqrt(alone.covariance[0, 0]))
     likely = fit_innovations(problem, begin(problem)[None])
     alone = fit_innovations(others, likely.theta[None], brief=True)

@@ -71,7 +71,7 @@ def test_slopes_are_those_of_the_value(number: str, drag: tuple[float, ...]) -> 
     model = base(number, 1.1, *drag).with_effect("input-delay", [0.12]).with_effect("dead-band", [0.08])
     problem = problem_of(steered(3, 1, length=20.0), model)
     (start,) = starts_near(problem, [model.theta], RANDOM)
-    phi = problem.search(start)
+    phi = problem.parameters.search(start)
     (slopes,) = problem.slopes(phi[None])
     gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
     step = 1e-4 * np.maximum(np.abs(phi[problem.free]), 0.1)
@@ -89,11 +89,11 @@ def test_information_is_the_scatter_of_scores() -> None:
     problem = problem_of(steered(200, 7, sea, length=25.0, free=True, held=3.0), base("1", 1.0, 0.9))
     named = {**RANDOM, "yaw.thrust-noise": 0.05, "gain-scatter": 1e-3}
     (start,) = starts_near(problem, [problem.model.theta], named)  # type: ignore[attr-defined]
-    (slopes,) = problem.slopes(problem.search(start)[None])
-    own = [i for i, at in enumerate(problem.free) if problem.names[at] != "gain-scatter"]
+    (slopes,) = problem.slopes(problem.parameters.search(start)[None])
+    own = [i for i, at in enumerate(problem.free) if problem.parameters.names[at] != "gain-scatter"]
     scores, information = slopes.gradient[:, own], slopes.information[:, own][:, :, own].mean(axis=0)
     drift = np.abs(scores.mean(axis=0)) / (scores.std(axis=0) / np.sqrt(len(scores)))
-    size = [problem.names[problem.free[i]] for i in own].index("yaw.disturbance")
+    size = [problem.parameters.names[problem.free[i]] for i in own].index("yaw.disturbance")
     assert np.delete(drift, size).max() < 3.5, drift
     assert drift[size] < 6.0, drift  # what a disturbance does within the step in which it changes is left out: 3 %
     ratio = scores.var(axis=0) / np.diagonal(information)
@@ -109,14 +109,14 @@ def test_a_quiet_course_is_a_pool() -> None:
     for model in (base("3"), base("2", 1.0, 1.2, 0.05)):
         problem = driven_problem(model, course, quiet=True)
         found = fit_innovations(problem, starts_near(problem, [model.theta], {}), brief=True)
-        whole = whole_run_problem(model, batch, rest)
+        whole = whole_run_problem(model, model.parameters(log_drag=True, signed_drag=True), batch, rest)
         still = whole.effects.with_scale(disturbance=0.0, switches=0.0)
         whole = replace(whole, effects=still)
         factors = np.array([0.03 if name == "gain" else 0.5 for name in still.factor_names])
         mixed = fit_mixed(whole, np.append(model.theta, 0.0), noise=0.02, factors=factors)
         for i, name in enumerate(model.parameter_names):
-            own = stderr(found, name) * (found.value(name) if found.positive[i] else 1.0)
-            other = float(np.sqrt(mixed.covariance[i, i])) * (mixed.value(name) if mixed.positive[i] else 1.0)
+            own = stderr(found, name) * (found.value(name) if found.parameters.log[i] else 1.0)
+            other = float(np.sqrt(mixed.covariance[i, i])) * (mixed.value(name) if mixed.parameters.log[i] else 1.0)
             assert found.value(name) == pytest.approx(mixed.value(name), abs=0.1 * own), name
             assert own == pytest.approx(other, rel=0.3), name
         gains.append((found.log_likelihood, mixed.log_likelihood))
@@ -140,7 +140,7 @@ def test_the_truth_is_found() -> None:
         for name, value in truth.items():
             place = found.names.index(name)
             error = found.value(name) - value
-            scale = value if found.positive[place] else 1.0
+            scale = value if found.parameters.log[place] else 1.0
             off.append(error / scale / stderr(found, name))
         assert found.value("input-delay.t_d") == pytest.approx(0.2, abs=0.05)
         assert 0.5 < found.value("yaw.disturbance") / 0.1 < 2.0
@@ -206,7 +206,7 @@ def test_rough_values_faster_than_the_filter_leave_a_start(number: str) -> None:
     time = np.arange(0, 12, 1 / 110)
     runs = [Run(f"{i}", "fast.csv", time, np.sin(time + i), np.cos(time + i), "nu", dof=YAW) for i in range(3)]
     problem = problem_of(runs, base(number, 0.001, 0.5))
-    values = problem.value(problem.search(base_starts(problem)))  # warnings are errors here
+    values = problem.value(problem.parameters.search(base_starts(problem)))  # warnings are errors here
     assert np.isfinite(values).mean() > 0.5
 
 

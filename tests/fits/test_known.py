@@ -21,11 +21,12 @@ from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import fit_driven
-from automarine_cli.fits.known import Known, Prior, names_in
+from automarine_cli.fits.known import Known, names_in
 from automarine_cli.fits.planar_fit import PlanarLikelihood
 from automarine_cli.fits.planar_structure import OWN, Structure, observed, rough_sizes
 from automarine_cli.fits.steps import data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_whole_runs, rough_model
+from automarine_cli.models.parameter import Prior
 from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
