@@ -65,13 +65,16 @@ class DrivenProblem:
         return np.asarray(-(precision @ (phi - mean))[self.free])
 
     def noises(self, theta: Floats) -> Noises:
-        dofs, channels = len(self.course.motion.dofs), len(self.course.channels)
-        chances = list(theta[:, self.parameters.of_model.stop :].T)
-        size, time, thrust = (np.array([chances[3 * d + i] for d in range(dofs)]) for i in range(3))
-        gain, late, at = chances[3 * dofs], chances[3 * dofs + 1], 3 * dofs + 2
-        varying = self.parameters.nuisance[at + channels :]
-        per_run = {p.name.partition(".")[0]: size for p, size in zip(varying, chances[at + channels :])}
-        return Noises(size, time, thrust, gain, late, np.array(chances[at : at + channels]), per_run)
+        """Sizes of what is random under full theta (P, p)."""
+        values, dofs = dict(zip(self.parameters.names, theta.T)), self.course.motion.dofs
+        size, time, thrust = (
+            np.array([values[f"{dof.name}.{kind}"] for dof in dofs])
+            for kind in ("disturbance", "disturbance-time", "thrust-noise")
+        )
+        reading = np.array([values[f"noise.{channel.quantity}"] for channel in self.course.channels])
+        spreads = {name: of_runs for name, of_runs in values.items() if name.endswith(".spread")}
+        per_run = {name.partition(".")[0]: of_runs for name, of_runs in spreads.items()}
+        return Noises(size, time, thrust, values["gain-scatter"], values[COMMAND_DELAY], reading, per_run)
 
     def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> FilterResult:
         """Filter the runs under phi (P, p), or those of another course."""
