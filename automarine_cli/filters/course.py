@@ -253,16 +253,12 @@ def make_course(
     for row, layout in zip(at, layouts):
         row[len(layout.at) :] = len(layout.width)  # nodes behind the end lie there
     noise = np.array([layout.noise for layout in layouts])
-    thinned, often = (
-        tuple(
-            Channel(
-                quantity, d, velocity, padded([layout.values[k, c] for layout in layouts], nodes),
-                padded([layout.seen[k, c] for layout in layouts], nodes),
-            )
-            for c, (d, quantity, velocity) in enumerate(sensors)
-        )
-        for k in range(2)
-    )  # fmt: skip
+    thinned, often = list[Channel](), list[Channel]()
+    for c, (d, quantity, velocity) in enumerate(sensors):
+        for k, channels_of in enumerate((thinned, often)):
+            values = padded([layout.values[k, c] for layout in layouts], nodes)
+            observed = padded([layout.seen[k, c] for layout in layouts], nodes)
+            channels_of.append(Channel(quantity, d, velocity, values, observed))
     return Course(
         motion=motion,
         names=tuple(run.name for run in runs),
@@ -275,8 +271,8 @@ def make_course(
         before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
         start=np.array([run.time[0] for run in runs]),
         signals={name: padded([layout.signals[name] for layout in layouts], fine) for name in signals},
-        channels=thinned,
-        often=often,
+        channels=tuple(thinned),
+        often=tuple(often),
         at_rest=at_rest,
         fastest=np.array([_fastest(runs, position) for position in motion.positions]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),

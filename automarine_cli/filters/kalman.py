@@ -24,7 +24,7 @@ from automarine_cli.filters.course import Course
 from automarine_cli.models.allocation import Bound, Vehicle, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
-from automarine_cli.simulation.rollout import in_body_axes, right_hand_side
+from automarine_cli.simulation.rollout import in_body_axes, right_hand_side, rk4
 
 SMALL = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
 SHARE = 0.02  # difference of the log gain, likewise
@@ -182,32 +182,24 @@ class Step:
             np.copyto(self._own[name], flat[list(group)])
         h = self.course.length[:, m]
         begin, end = self.clock[:, m], self.clock[:, m + 1]
-        half = 0.5 * (begin + end)
         signals = {name: column[:, m] for name, column in self.signals.items()}
         gain = np.exp(every[places.gain])
-        force = [(level[:, :, m] * gain).reshape(flat.shape[1:]) for level in self.delivered]
-        rise = [(0.5 * h * tilt[:, :, m] * gain).reshape(flat.shape[1:]) for tilt in self.tilt]
-        first = tuple(middle - half for middle, half in zip(force, rise))
-        last = tuple(middle + half for middle, half in zip(force, rise))
-        pushed = flat[self._pushed]
-        x, v, w = flat[:dofs], flat[dofs : 2 * dofs], [flat[place] for place in places.water]
+        force = np.array([(level[:, :, m] * gain).reshape(flat.shape[1:]) for level in self.delivered])
+        rise = np.array([(0.5 * h * tilt[:, :, m] * gain).reshape(flat.shape[1:]) for tilt in self.tilt])
+        forces = force - rise, force, force + rise
+        pushed, x = flat[self._pushed], flat[:dofs]
 
-        def slope(x, v, w, force, time):  # type: ignore[no-untyped-def]
-            swing, move, stirred = self._slope(x, v, w, force, time, signals)
+        def slope(*state):  # type: ignore[no-untyped-def]
+            swing, move, stirred = self._slope(*state)
             return swing + pushed, move, stirred
 
-        def ahead(w, step, slopes):  # type: ignore[no-untyped-def]
-            return [a + step * b for a, b in zip(w, slopes)]
-
-        a1, m1, w1 = slope(x, v, w, first, begin)
-        a2, m2, w2 = slope(x + 0.5 * h * m1, v + 0.5 * h * a1, ahead(w, 0.5 * h, w1), force, half)
-        a3, m3, w3 = slope(x + 0.5 * h * m2, v + 0.5 * h * a2, ahead(w, 0.5 * h, w2), force, half)
-        a4, m4, w4 = slope(x + h * m3, v + h * a3, ahead(w, h, w3), last, end)
+        water = [flat[place] for place in places.water]
+        times = begin, 0.5 * (begin + end), end
+        way, velocity, water = rk4(slope, x, flat[dofs : 2 * dofs], water, forces, times, h, signals)
         out = np.empty((places.dynamic, *flat.shape[1:]))
-        out[:dofs] = x + h / 6.0 * (m1 + 2.0 * (m2 + m3) + m4)
-        out[dofs : 2 * dofs] = v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
-        for place, old, s1, s2, s3, s4 in zip(places.water, w, w1, w2, w3, w4):
-            out[place] = old + h / 6.0 * (s1 + 2.0 * (s2 + s3) + s4)
+        out[:dofs], out[dofs : 2 * dofs] = x + way, velocity
+        for place, state in zip(places.water, water):
+            out[place] = state
         for place, term in zip(places.memory, self._slow):
             of = places.remembered[place]
             out[place] = term.effect.remember(flat[place], x[of], out[of], h, term.values)

@@ -20,7 +20,6 @@ from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
-    Preference,
     directional_drag,
     estimate_of,
     fit_by_direction,
@@ -520,46 +519,6 @@ def unit_of_quantity(name: str, dof: Dof) -> str:
 def judged_of(worth: Sequence[ForecastScore]) -> ForecastScore | None:
     """What decides of several horizons: JUDGED, or the longest below it."""
     return max((score for score in worth if score.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
-
-
-def prefer_driven(
-    fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
-) -> Preference | None:
-    """The model that predicts runs left out of its fit best, over COMPARED seconds; the best of those with the fewest
-    parameters if one of them does not differ by two standard errors over runs. None where the runs are too short, or
-    one alone, to tell.
-
-    Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
-    not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
-    """
-    judged = {number: [p for p in predicted if p.horizon in COMPARED] for number, predicted in ahead.items()}
-    runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
-    if runs < 2 or any(not len(p.error) for predicted in judged.values() for p in predicted):
-        return None
-    sizes = {number: np.array([p.rmse() for p in predicted]) for number, predicted in judged.items()}
-    least = np.min(list(sizes.values()), axis=0)
-    squares = {
-        number: np.mean([p.by_run(p.error, runs) / size**2 for p, size in zip(predicted, least)], axis=0)
-        for number, predicted in judged.items()
-    }
-    score = {number: float(np.mean((size / least) ** 2)) for number, size in sizes.items()}
-    best = min(score, key=lambda number: score[number])
-    parameters = {number: len(fit.model.theta) for number, fit in fits.items()}
-
-    def level(number: str) -> bool:
-        worse = squares[number] - squares[best]
-        worse = worse[np.isfinite(worse)]
-        error = float(np.std(worse, ddof=1)) / np.sqrt(len(worse)) if len(worse) > 1 else np.inf
-        return bool(worse.mean() <= 2.0 * error)
-
-    fewest = min(parameters[number] for number in score if number == best or level(number))
-    chosen = min((n for n in score if parameters[n] == fewest), key=lambda number: score[number])
-    errors = {n: " and ".join(f"{dof.shown(error):.3g}" for error in size) for n, size in sorted(sizes.items())}
-    rivals = [f"model {number} {error}" for number, error in errors.items() if number != chosen]
-    listed = ", ".join([f"{errors[chosen]} {dof.units.shown}", *rivals])
-    how = "best" if chosen == best else "as well as any with more parameters"
-    over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
-    return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
 
 
 EVIDENT = 0.005  # share of the largest command by which an unknown push is no chance; hidden effects make 0.03 to 0.1

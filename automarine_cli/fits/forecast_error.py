@@ -16,6 +16,7 @@ from automarine_cli.errors import FitError
 from automarine_cli.filters.kalman import Noises, carried, shown_channel, smoothed, targets_of
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
+from automarine_cli.fits.optimise import Point, maximise
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -23,8 +24,6 @@ HORIZON = 5  # seconds of a forecast; misses are taken after each of them
 EVERY = 1.0  # seconds between the starts of forecasts
 ITERATIONS, OF_LEFT_OUT = 40, 6  # steps of a search, and of one without a run, which begins near its end
 SETTLED = 1e-3  # decrease of half the sum of squares still to be expected below which a search has converged
-DAMPINGS, MAX_DAMPING = (0.0, 1e-2, 1.0), 1e6
-"""Shares of the curvature that are added to it, tried together, and where a search gives up."""
 BLOCKS = 8  # pieces of a single run that are left out in turn
 FAR = 1e3  # times the largest reading beyond which a forecast has run away
 
@@ -184,45 +183,28 @@ def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
 
 
 def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> tuple[Floats, Floats, int, bool]:
-    """Levenberg and Marquardt's search from phi (p,) within the bounds: where it got to, the curvatures of the units
-    there (U, f, f), after how many iterations, and whether it converged."""
-    driven, free, limits = problem.driven, problem.free, problem.driven.parameters.limits[problem.free]
+    """Search from phi (p,) within the bounds: where that led, the curvatures of the units there (U, f, f), after how
+    many iterations, and whether it converged."""
+    driven, free = problem.driven, problem.free
     mean, precision = _prior(problem)
     steps = driven.steps(phi)[: len(free)]
 
-    def cost(sets: Floats, errors: Floats) -> Floats:
-        away = sets[:, free] - mean
-        return np.asarray(0.5 * ((errors**2).sum(axis=(1, 2, 3)) + np.einsum("pi,ij,pj->p", away, precision, away)))
+    def evaluate(phis: Floats, searches: NDArray[np.int64]) -> list[Point[Floats]]:
+        return [point(phi) for phi in phis]
 
-    damping, converged, done = 1e-3, False, 0
-    while True:
+    def point(phi: Floats) -> Point[Floats]:
         moved = np.tile(phi, (1 + len(free), 1))
         moved[np.arange(1, len(moved)), free] += steps
-        errors = problem.scaled(moved)
-        value = cost(phi[None], errors[:1])[0]
+        errors, away = problem.scaled(moved), phi[free] - mean
         by = (errors[1:] - errors[0]) / steps[:, None, None, None]
-        units = int(problem.unit.max()) + 1
-        curve = np.zeros((units, len(free), len(free)))
-        np.add.at(curve, problem.unit, np.einsum("fcha,gcha->afg", by, by))
-        gradient = -np.einsum("cha,fcha->f", errors[0], by) - precision @ (phi[free] - mean)
-        hessian = curve.sum(axis=0) + precision
-        if converged or done == iterations or damping > MAX_DAMPING:
-            return phi, curve, done, converged
-        done += 1
-        trials = np.tile(phi, (len(DAMPINGS), 1))
-        for trial, share in zip(trials, DAMPINGS):
-            damped = hessian + share * damping * np.diag(np.diagonal(hessian) + 1e-12)
-            trial[free] = linear_mixed.bounded_solution(damped, gradient + damped @ phi[free], limits)
-        step = trials[0, free] - phi[free]
-        expected = float(gradient @ step - 0.5 * step @ hessian @ step)
-        reached = cost(trials, problem.scaled(trials))
-        best = int(np.argmin(reached))
-        converged = expected < SETTLED
-        if reached[best] < value:
-            phi = trials[best]
-            damping *= 0.1 if best < len(DAMPINGS) - 1 else 3.0
-        else:
-            damping *= 100.0
+        curves = np.zeros((int(problem.unit.max()) + 1, len(free), len(free)))
+        np.add.at(curves, problem.unit, np.einsum("fcha,gcha->afg", by, by))
+        value = -0.5 * float((errors[0] ** 2).sum() + away @ precision @ away)
+        gradient = -np.einsum("cha,fcha->f", errors[0], by) - precision @ away
+        return Point(phi, value, gradient, curves.sum(axis=0) + precision, curves)
+
+    (end,) = maximise(evaluate, phi[None], free, driven.parameters.limits, settled=SETTLED, iterations=iterations)
+    return end.point.phi, end.point.data, end.iterations, end.converged
 
 
 def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:

@@ -19,9 +19,10 @@ from automarine_cli.fits.innovations import channel_noises, channels_json, rando
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.paper import BIAS_LIMIT, MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
+from automarine_cli.fits.preference import Preference, prefer, prefer_driven
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
-from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
+from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.store import effects_json, model_head
 from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel, steady_rate
 from automarine_cli.pipeline.parallel import Each, alone
@@ -272,7 +273,7 @@ class YawFit(Shown):
     output_error: Mapping[str, whole_runs.OutputErrorFit]
     seed_method: VelocityErrorFit | None
     why_no_seed_method: str
-    preference: whole_runs.Preference
+    preference: Preference
     set_aside: tuple[ExcludedRun, ...]
     warnings: tuple[str, ...]
     cautions: tuple[Caution, ...]
@@ -592,7 +593,7 @@ def _fit_whole(
     if not driven.is_driven(moving, at_rest, chosen.names, with_effects):
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
-        preference = whole_runs.prefer(fits)
+        preference = prefer(fits)
         fit = fits[preference.number]
         worth = {dof.position: driven.worth_of(driven.whole_predictions(course, fit))}
         use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
@@ -601,7 +602,7 @@ def _fit_whole(
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
         predict = partial(driven.predictions_of, course)
         ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], "predicting runs left out")))
-        preference = driven.prefer_driven(fits, ahead, dof) or whole_runs.prefer(fits)
+        preference = prefer_driven(fits, ahead, dof) or prefer(fits)
         number = preference.number
         [(fits[number], proposed)] = map_jobs(partial(driven.widened, course), [fits[number]], "widening intervals")
         fit, worth = fits[number], {dof.position: driven.worth_of(ahead[number])}

@@ -7,10 +7,9 @@ Fisher scoring on innovations and their variances (Ljung 1999, System Identifica
 16:551), damped; differences of all parameters and all trial steps are filtered together.
 """
 
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -25,6 +24,7 @@ from automarine_cli.filters.kalman import FAR, FilterResult, Noises, follow
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import MixedFit, Outcome
+from automarine_cli.fits.optimise import Maximum, Point, maximise
 from automarine_cli.models.allocation import Vehicle
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
 from automarine_cli.models.store import Sensor
@@ -65,13 +65,16 @@ class DrivenProblem:
         return np.asarray(-(precision @ (phi - mean))[self.free])
 
     def noises(self, theta: Floats) -> Noises:
-        dofs, channels = len(self.course.motion.dofs), len(self.course.channels)
-        chances = list(theta[:, self.parameters.of_model.stop :].T)
-        size, time, thrust = (np.array([chances[3 * d + i] for d in range(dofs)]) for i in range(3))
-        gain, late, at = chances[3 * dofs], chances[3 * dofs + 1], 3 * dofs + 2
-        varying = self.parameters.nuisance[at + channels :]
-        per_run = {p.name.partition(".")[0]: size for p, size in zip(varying, chances[at + channels :])}
-        return Noises(size, time, thrust, gain, late, np.array(chances[at : at + channels]), per_run)
+        """Sizes of what is random under full theta (P, p)."""
+        values, dofs = dict(zip(self.parameters.names, theta.T)), self.course.motion.dofs
+        size, time, thrust = (
+            np.array([values[f"{dof.name}.{kind}"] for dof in dofs])
+            for kind in ("disturbance", "disturbance-time", "thrust-noise")
+        )
+        reading = np.array([values[f"noise.{channel.quantity}"] for channel in self.course.channels])
+        spreads = {name: of_runs for name, of_runs in values.items() if name.endswith(".spread")}
+        per_run = {name.partition(".")[0]: of_runs for name, of_runs in spreads.items()}
+        return Noises(size, time, thrust, values["gain-scatter"], values[COMMAND_DELAY], reading, per_run)
 
     def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> FilterResult:
         """Filter the runs under phi (P, p), or those of another course."""
@@ -105,6 +108,14 @@ class DrivenProblem:
         followed, count = self.follow(np.concatenate([self.moved(point) for point in phi])), 1 + len(self.free)
         parts = [slice(i * count, (i + 1) * count) for i in range(len(phi))]
         return [Slopes.of([innovations_of(followed, part, self.steps(point))]) for part, point in zip(parts, phi)]
+
+    def point(self, phi: Floats, slopes: "Slopes") -> "Point[Slopes]":
+        """Give a point of the search: log density of the runs of `slopes` with the prior, minus infinity where a filter
+        diverges, and its slope and curvature."""
+        value = float(slopes.density.sum() + self.prior(phi))
+        gradient = slopes.gradient.sum(axis=0) + self.prior_gradient(phi)
+        curvature = slopes.information.sum(axis=0) + self.prior_information
+        return Point(phi, value if np.isfinite(value) else -np.inf, gradient, curvature, slopes)
 
 
 @dataclass(frozen=True)
@@ -151,11 +162,6 @@ class Slopes:
     def without(self, run: int) -> "Slopes":
         remaining = np.arange(len(self.density)) != run
         return Slopes(self.density[remaining], self.gradient[remaining], self.information[remaining])
-
-    def value(self, problem: DrivenProblem, phi: Floats) -> float:
-        """Log density of these runs with the prior; minus infinity where a filter diverges."""
-        total = float(self.density.sum() + problem.prior(phi))
-        return total if np.isfinite(total) else -np.inf
 
     @classmethod
     @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
@@ -220,8 +226,7 @@ FEW_RUNS = 6
 LOOK, WAYS = 6, 3
 """Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
 SIZES = {GAIN: "gain-scatter"}  # what run effects are called whose sizes are parameters
-MIN_DAMPING, MAX_DAMPING, SHARES, ONE_SHARE = 1e-4, 1e3, (1.0, 30.0), (1.0,)
-"""Share of the curvature that is added to it, and multiples of that which are tried together; of many climbs one."""
+SHARES = (1.0, 30.0)  # multiples of the damping that are tried together; of many climbs one
 NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
 
 
@@ -271,95 +276,40 @@ def fit_innovations(
             raise FitError(NO_START)
         firsts = dict.fromkeys(phis[np.argsort(-values, kind="stable"), 0])  # distinct inertias, the best one first
         best = [int(np.argmax(np.where(phis[:, 0] == first, values, -np.inf))) for first in firsts]
-        climbs = _climbed(problem, [phis[k] for k in best[:WAYS] if np.isfinite(values[k])], LOOK)
-        phis = max(climbs, key=lambda climb: climb.value).phi[None]
+        climbs = _climbed(problem, phis[[k for k in best[:WAYS] if np.isfinite(values[k])]], LOOK)
+        phis = max(climbs, key=lambda climb: climb.point.value).point.phi[None]
     (reached,) = _climbed(problem, phis, iterations)
-    if not np.isfinite(reached.value):
+    if not np.isfinite(reached.point.value):
         raise FitError(NO_START)
     return _report(problem, reached, brief)
 
 
-@dataclass(frozen=True)
-class _Climb:
-    phi: Floats
-    value: float
-    slopes: Slopes
-    iterations: int
-    converged: bool
-
-
 def _climbed(
-    problem: DrivenProblem, starts: Iterable[Floats], iterations: int, without_each: bool = False
-) -> list[_Climb]:
-    """The climbs from each start (p,), each without its own run if so asked; what they ask for at a time is filtered
-    together."""
-    climbs = [_climb(problem, phi, iterations, ONE_SHARE if without_each else SHARES) for phi in starts]
-    reached: dict[int, _Climb] = {}
-    points = {i: next(climb) for i, climb in enumerate(climbs)}
-    while points:
-        slopes = iter(problem.slopes(np.concatenate(list(points.values()))))
-        for i, phis in list(points.items()):
-            try:
-                batch = islice(slopes, len(phis))
-                points[i] = climbs[i].send([slope.without(i) if without_each else slope for slope in batch])
-            except StopIteration as end:
-                reached[i] = end.value
-                del points[i]
-    return [reached[i] for i in range(len(climbs))]
+    problem: DrivenProblem, starts: Floats, iterations: int, without_each: bool = False
+) -> list[Maximum[Slopes]]:
+    """Climb from each start (S, p), without its own run if so asked, by Fisher scoring; what is asked for at a time is
+    filtered together."""
+
+    def evaluate(phis: Floats, searches: NDArray[np.int64]) -> list[Point[Slopes]]:
+        slopes = problem.slopes(phis)
+        if without_each:
+            slopes = [of_point.without(i) for of_point, i in zip(slopes, searches)]
+        return [problem.point(phi, of_point) for phi, of_point in zip(phis, slopes)]
+
+    many = without_each or problem.course.motion.turns  # arrays of three motions are long as they are
+    return maximise(
+        evaluate, starts, problem.free, problem.parameters.limits, settled=0.02 * SETTLED if without_each else SETTLED,
+        iterations=iterations, shares=(1.0,) if many else SHARES,
+    )  # fmt: skip
 
 
-def _climb(
-    problem: DrivenProblem, phi: Floats, iterations: int, shares: tuple[float, ...]
-) -> Generator[Floats, list[Slopes], _Climb]:
-    """Fisher scoring from phi (p,), damped where the likelihood is no parabola. Yields the points (P, p) of which it
-    needs the slopes."""
-    (slopes,) = yield phi[None]
-    value = slopes.value(problem, phi)
-    free, limits = problem.free, problem.parameters.limits
-    converged, done, damping = False, 0, MIN_DAMPING
-    rounds = len(shares) if problem.course.motion.turns else 1  # of three motions arrays are long as they are
-    settled = SETTLED if shares is SHARES else 0.02 * SETTLED  # a run left out moves a fit by little
-    while done < iterations and np.isfinite(value):
-        done += 1
-        gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
-        hessian = slopes.information.sum(axis=0) + problem.prior_information
-        if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
-            break
-        trials = np.tile(phi, (len(shares), 1))
-        for trial, share in zip(trials, shares):
-            damped = hessian + share * damping * np.diag(np.diagonal(hessian) + 1e-12)
-            pull = gradient + damped @ phi[free]
-            trial[free] = linear_mixed.bounded_solution(damped, pull, limits[free])
-        step = trials[0, free] - phi[free]
-        expected = float(gradient @ step - 0.5 * step @ hessian @ step)
-        if expected < settled:
-            converged = True
-            break
-        tried: list[Slopes] = []
-        reached: list[float] = []
-        for part in np.split(trials, rounds):
-            tried += yield part
-            reached += [attempt.value(problem, trial) for attempt, trial in zip(tried[-len(part) :], part)]
-            if max(reached) > value + 0.1 * SETTLED:
-                break
-        best = int(np.argmax(reached))
-        if reached[best] > value + 0.1 * SETTLED:
-            phi, value, slopes = trials[best], reached[best], tried[best]
-            damping = max(damping * (0.1 if best == 0 else shares[best]), MIN_DAMPING)
-        elif damping < MAX_DAMPING:
-            damping *= max(10.0 * shares[-1], 100.0)
-        else:
-            converged = expected < 1.0
-            break
-    return _Climb(phi, value, slopes, done, converged)
-
-
-def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> InnovationsFit:
-    phi, slopes = reached.phi, reached.slopes
+def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> InnovationsFit:
+    point, slopes = reached.point, reached.point.data
+    phi = point.phi
     free, limits, count = problem.free, problem.parameters.limits, len(phi)
     at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
     inside = ~at_bound[free]
-    hessian = (slopes.information.sum(axis=0) + problem.prior_information)[np.ix_(inside, inside)]
+    hessian = point.curvature[np.ix_(inside, inside)]
     open_to = free[inside]
     covariance = np.zeros((count, count))
     covariance[np.ix_(open_to, open_to)] = linear_mixed.covariance_of(hessian)
@@ -372,7 +322,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
-        left_out = np.array([climb.phi for climb in _climbed(problem, left_out, LOOK, without_each=True)])
+        left_out = np.array([climb.point.phi for climb in _climbed(problem, left_out, LOOK, without_each=True)])
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
     smooth = problem.parameters.smooth

@@ -16,8 +16,9 @@ from scipy import special
 from automarine_cli.fits.known import Known
 from automarine_cli.fits.linear_mixed import SWITCHES
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife
+from automarine_cli.fits.preference import Preference, prefer
 from automarine_cli.fits.steps import StepData, step_problem
-from automarine_cli.fits.whole_runs import OutputErrorFit, Preference, fit_by_direction, prefer, result_of_steps
+from automarine_cli.fits.whole_runs import OutputErrorFit, fit_by_direction, result_of_steps
 from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats

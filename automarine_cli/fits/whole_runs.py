@@ -399,12 +399,6 @@ class OutputErrorFit:
         return self.mixed.names.index(self.model.dof.parameter(role))
 
 
-@dataclass(frozen=True)
-class Preference:
-    number: str
-    because: str
-
-
 def fit_whole_runs(
     batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, prior: Known = NOTHING_KNOWN
 ) -> OutputErrorFit:
@@ -489,43 +483,3 @@ def result_of_steps(number: str, model: YawModel, mixed: MixedFit, scatters: boo
     covariance = run_covariance(mixed)
     delay = estimate_of(mixed, covariance, mixed.names.index(COMMAND_DELAY), "s", spare(mixed))
     return OutputErrorFit(number, model.with_theta(mixed.of_model), mixed, covariance, delay, scatters)
-
-
-def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
-    """The model whose left-out runs are predicted best; of two that do not differ, the simpler.
-
-    Evidence is the log density of each run under the fit to the others, summed over runs; a difference
-    counts when it exceeds two of its standard errors over runs (Vehtari, Gelman and Gabry 2017, Statistics
-    and Computing 27:1413).
-    """
-    parameters = {number: len(fit.model.theta) - 1 for number, fit in fits.items()}
-    if all(len(fit.mixed.predictive) == 1 for fit in fits.values()):  # none to predict
-        cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in sorted(fits.items())}
-        chosen = min(cost, key=lambda number: cost[number])
-        rivals = [f"model {n}'s is higher by {cost[n] - cost[chosen]:.1f}" for n in cost if n != chosen]
-        because = f"With one run there is no cross-validation; by Akaike's criterion model {chosen} is best"
-        return Preference(chosen, f"{because}, {' and '.join(rivals)}.")
-    best = max(fits, key=lambda number: float(fits[number].mixed.predictive.sum()))
-    chosen, parts = best, []
-    for number in sorted(fits, key=lambda n: parameters[n]):
-        gap, error = _lead(fits[best], fits[number])
-        if number != best and parameters[number] < parameters[chosen] and gap <= 2.0 * error:
-            chosen = number
-    for number in sorted(fits):
-        gap, error = _lead(fits[chosen], fits[number])
-        if number == chosen:
-            continue
-        if gap < 0:
-            parts.append(f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter")
-        elif gap <= 2.0 * error:
-            parts.append(f"level with model {number} ({gap:+.1f} ± {error:.1f})")
-        else:
-            parts.append(f"{gap:+.1f} ± {error:.1f} over model {number}")
-    return Preference(chosen, f"Preferred: model {chosen}. Cross-validated log likelihood: {'; '.join(parts)}.")
-
-
-def _lead(a: OutputErrorFit, b: OutputErrorFit) -> tuple[float, float]:
-    """How much better a predicts left-out runs than b, and the standard error of that over runs."""
-    difference = a.mixed.predictive - b.mixed.predictive
-    error = np.sqrt(len(difference)) * np.std(difference, ddof=1) if len(difference) > 1 else np.inf
-    return float(difference.sum()), float(error)

@@ -145,16 +145,13 @@ def _integrate(
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1), and the water's states, (W, P, R, M + 1).
 
-    Velocities and the states of the water are advanced step by step; positions only where something depends on them,
-    else their increments are summed at the end: numpy's cost a call, not arithmetic, is what a step costs. In a
-    current the velocities that are advanced are those through the water."""
+    Positions are followed only where something depends on them: numpy's cost a call, not arithmetic, is what a step
+    costs. In a current the velocities that are advanced are those through the water."""
     movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
     followed = model.motion.turns or any(term.effect.steered for term in movers)
     tau = _delivered(batch, commands, start, shape)
     clock, signals = commands[0], commands[0].signals
     lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (clock.length, clock.start))
-    half, sixth, ends = 0.5 * lengths, lengths / 6.0, begins + lengths
-    middle = begins + half
     position = np.array(np.broadcast_to(start.position, shape), dtype=float)
     velocity = np.array(np.broadcast_to(start.velocity, shape), dtype=float)
     current = model.current(theta)
@@ -168,37 +165,17 @@ def _integrate(
     velocities[0], travelled[0], stirred[0] = velocity, position, start.water
     water = list(stirred[0])
     logged: Mapping[str, Floats] = {}
-    for m in range(steps):
-        h, h2, h6, force = lengths[m], half[m], sixth[m], tuple(tau[m])
+    for m, (h, begin, force) in enumerate(zip(lengths, begins, map(tuple, tau))):
         if signals:
             logged = {name: column[:, m] for name, column in signals.items()}
-        first, move1, water1 = slope(position, velocity, water, force, begins[m], logged)
-        there = position + h2 * move1 if followed else position
-        velocity2 = velocity + h2 * first
-        second, move2, water2 = slope(there, velocity2, _ahead(water, h2, water1), force, middle[m], logged)
-        there = position + h2 * move2 if followed else position
-        velocity3 = velocity + h2 * second
-        third, move3, water3 = slope(there, velocity3, _ahead(water, h2, water2), force, middle[m], logged)
-        there = position + h * move3 if followed else position
-        velocity4 = velocity + h * third
-        fourth, move4, water4 = slope(there, velocity4, _ahead(water, h, water3), force, ends[m], logged)
-        twice = second + third
-        if move1 is velocity:
-            # The position's own Runge-Kutta step: the mean velocity of the four stages, written with their slopes.
-            np.add(velocity, h6 * (first + twice), out=travelled[m + 1])
-            if followed:
-                position = position + h * travelled[m + 1]
-        else:
-            position = position + h6 * (move1 + 2.0 * (move2 + move3) + move4)
-            travelled[m + 1] = position
-        velocity = np.add(velocity, h6 * (first + 2.0 * twice + fourth), out=velocities[m + 1])
-        water = [w + h6 * (a + 2.0 * (b + c) + d) for w, a, b, c, d in zip(water, water1, water2, water3, water4)]
+        times = begin, begin + 0.5 * h, begin + h
+        way, velocity, water = rk4(slope, position, velocity, water, (force,) * 3, times, h, logged, followed)
+        position = position + way if followed else position
+        travelled[m + 1], velocities[m + 1] = way, velocity
         if water:
             stirred[m + 1] = water
-    if not model.motion.turns:
-        travelled[1:] *= lengths[:, None]
-        np.cumsum(travelled, axis=0, out=travelled)
-    elif current is not None:
+    np.cumsum(travelled, axis=0, out=travelled)
+    if current is not None:
         velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
     return np.moveaxis(travelled, 0, 3), np.moveaxis(velocities, 0, 3), np.moveaxis(stirred, 0, 3)
 
@@ -272,8 +249,31 @@ def right_hand_side(
     return slope
 
 
-def _ahead(states: Sequence[Floats], step: Floats, slopes: Sequence[Floats]) -> list[Floats]:
-    return [state + step * slope for state, slope in zip(states, slopes)]
+def rk4(
+    slope: Slope, position: Floats, velocity: Floats, water: Sequence[Floats],
+    force: Sequence[Floats | Sequence[Floats]], time: Sequence[Floats], h: Floats, signals: Mapping[str, Floats],
+    followed: bool = True,
+) -> tuple[Floats, Floats, list[Floats]]:  # fmt: skip
+    """Give the way of a step of `h` [s] by Runge and Kutta's method, and the velocity (both D, P, R) and the states of
+    the water at its end.
+
+    `force` and `time` are those at its begin, middle and end; a position on which nothing depends need not be
+    `followed`."""
+    half, sixth = 0.5 * h, h / 6.0
+
+    def stage(step: Floats, moved: Floats, rise: Floats, stirring: Sequence[Floats], at: int):  # type: ignore[no-untyped-def]
+        there = position + step * moved if followed else position
+        stirred = [state + step * rate for state, rate in zip(water, stirring)]
+        return slope(there, velocity + step * rise, stirred, force[at], time[at], signals)
+
+    rise1, move1, water1 = slope(position, velocity, water, force[0], time[0], signals)
+    rise2, move2, water2 = stage(half, move1, rise1, water1, 1)
+    rise3, move3, water3 = stage(half, move2, rise2, water2, 1)
+    rise4, move4, water4 = stage(h, move3, rise3, water3, 2)
+    way = sixth * (move1 + 2.0 * (move2 + move3) + move4)
+    reached = velocity + sixth * (rise1 + 2.0 * (rise2 + rise3) + rise4)
+    rates = zip(water, water1, water2, water3, water4)
+    return way, reached, [w + sixth * (a + 2.0 * (b + c) + d) for w, a, b, c, d in rates]
 
 
 def product_with(matrices: Floats) -> Callable[[Sequence[Floats] | Floats], list[Floats]]:

@@ -21,8 +21,9 @@ from automarine_cli.fits.identify import YawFit, fit_warnings
 from automarine_cli.fits.innovations import channel_noises, channels_json
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_model import jackknife
+from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.steps import StepData, data_of_steps
-from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
+from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.logs.find import find_logs
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs

@@ -12,16 +12,10 @@ from made_driven import Sea, steered
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, follow, smoothed
-from automarine_cli.fits.driven import (
-    base_starts,
-    driven_problem,
-    fit_driven,
-    large_disturbance,
-    prefer_driven,
-    widened,
-)
+from automarine_cli.fits.driven import base_starts, driven_problem, fit_driven, large_disturbance, widened
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
+from automarine_cli.fits.preference import prefer_driven
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run

@@ -80,7 +80,7 @@ def test_slopes_are_those_of_the_value(number: str, drag: tuple[float, ...]) -> 
     moved[np.arange(len(step), 2 * len(step)), problem.free] -= step
     up, down = np.split(problem.value(moved), 2)
     np.testing.assert_allclose(gradient, (up - down) / (2 * step), rtol=5e-3, atol=0.02)
-    assert slopes.value(problem, phi) == pytest.approx(float(problem.value(phi[None])[0]), abs=1e-9)
+    assert problem.point(phi, slopes).value == pytest.approx(float(problem.value(phi[None])[0]), abs=1e-9)
 
 
 def test_information_is_the_scatter_of_scores() -> None:

@@ -13,7 +13,8 @@ from made_runs import mirrored
 
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.identify import Caution, YawFit, fit_cautions, warned_of
-from automarine_cli.fits.whole_runs import OutputErrorFit, Preference
+from automarine_cli.fits.preference import Preference
+from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.report import fit_report
 
 SIZES = (0.3, 0.5, 0.7, 0.9)

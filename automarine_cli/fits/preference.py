@@ -1,0 +1,97 @@
+"""Which of several models to prefer: the simplest one that is not worse than the best at predicting runs left out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from automarine_cli.dofs import Dof
+from automarine_cli.filters.kalman import Predicted
+from automarine_cli.fits.driven import COMPARED
+from automarine_cli.fits.whole_runs import OutputErrorFit
+from automarine_cli.quantities import Floats
+
+
+@dataclass(frozen=True)
+class Preference:
+    number: str
+    because: str
+
+
+def lead_of(loss: Floats, rival: Floats) -> tuple[float, float]:
+    """Give the sum by which losses (U,) by unit are below a rival's, and the standard error of that over the units."""
+    gap = rival - loss
+    error = np.sqrt(len(gap)) * np.std(gap, ddof=1) if len(gap) > 1 else np.inf
+    return float(gap.sum()), float(error)
+
+
+def simplest_within(losses: Mapping[str, Floats], parameters: Mapping[str, int], errors: float = 2.0) -> str:
+    """Choose the model with fewest parameters of those that no more than so many standard errors over units tell from
+    the best; of several with as few the best.
+
+    `losses` are those (U,) of each unit left out of the fit, by model, which are summed (Vehtari, Gelman and Gabry
+    2017, Statistics and Computing 27:1413).
+    """
+    total = {model: float(loss.sum()) for model, loss in losses.items()}
+    best = min(total, key=lambda model: total[model])
+    fewest = parameters[best]
+    for model, loss in losses.items():
+        behind, error = lead_of(losses[best], loss)
+        if behind <= errors * error:
+            fewest = min(fewest, parameters[model])
+    return min((model for model in losses if parameters[model] == fewest), key=lambda model: total[model])
+
+
+def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
+    """Choose the model by the log density of each run under the fit to the others; of one run by Akaike's criterion."""
+    parameters = {number: len(fit.model.theta) - 1 for number, fit in fits.items()}
+    if all(len(fit.mixed.predictive) == 1 for fit in fits.values()):  # none to predict
+        cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in sorted(fits.items())}
+        chosen = min(cost, key=lambda number: cost[number])
+        rivals = [f"model {n}'s is higher by {cost[n] - cost[chosen]:.1f}" for n in cost if n != chosen]
+        because = f"With one run there is no cross-validation; by Akaike's criterion model {chosen} is best"
+        return Preference(chosen, f"{because}, {' and '.join(rivals)}.")
+    losses, parts = {number: -fit.mixed.predictive for number, fit in sorted(fits.items())}, []
+    chosen = simplest_within(losses, parameters)
+    for number, loss in losses.items():
+        gap, error = lead_of(losses[chosen], loss)
+        if number == chosen:
+            continue
+        if gap < 0:
+            parts.append(f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter")
+        elif gap <= 2.0 * error:
+            parts.append(f"level with model {number} ({gap:+.1f} ± {error:.1f})")
+        else:
+            parts.append(f"{gap:+.1f} ± {error:.1f} over model {number}")
+    return Preference(chosen, f"Preferred: model {chosen}. Cross-validated log likelihood: {'; '.join(parts)}.")
+
+
+def prefer_driven(
+    fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
+) -> Preference | None:
+    """Choose the model by predictions of runs left out of its fit over COMPARED seconds. None where the runs are too
+    short, or one alone, to tell.
+
+    Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
+    not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
+    """
+    judged = {number: [p for p in predicted if p.horizon in COMPARED] for number, predicted in ahead.items()}
+    runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
+    if runs < 2 or any(not len(p.error) for predicted in judged.values() for p in predicted):
+        return None
+    sizes = {number: np.array([p.rmse() for p in predicted]) for number, predicted in judged.items()}
+    least = np.min(list(sizes.values()), axis=0)
+    reached = np.unique(np.concatenate([p.run for p in next(iter(judged.values()))]))
+    losses = dict.fromkeys(judged, np.zeros(len(reached)))
+    for number, predicted in judged.items():
+        for p, size in zip(predicted, least):
+            squares = np.bincount(p.run, p.error**2, runs)[reached]
+            losses[number] = losses[number] + squares / (len(p.error) * size**2)
+    chosen = simplest_within(losses, {number: len(fit.model.theta) for number, fit in fits.items()})
+    errors = {n: " and ".join(f"{dof.shown(error):.3g}" for error in size) for n, size in sorted(sizes.items())}
+    rivals = [f"model {number} {error}" for number, error in errors.items() if number != chosen]
+    listed = ", ".join([f"{errors[chosen]} {dof.units.shown}", *rivals])
+    best = min(losses.values(), key=np.sum) is losses[chosen]
+    how = "best" if best else "as well as any with more parameters"
+    over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
+    return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
