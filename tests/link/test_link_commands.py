@@ -205,7 +205,7 @@ def test_a_campaign_file_that_is_there_is_the_one_that_is_run(run: Run, tmp_path
 
 
 def test_a_campaign_that_was_stopped_is_not_analysed(run: Run, tmp_path: Path) -> None:
-    with vehicle_at(tmp_path / "vehicle", speed=20.0) as vehicle:
+    with vehicle_at(tmp_path / "vehicle", speed=1.0) as vehicle:
         put(vehicle.port, made_campaign(3, seconds=60.0))
         asked = ["collect", vehicle.url, "--token", TOKEN, "-o", str(tmp_path / "pool"), "--then", "run"]
         playing = run(*asked)

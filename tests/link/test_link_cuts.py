@@ -115,7 +115,7 @@ def _is_driven(log: Path) -> bool:
 
 
 def test_a_stop_comes_before_the_campaign(tmp_path: Path) -> None:
-    first, second = made_campaign(2, seconds=100.0), made_campaign(3)
+    first, second = made_campaign(2, seconds=600.0), made_campaign(3)
     with vehicle_at(tmp_path / "vehicle", speed=50.0) as vehicle:
         put(vehicle.port, first)
         state = collected(vehicle.url, tmp_path / "pool", second, stop=True)

@@ -155,7 +155,9 @@ FAULTS: dict[str, Act] = {
 
 @pytest.mark.parametrize("says_stop", [False, True])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_campaign_that_is_damaged_while_it_plays_is_over(fault: str, says_stop: bool, tmp_path: Path) -> None:
+def test_a_campaign_that_is_damaged_while_it_plays_is_over(
+    fault: str, says_stop: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With a stop, and without one; what is asked is answered, and nothing is driven afterwards."""
     with vehicle_at(tmp_path, 20.0) as vehicle:
         put(vehicle.port, LONG)
@@ -163,7 +165,9 @@ def test_a_campaign_that_is_damaged_while_it_plays_is_over(fault: str, says_stop
         until(lambda: part.exists() and part.stat().st_size > 100)
         text = document(vehicle.store).read_text()
         if says_stop:
-            threading.Timer(0.05, FAULTS[fault], [vehicle.store]).start()
+            stop = vehicle.server.stop
+            strike = lambda *only: (FAULTS[fault](vehicle.store), stop(*only))[1]  # noqa: E731
+            monkeypatch.setattr(vehicle.server, "stop", strike)
             status, answer = ask(vehicle.port, "POST", "/stop")
             assert status == 200 and json.loads(answer)["stopped"]
         else:
