@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tuning_stack
 from made_vehicles import gains_of, vehicle
 from repository import DATA
 
@@ -76,6 +77,27 @@ def test_a_steady_load_moves_the_angle_loop_cascade_by_what_the_closed_form_says
     gains = gains_of(target, ATC_RAT_YAW_I=0.0, ATC_RAT_YAW_P=0.2, ATC_ANG_YAW_P=2.0)
     flight = step_and_load(target, gains, plant, 1.0, 0.05, 20.0)
     assert flight.position[0, 1, -1] == pytest.approx(-0.05 / (0.2 * 2.0), rel=1e-3)
+
+
+CAREFUL = {"ATC_ANG_YAW_P": 0.5, "ATC_RAT_YAW_P": 0.1, "ATC_RAT_YAW_D": 0.01, "ATC_RAT_YAW_FLTD": 20.0}
+
+
+@pytest.mark.parametrize(
+    ("inertia", "drag", "full", "lag", "delay", "changed"),
+    [
+        (0.59, 1.5, 30.0, 0.03, 0.02, {}), (1.018, 1.257, 1.2, 0.15, 0.3, {}), (29.0, 30.0, 40.0, 0.2, 0.5, {}),
+        (0.59, 1.5, 30.0, 0.1, 0.05, CAREFUL),
+    ],
+)  # fmt: skip
+def test_ardusub_s_stack_agrees_with_one_written_apart_to_half_a_degree(
+    inertia: float, drag: float, full: float, lag: float, delay: float, changed: dict[str, float]
+) -> None:
+    """A step of 90 degrees and a load, also where the loop swings on and on; controller and vehicle are both apart."""
+    target, plant = get("ardusub"), vehicle(inertia, drag, full, lag, delay)
+    ours = step_and_load(target, gains_of(target, **changed), plant, np.pi / 2, 0.1, 10.0).position[0]
+    fleet = tuning_stack.Fleet(np.ones(1), np.array([delay]), inertia / full, drag / full, lag=lag)
+    theirs = tuning_stack.fly({name: np.array([value]) for name, value in changed.items()}, fleet, 10.0)[0, 0]
+    assert np.rad2deg(np.abs(ours - theirs)).max() < 0.5
 
 
 def test_the_integral_is_frozen_at_the_limit_and_held_within_its_own() -> None:

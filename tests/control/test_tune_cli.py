@@ -183,7 +183,7 @@ def test_present_gains_that_are_as_good_are_left(tmp_path: Path) -> None:
 def test_a_quick_vehicle_settles_nearly_as_soon_as_with_the_best_of_many_random_sets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The reference: 1,000 sets that keep the margin, of 6,000 random ones, flown by tests/benchmarks/tuning_stack.py:
+    """The reference: 1,000 sets that keep the margin, of 6,000 random ones, flown by tests/helpers/tuning_stack.py:
     6.6 s with 2.4 deg of a load left after 20 s is the least product."""
     monkeypatch.undo()  # as many vehicles as a user gets
     lag = {"T": estimate(0.0506, "s", 0.1), "law": 0.0, "tau_ref": 1.0, "fall": 1.0}
