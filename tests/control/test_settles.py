@@ -96,19 +96,6 @@ def planned(folder: Path, path: str, half_width: float, *parameters: str, diagno
 
 
 @pytest.mark.slow
-def test_the_planned_runs_settle_an_unknown_delay(tmp_path: Path) -> None:
-    """The truth is 0.02 s late: its planned runs, diagnosed, give what could not be promised before."""
-    path = written(tmp_path, model())
-    assert am.tune(path, target="pid").open == "input-delay"
-    plan = planned(tmp_path, path, 10.0, "I_r", "input-delay t_d")
-    (tmp_path / "truth.toml").write_text(plan.read_text().replace("t_d = 0.2", "t_d = 0.02"))
-    am.simulate(tmp_path / "truth.toml", out=tmp_path / "day")
-    am.diagnose([str(tmp_path / "day")], model=path, out=tmp_path / "diagnosis")
-    found = am.tune(tmp_path / "diagnosis" / "diagnosis.json", target="pid")
-    assert found.verdict == "gains" and found.to_json()["promised"]["settles"] >= 0.95
-
-
-@pytest.mark.slow
 def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     """The truth is 0.4 s late; steps alone left it tied with a dead-band."""
     late = {"t_d": estimate(0.4, "s")}

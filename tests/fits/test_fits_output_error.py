@@ -225,14 +225,6 @@ def test_runs_that_no_moment_moves_or_the_wrong_way_are_refused() -> None:
         identify(against, "whole-runs")
 
 
-@pytest.mark.slow
-def test_mirrored_whole_runs_give_the_same_parameters() -> None:
-    there, back = (
-        identify(runs, "whole-runs").output_error["3"] for runs in (moving(2)[0], [mirrored(r) for r in moving(2)[0]])
-    )
-    assert values(back) == pytest.approx(values(there), rel=1e-6)
-
-
 # What a person is warned of
 
 

@@ -59,36 +59,6 @@ def test_t200_against_speed(tmp_path: Path) -> None:
     assert not (result.points.flag != "").any()
 
 
-def test_t200_against_command(tmp_path: Path) -> None:
-    result = fit(tmp_path, T200, KILOGRAMS + VOLTAGE)
-    assert [volts for volts, _ in result.voltages] == [10.0, 12.0, 14.0, 16.0, 18.0, 20.0]
-    twelve = result.voltages[1][1]
-    assert twelve.percent(twelve.law.rmse) == pytest.approx(4.3, abs=0.05)
-    assert twelve.chosen.form.name == "spline"
-    between = {score.form.name: twelve.percent(score.between_rmse) for score in twelve.scores}
-    assert between["spline"] == pytest.approx(0.26, abs=0.01) and between["dead-band-power"] > 0.3
-    for exponent in result.exponents.values():
-        assert exponent is not None and exponent.value == pytest.approx(1.08, abs=0.03)
-        assert exponent.ci95[0] < 1.3 < exponent.ci95[1]  # what neighbouring voltages say
-
-
-@pytest.mark.parametrize(
-    ("name", "square", "equation", "error", "between"),
-    [
-        ("videoray_m5_nezprop.csv", 13.4, "dead-band-power-saturation", 1.4, 0.95),
-        ("videoray_m5_vrprop.csv", 23.4, "power", 1.3, 0.45),
-    ],
-)
-def test_videoray_m5(tmp_path: Path, name: str, square: float, equation: str, error: float, between: float) -> None:
-    """Against command the square law is wrong by 4 to 25 % of full scale, and no equation as near as a spline."""
-    result = fit(tmp_path, name, COMMAND)
-    assert percent(result, "square") == pytest.approx(square, abs=0.1)
-    assert percent(result, equation) < error
-    chosen = result.analysis.chosen
-    assert chosen.form.name == "spline"
-    assert chosen.between_rmse is not None and 100.0 * chosen.between_rmse / result.analysis.full_scale < between
-
-
 def test_kingfisher_saturates_ahead_raw_and_mean(tmp_path: Path) -> None:
     raw, mean = (fit(tmp_path, KINGFISHER.format(of), by) for of, by in (("raw", TWO_TOGETHER), ("mean", COMMAND)))
     assert raw.thrusters_per_test == 2 and raw.reduction.plateaus == 20
