@@ -9,7 +9,6 @@ import pytest
 from identified import identify
 from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign, time_to_turn
 from made_runs import mirrored
-from numpy.typing import NDArray
 from tolerances import assert_close
 
 from automarine_cli.dofs import SURGE, YAW, Dof
@@ -18,8 +17,6 @@ from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, fit_velocity
 from automarine_cli.fits.steps import StepData, data_of_steps, step_data
 from automarine_cli.models.yaw_model import inertia_from_velocity_error, response
 from automarine_cli.runs.half_turn import half_turns
-
-Floats = NDArray[np.float64]
 
 # PHYSICS 4.7: bias [%] of the inertia from a tail of noise-free samples between this angle and 180 degrees
 TAILS = (0, 15, 30, 45, 54, 60, 75, 90, 105, 120, 150)

@@ -2,15 +2,12 @@
 
 import importlib
 import json
-import re
 import sys
 from types import ModuleType
 from typing import Any
 
 import pytest
 from repository import ROOT
-
-NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 @pytest.fixture

@@ -21,7 +21,6 @@ T200, KINGFISHER = "t200_br2019_10-20V.csv", "kingfisher_heron_bollard_{}.csv"
 COMMAND = '[columns]\nn = "cmd"\nforce_N = "force_n"\n'
 SPEED = '[columns]\nn = { from = "n_rev_s", unit = "rev/s" }\nforce_N = "force_n"\n'
 VOLTAGE = 'voltage_V = "nominal_voltage_V"\n'
-KILOGRAMS = '[columns]\nn = "cmd"\nforce_N = { from = "Force_kgf", unit = "kgf" }\n'
 TWO_TOGETHER = """
 [columns]
 n = "cmd"
