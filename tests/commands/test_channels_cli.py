@@ -56,9 +56,7 @@ def test_results_say_which_sensors_they_rest_on(steps: Path, run: Run, tmp_path:
         assert "Sensors used" in (tmp_path / command / name.replace("json", "md")).read_text()
 
 
-def test_a_choice_is_recorded_and_plans_count_on_the_gyro_that_a_model_rests_on(
-    steps: Path, run: Run, tmp_path: Path
-) -> None:
+def test_a_choice_is_recorded_and_plans_count_on_the_model_s_gyro(steps: Path, run: Run, tmp_path: Path) -> None:
     for name, choice in (("both", "all"), ("compass", "position")):
         result = run("fit-yaw", steps, "--channels", choice, "-o", tmp_path / name)
         assert read_manifest(tmp_path / name / "manifest.json").options["channels"] == choice

@@ -92,9 +92,7 @@ def test_a_line_of_units_below_the_names_is_pointed_to(tmp_path: Path, run: Call
     assert "No column is recognised; delete a line of units below the names." in result.stdout
 
 
-def test_a_folder_of_which_nothing_serves_is_refused_with_the_reasons(
-    tmp_path: Path, run: Callable[..., Result]
-) -> None:
+def test_a_folder_of_which_nothing_serves_is_refused_with_reasons(tmp_path: Path, run: Callable[..., Result]) -> None:
     for name in "ab":
         (tmp_path / f"{name}.csv").write_text("4.05;-0.017;1544017908486\n4.47;-0.014;1544017908536\n")
     refused = run("init", tmp_path)

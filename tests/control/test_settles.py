@@ -46,9 +46,7 @@ def curve(variable: str) -> tuple[str, dict[str, Any]]:
     return f"learned:{variable}", {**ends, "spread": estimate(1.0, "1", 0.0), **knots, "kind": estimate(0.0, "", 0.0)}
 
 
-def test_a_learned_curve_over_a_column_is_left_out_in_a_sentence_and_one_over_the_rate_is_flown(
-    run: Run, tmp_path: Path
-) -> None:
+def test_a_learned_curve_over_a_column_is_left_out_and_one_over_the_rate_is_flown(run: Run, tmp_path: Path) -> None:
     for variable, flown in (("surge", False), ("yaw-rate", True)):
         name, parameters = curve(variable)
         extended = Path(written(tmp_path, model(effect=name, parameters=parameters), "extended_model.json"))

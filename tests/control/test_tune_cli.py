@@ -229,9 +229,7 @@ REFUSALS: list[tuple[dict[str, Any], list[str], str]] = [
 
 
 @pytest.mark.parametrize(("content", "more", "sentence"), REFUSALS)
-def test_what_makes_no_sense_is_refused_in_one_sentence(
-    content: dict[str, Any], more: list[str], sentence: str, run: Run, tmp_path: Path
-) -> None:
+def test_refusals(content: dict[str, Any], more: list[str], sentence: str, run: Run, tmp_path: Path) -> None:
     path, out = written(tmp_path, content), tmp_path / "out"
     thrusters = written(tmp_path, twin_map(8.0, 0.05), "map.json")
     options = [thrusters if option == "map.json" else option for option in more]
@@ -287,9 +285,7 @@ def tuned(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Any]:
     return str(folder / "out" / "tuning.json"), found
 
 
-def test_a_log_of_the_vehicle_that_was_tuned_holds_the_promise(
-    tuned: tuple[str, Any], run: Run, tmp_path: Path
-) -> None:
+def test_a_log_of_the_tuned_vehicle_holds_the_promise(tuned: tuple[str, Any], run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
     tuning_file, found = tuned
     log = flown_log(tmp_path, found, 0.5)

@@ -77,9 +77,7 @@ def test_table_1_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Resu
     assert table["I_r_model_3"] == pytest.approx(eps * k_rr / np.log(2), rel=1e-9)
 
 
-def test_it_is_said_where_the_tails_start_and_what_is_expected_there(
-    run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path
-) -> None:
+def test_where_the_tails_start_is_said(run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path) -> None:
     out, entry = results[0], model_of(results[0])["models"]["3"]["velocity_error"]
     start = entry["tail_from_deg"]
     assert 30 <= round(start) <= 165 and start == pytest.approx(5 * round(start / 5))
@@ -127,9 +125,7 @@ def test_what_cannot_be_fitted_is_refused_in_one_sentence(
 
 
 @pytest.mark.parametrize("moments", [[0.5, -0.5, 0.5, -0.5], [0.2, 0.4, 0.6, 0.8, 1.0]])
-def test_drag_of_one_size_of_moment_or_one_side_is_the_truth(
-    run: Command, tmp_path: Path, moments: list[float]
-) -> None:
+def test_drag_of_one_size_of_moment_or_side_is_the_truth(run: Command, tmp_path: Path, moments: list[float]) -> None:
     """One size tells inertia and one drag, from how the turn begins and how it ends; then runs are fitted whole."""
     folder = write_logs(campaign(moments, seed=1), tmp_path / "logs")
     result = run("fit-yaw", folder, "-o", tmp_path / "out")

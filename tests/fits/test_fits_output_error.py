@@ -130,7 +130,7 @@ def test_another_unit_of_the_moment_scales_inertia_and_drag_alike(number: str) -
         (Vehicle(1.0, 2.0, 0.0), {}, 0.15),
     ],
 )
-def test_truth_is_found_at_any_sampling_rate_and_of_other_vehicles(
+def test_truth_is_found_at_any_rate_and_of_other_vehicles(
     vehicle: Vehicle, how: dict[str, Any], precise: float
 ) -> None:
     number = "1" if vehicle.k_rr == 0 else "3" if vehicle.k_r == 0 else "2"

@@ -118,7 +118,7 @@ def intrude(vessel: Vessel, patch: pytest.MonkeyPatch) -> None:
         (True, intrude, "somebody else sends 0x124, by which the run is driven; make that sender stop"),
     ],
 )
-def test_what_goes_wrong_on_the_bus_ends_the_campaign(
+def test_trouble_ends_the_campaign(
     speaks: bool, act: Act, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     vessel = Vessel(SPEED, speaks=speaks)

@@ -208,9 +208,7 @@ class Unreadable(io.BytesIO):
         raise OSError(5, os.strerror(5))
 
 
-def test_a_link_that_spoils_logs_is_not_taken_for_a_damaged_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_link_that_spoils_logs_is_no_damaged_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = random.Random(1)
 
     class Spoiling(Client):

@@ -97,9 +97,7 @@ def interrupt(store: Store) -> None:
 
 
 @pytest.mark.parametrize(("act", "left", "end"), [(finish, 0, "www"), (stop, 0, "000"), (interrupt, 2, "dww")])
-def test_runs_that_ended_are_not_driven_again_when_their_logs_are_moved_away(
-    act: Act, left: int, end: str, tmp_path: Path
-) -> None:
+def test_runs_that_ended_are_not_driven_again_without_their_logs(act: Act, left: int, end: str, tmp_path: Path) -> None:
     store = handed_over(tmp_path, CAMPAIGN)
     act(store)
     shutil.rmtree(store.runs)
@@ -186,9 +184,7 @@ def test_a_campaign_that_is_damaged_while_it_plays_is_over(
     (None, True, []), (None, False, [[LONG.id]]), ("0" * 8 + "_x", True, [[]]), ("0" * 8 + "_x", False, [[]]),
     (LONG.log_name(LONG.runs[0]), False, [[LONG.id]]),
 ])  # fmt: skip
-def test_a_stop_is_sent_to_whatever_plays(
-    playing: str | None, over: bool, expected: list[list[str]], tmp_path: Path
-) -> None:
+def test_a_stop_goes_to_what_plays(playing: str | None, over: bool, expected: list[list[str]], tmp_path: Path) -> None:
     """To all, where the state lists no campaign that it could be."""
     stops = list[list[str]]()
 

@@ -143,9 +143,7 @@ def lacking(*names: str) -> Dive:
         (boat({1: 1, 3: 4}, {1: 1775.0}), ("is a motor of ArduSub",)),
     ],
 )
-def test_what_cannot_be_worked_back_is_refused_with_the_remedy(
-    tmp_path: Path, name: str, made: Dive, parts: tuple[str, ...]
-) -> None:
+def test_what_cannot_be_worked_back_is_refused(tmp_path: Path, name: str, made: Dive, parts: tuple[str, ...]) -> None:
     with pytest.raises(LogError) as caught:
         require_motion(read(tmp_path, made, name))
     assert str(caught.value).startswith(f"{name}: no yaw moment; ")

@@ -69,7 +69,7 @@ def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(cluster:
         assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
 
 
-def test_campaigns_on_a_cluster_are_the_same_bytes_even_if_a_worker_dies(
+def test_campaigns_are_the_same_bytes_if_a_worker_dies(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Named from here: the workers have another working directory."""
