@@ -16,7 +16,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning circle real peers docs clean
+.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning real peers docs clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -141,10 +141,6 @@ closed-loop: $(READY) ## The same where a controller steers and the water distur
 
 tuning: $(READY) ## Do the promises of tune hold? Five vehicles in twelve corners, 60 blind ones with a known truth; two hours
 	$(BENCHMARK)/tuning.py --jobs $(JOBS) --out $(OUT)
-
-circle: $(READY) ## Plan, drive, collect over a link that is cut, analyse, tune, and fly the same vehicle, into OUT/circle
-	rm -rf $(OUT)/circle
-	$(BENCHMARK)/circle.py --out $(OUT)/circle
 
 real: $(READY) ## Real logs, halves exchanged: predictions against least squares and constants, what is named; AUTOMARINE_DATA
 	$(BENCHMARK)/real.py --jobs 2 --out $(OUT)

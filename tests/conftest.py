@@ -42,7 +42,7 @@ TAKEN = ResultFolder.taken
 DEAREST = {
     "test_ardusub_circle", "test_ardusub_processes", "test_base_drag", "test_cluster", "test_diagnose_planted",
     "test_effects", "test_effects_laws", "test_fit_planar", "test_fits_output_error",
-    "test_golden", "test_innovations", "test_learned", "test_pages_examples", "test_real_lake",
+    "test_golden", "test_innovations", "test_learned", "test_pages_examples",
     "test_settles", "test_thrust_curve", "test_tune_cli", "test_verdict",
 }  # fmt: skip
 """Files that take longest: begun first, so that no process waits at the end for another's long one."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 from effect_families import families, picture_of
@@ -258,53 +257,6 @@ def small_png(figure: Figure) -> bytes:
     figure.savefig(drawn, format="png", dpi=DPI, metadata={"Software": None})
     Image.open(drawn).convert("RGB").quantize(COLOURS).save(small, format="png", optimize=True)
     return small.getvalue()
-
-
-FORECASTS: dict[tuple[str, str], dict[str, tuple[tuple[float, float, float], ...]]] = {
-    ("heading", "deg"): {
-        "lake boat": ((9.1, 9, 29), (9.4, 9, 26)),
-        "work ROV at sea": ((6.2, 6.3, 9.8), (4.7, 4.8, 6.8)),
-        "model ship": ((19, 20, 40), (20, 20, 44)),
-        "ROV, simulated": ((9.7, 9.4, 41), (7, 9, 48)),
-    },
-    ("position", "cm"): {
-        "work ROV, surge": ((34, 32, 34), (20, 18, 22)),
-        "work ROV, sway": ((16, 15, 21), (11, 12, 15)),
-        "work ROV, heave": ((7.2, 20, 36), (9.9, 18, 28)),
-        "model ship, surge": ((12, 13, 30), (15, 14, 38)),
-        "model ship, sway": ((7.6, 7.7, 16), (7.6, 7.4, 14)),
-    },
-}
-"""What `make real` printed: root mean square errors 5 s ahead, each half of the runs predicted by a fit of the other;
-of this tool, of least squares and of a constant speed."""
-PREDICTORS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("this tool", {"marker": "o", "color": PALETTE["blue"], "ms": 5}),
-    ("least squares for 5 s ahead", {"marker": "D", "color": PALETTE["vermilion"], "mfc": "none", "ms": 8, "mew": 1.2}),
-    ("constant speed or turn rate", {"marker": "x", "color": PALETTE["grey"], "ms": 6, "mew": 1.6}),
-)  # fmt: skip
-TICKS = (5, 10, 20, 50)
-
-
-@house_style
-def forecasts_figure() -> Figure:
-    """Draw errors 5 s ahead as dots, a row for each vehicle and motion, in it the two halves one above the other."""
-    figure = Figure((5.3, 4.4), layout="constrained")
-    heights = [len(rows) for rows in FORECASTS.values()]
-    for ax, ((quantity, unit), rows) in zip(figure.subplots(2, 1, height_ratios=heights), FORECASTS.items()):
-        for k, (label, look) in enumerate(PREDICTORS):
-            errors = [half[k] for halves in rows.values() for half in halves]
-            places = [row + lifted for row in range(len(rows)) for lifted in (-0.18, 0.18)]
-            ax.plot(errors, places, linestyle="none", label=label, **look)
-        ax.set(xscale="log", xlim=(4, 60), ylim=(len(rows) - 0.5, -0.5))
-        ax.set_xlabel(f"rms error of the {quantity} 5 s ahead [{unit}]")
-        ax.set_xticks(TICKS, map(str, TICKS))
-        ax.set_xticks([], minor=True)
-        ax.set_yticks(range(len(rows)), rows)
-        ax.grid(axis="y", visible=False)
-        for row in range(1, len(rows)):
-            ax.axhline(row - 0.5, color="0.88", linewidth=0.6)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
 
 
 def main() -> None:

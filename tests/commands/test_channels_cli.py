@@ -9,18 +9,12 @@ import numpy as np
 import pytest
 from click.testing import Result
 from few_candidates import few_candidates
-from identified import identify
 from made_campaigns import both_ways, campaign
 
-from automarine_cli.dofs import HEAVE, SWAY, Dof
-from automarine_cli.logs.columns import names_of
-from automarine_cli.models.yaw_model import response
 from automarine_cli.pipeline.results_folder import read_manifest
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, Logger
 from automarine_cli.planning.information import read_prior_results
-from automarine_cli.report.fit_report import sentences
-from automarine_cli.runs.load import load_runs
 
 Run = Callable[..., Result]
 
@@ -38,23 +32,6 @@ def steps(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def write(path: Path, names: Sequence[str], columns: Sequence[object]) -> None:
     np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(names), comments="", fmt="%.5f")
-
-
-def write_steps(folder: Path, dof: Dof, sensors: Sequence[str]) -> Path:
-    """Steps of a translation, logged in metres with these sensors."""
-    folder.mkdir()
-    random, names = np.random.default_rng(2), [names_of(dof.command)[0]]
-    for i, size in enumerate(both_ways((4.0, 8.0, 12.0, 16.0))):
-        time = 0.1 * np.arange(90)
-        since = time - 2.0 + 0.1 * random.uniform()
-        way, speed = response(since, size, 30.0, 0.0, 40.0)
-        read = {
-            dof.position: 1.5 + way + 0.01 * random.standard_normal(90),
-            dof.velocity: speed + 0.01 * random.standard_normal(90) + 0.01 * random.standard_normal(),
-        }
-        columns = [time, np.where(since > 0, size, 0.0), *(read[name] for name in sensors)]
-        write(folder / f"step_{i}.csv", ["time_s", *names, *(names_of(name)[0] for name in sensors)], columns)
-    return folder
 
 
 def channels_in(path: Path) -> dict[str, dict[str, Any]]:
@@ -79,9 +56,7 @@ def test_results_say_which_sensors_they_rest_on(steps: Path, run: Run, tmp_path:
         assert "Sensors used" in (tmp_path / command / name.replace("json", "md")).read_text()
 
 
-def test_a_choice_is_recorded_and_plans_count_on_the_gyro_that_a_model_rests_on(
-    steps: Path, run: Run, tmp_path: Path
-) -> None:
+def test_a_choice_is_recorded_and_plans_count_on_the_model_s_gyro(steps: Path, run: Run, tmp_path: Path) -> None:
     for name, choice in (("both", "all"), ("compass", "position")):
         result = run("fit-yaw", steps, "--channels", choice, "-o", tmp_path / name)
         assert read_manifest(tmp_path / name / "manifest.json").options["channels"] == choice
@@ -102,20 +77,3 @@ def test_what_is_no_sensor_is_refused(steps: Path, run: Run, tmp_path: Path) -> 
     file.write_text('{"schema": "automarine/thruster-map/1"}')
     result = run("diagnose", file, "--model", file, "--channels", "all")
     assert result.exit_code == 1 and "--channels belongs to a motion; leave it out" in result.stderr
-
-
-@pytest.mark.parametrize("dof", [HEAVE, SWAY], ids=lambda dof: dof.name)  # with a constant force and without
-def test_translations_use_position_and_speed_or_a_speed_alone(dof: Dof, tmp_path: Path) -> None:
-    fit = identify(load_runs([write_steps(tmp_path / "both", dof, dof.channels)], dof=dof).runs)
-    assert fit.channels.names == dof.channels
-    assert fit.preferred.mixed.noise_of[dof.velocity] == pytest.approx(0.01, rel=0.15)
-    assert fit.preferred.estimates[dof.symbols.inertia].value == pytest.approx(30.0, rel=0.05)
-    line = next(line for line in sentences(fit) if line.startswith("Sensors"))
-    assert f"{dof.words.position} (noise " in line and f"{dof.words.rate} (noise " in line and " cm/s)" in line
-
-    runs = load_runs([write_steps(tmp_path / "speed", dof, [dof.velocity])], dof=dof).runs
-    note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
-    assert all(run.summed_up and note in run.notes and note in run.reading for run in runs)
-    fit = identify(runs)
-    assert fit.channels.names == (dof.velocity,) and fit.preferred.noise is None
-    assert fit.preferred.estimates[dof.symbols.inertia].value == pytest.approx(30.0, rel=0.05)

@@ -163,9 +163,7 @@ SIGNALS: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
 
 
 @pytest.mark.parametrize(("columns", "rules", "questions"), SIGNALS, ids=[" ".join(case[0]) for case in SIGNALS])
-def test_what_commands_a_thruster_is_read_from_its_neutral(
-    tmp_path: Path, columns: dict[str, Any], rules: dict[str, Any], questions: tuple[str, ...]
-) -> None:
+def test_signals(tmp_path: Path, columns: dict[str, Any], rules: dict[str, Any], questions: tuple[str, ...]) -> None:
     write_table(tmp_path / "bench" / "a.csv", columns)
     result, data = started(tmp_path)
     assert data["columns"] == rules and data["logs"]["thrusters"] == ["bench"]

@@ -1,10 +1,8 @@
 """`automarine init` on whole folders, of other people too: it is sure only where it can be, and its campaign runs."""
 
 import json
-import pickle
 import tomllib
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +20,6 @@ from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
 from automarine_cli.errors import LogError, OutputError, SettingError
 from automarine_cli.logs.columns import read_column_map
-from automarine_cli.logs.streams import NoHeading
 from automarine_cli.report.campaign import CampaignRun
 
 ARM = 0.2  # m
@@ -95,9 +92,7 @@ def test_a_line_of_units_below_the_names_is_pointed_to(tmp_path: Path, run: Call
     assert "No column is recognised; delete a line of units below the names." in result.stdout
 
 
-def test_a_folder_of_which_nothing_serves_is_refused_with_the_reasons(
-    tmp_path: Path, run: Callable[..., Result]
-) -> None:
+def test_a_folder_of_which_nothing_serves_is_refused_with_reasons(tmp_path: Path, run: Callable[..., Result]) -> None:
     for name in "ab":
         (tmp_path / f"{name}.csv").write_text("4.05;-0.017;1544017908486\n4.47;-0.014;1544017908536\n")
     refused = run("init", tmp_path)
@@ -105,42 +100,11 @@ def test_a_folder_of_which_nothing_serves_is_refused_with_the_reasons(
     assert "no usable run in 2 logs: " in refused.stderr and "write a header such as time_s" in refused.stderr
 
 
-def test_topics_like_a_pose_come_first_and_those_of_all_bags_are_said_together() -> None:
-    topics = ("/rosout (rosgraph_msgs/Log)", *(f"/x{i} (std_msgs/UInt8)" for i in range(20)), "/ins_pose (Pose2D)")
-    refusal = pickle.loads(pickle.dumps(NoHeading("a.bag", topics, many=True)))
-    assert str(refusal).startswith("a.bag: no heading in it; found in it and others /ins_pose (Pose2D), /rosout")
-    assert "/x19 (std_msgs/UInt8). If" in str(refusal)
-
-
 def test_columns_not_read_are_listed_and_roll_is_no_yaw(tmp_path: Path) -> None:
     columns = CANONICAL | {"roll_rate_deg_s": lambda run: 0.1 * run.time, "north": lambda run: 0.0 * run.time}
     result, data = started(write_logs(tmp_path / "logs", columns).parent)
     assert data["columns"] == {} and result.questions == ()
     assert "Columns not read: roll_rate_deg_s, north (roll and pitch are not covered)." in repr(result)
-
-
-def test_commands_in_newtons_need_no_bollard_test(tmp_path: Path) -> None:
-    sides = {f"{name}_N": partial(_thrust, side) for name, side in (("left", 1.0), ("right", -1.0))}
-    write_logs(tmp_path / "logs", TIME | HEADING | sides)
-    result, data = started(tmp_path)
-    assert data["thrusters"] == {"map": "newtons"} and result.questions == ("vehicle.arm_m",)
-    file = answer(tmp_path, {"arm_m": str(ARM)})
-    write_logs(tmp_path / "same" / "logs", TIME | HEADING | {"tau_Nm": lambda run: run.command})
-    plain = write_campaign(tmp_path / "same")
-    fits = [run_campaign(place, out=place.parent / "out", until="fit-yaw") for place in (file, plain)]
-    assert inertia(fits[0]) == pytest.approx(inertia(fits[1]), rel=1e-6)
-    manifest = json.loads((tmp_path / "out" / "yaw" / "manifest.json").read_text())
-    assert manifest["options"]["thrusters"] == "newtons"
-    assert "thrusters" not in {row["role"] for row in manifest["inputs"]}
-
-
-def _thrust(side: float, run):  # type: ignore[no-untyped-def]
-    return side * run.command / ARM / 2
-
-
-def write_campaign(folder: Path) -> Path:
-    init(folder)
-    return folder / "campaign.toml"
 
 
 def test_a_campaign_file_is_a_column_map(tmp_path: Path) -> None:
@@ -167,12 +131,6 @@ def test_nothing_is_replaced_unless_wanted(tmp_path: Path, run: Callable[..., Re
     (tmp_path / "empty").mkdir()
     refused = run("init", tmp_path / "empty")
     assert refused.exit_code == 1 and "no logs in this directory" in refused.stderr
-
-
-def test_names_cannot_leave_their_comment(tmp_path: Path) -> None:
-    write_logs(tmp_path / "steps", CANONICAL)
-    (tmp_path / 'x"]\nstrict = true\n#.csv').write_text("time_s,heading_deg,tau\n", encoding="utf-8")
-    assert set(started(tmp_path)[1]) == {"schema", "title", "vehicle", "logs", "columns", "yaw"}
 
 
 def test_what_a_column_map_says_is_not_asked(tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def test_tables_in_memory_are_runs(results: dict[str, Any], frames: list[pd.Data
     assert am.check([*frames, frames[0]]).logs == len(frames), "a table that comes twice is one log"
 
 
-def test_tables_are_told_by_their_hash_and_columns_may_be_said_in_place(
+def test_tables_by_their_hash_and_columns_in_place(
     results: dict[str, Any], frames: list[pd.DataFrame], tmp_path: Path
 ) -> None:
     mirrored = [
@@ -149,9 +149,7 @@ def test_what_is_no_log_is_refused_in_our_words(logs: Any, sentence: str) -> Non
         ({"tails": 1}, TypeError, "fit_yaw has no setting 'tails'; it has arm, channels, columns, "),
     ],
 )
-def test_settings_of_a_wrong_kind_are_refused(
-    logs: Path, settings: dict[str, Any], error: type[Exception], sentence: str
-) -> None:
+def test_settings_of_a_wrong_kind(logs: Path, settings: dict[str, Any], error: type[Exception], sentence: str) -> None:
     with pytest.raises(error, match=sentence):
         am.fit_yaw(logs / "steps", **settings)
     with pytest.raises(TypeError, match="give logs alone so, a list if many"):

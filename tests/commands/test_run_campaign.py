@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import Result
 from few_candidates import few_candidates
@@ -13,7 +14,7 @@ from figures import drawn
 from repository import SAMPLE_RUNS, tree
 from small_campaign import CAMPAIGN, make_small_campaign
 
-from automarine_cli.commands.run import run_campaign
+from automarine_cli.commands.run import names_of, run_campaign
 from automarine_cli.commands.verify import verify
 from automarine_cli.errors import OutputError, SettingError
 from automarine_cli.pipeline import results_folder
@@ -226,3 +227,119 @@ def test_without_out_results_stand_beside_the_campaign(place: Path, run: Callabl
     assert again.stderr.splitlines() == ["1/1 check: kept (inputs, settings and versions unchanged)."]
     assert run("run").exit_code == 2
     assert run("run", place / "pool" / "campaign.toml", "--until", "fit").exit_code == 2
+
+
+# Several campaigns: a folder each, an overview, and one that is refused stops no other
+
+
+@pytest.fixture(scope="module")
+def season(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two days in the pool, and a campaign file that names logs that are not there."""
+    folder = tmp_path_factory.mktemp("season") / "season"
+    for day in ("monday", "tuesday"):
+        shutil.copytree(small_day / "pool", folder / day)
+    (folder / "lost.toml").write_text('schema = "automarine/campaign/1"\n[logs]\nsteps = ["nowhere"]\n')
+    return folder
+
+
+def files(season: Path) -> list[Path]:
+    return [season / "monday" / "campaign.toml", season / "tuesday" / "campaign.toml", season / "lost.toml"]
+
+
+@pytest.fixture(scope="module")
+def results(season: Path) -> Path:
+    run_campaign(files(season), out=season.parent / "out", until="fit-thrusters")
+    return season.parent / "out"
+
+
+def test_each_campaign_is_done_as_if_alone_and_a_refused_one_stops_nothing(small_day: Path, results: Path) -> None:
+    for day in ("monday", "tuesday"):
+        alone = {name: data for name, data in tree(small_day / "out").items() if not name.startswith("yaw/")}
+        assert alone == tree(results / day)
+    overview = json.loads((results / "campaigns.json").read_text(encoding="utf-8"))
+    assert overview["schema"] == "automarine/campaigns/1"
+    by_name = {campaign["name"]: campaign for campaign in overview["campaigns"]}
+    assert list(by_name) == ["monday", "tuesday", "lost"]
+    assert by_name["monday"]["refused"] == [] and by_name["tuesday"]["title"] == "A small campaign"
+    says = {step["step"]: step["says"] for step in by_name["tuesday"]["steps"]}
+    assert "fit-thrusters" in says and says["check"]
+    (why,) = by_name["lost"]["refused"]
+    assert why.startswith("lost.toml: logs.steps: ") and "no such file" in why
+    assert (results / "campaigns.csv").read_text(encoding="utf-8").count("\n") == 4
+    assert verify([results], inputs=[results.parent]).whole
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["a/one.toml", "a/two.toml"], ["one", "two"]),
+        (["a/x/campaign.toml", "a/y/campaign.toml"], ["x", "y"]),
+        (["a/x/campaign.toml", "b/x/campaign.toml"], ["a/x", "b/x"]),
+        (["a/x/pool.toml", "b/sea.toml"], ["a/x/pool", "b/sea"]),
+        (["a/one.toml", "a/../a/one.toml"], None),  # these would share a folder
+        (["a/x.toml", "a/x/campaign.toml"], None),
+    ],
+)
+def test_folders_are_named_by_what_tells_the_campaigns_apart(paths: list[str], names: list[str] | None) -> None:
+    if names:
+        assert names_of([Path(path) for path in paths]) == names
+        return
+    with pytest.raises(SettingError, match=r"; (name|give)"):
+        names_of([Path(path) for path in paths])
+
+
+def test_the_command_line(season: Path, tmp_path: Path, run: Callable[..., Result]) -> None:
+    nowhere = run("run", *files(season), "--until", "check")
+    assert nowhere.exit_code == 2 and "-o DIR" in nowhere.stderr
+    result = run("run", *files(season), "--until", "check", "-o", tmp_path / "out")
+    assert result.exit_code == 1 and "monday" in result.stdout
+    assert "Error: lost: lost.toml: logs.steps" in result.stderr
+    result = run("run", *files(season)[:2], "--until", "check", "-o", tmp_path / "out", "--json")
+    assert [campaign["name"] for campaign in json.loads(result.stdout)["campaigns"]] == ["monday", "tuesday"]
+    assert result.exit_code == 0
+
+
+# `supply_V`: a supply that the thruster tests do not reach is a caution
+
+
+POWER = 1.5  # thrust grows so with the voltage
+COEFFICIENT = 2.6e-4  # N/n² at 12 V
+
+
+def campaign(folder: Path, volts: tuple[float, ...]) -> Path:
+    """A campaign of one bollard test, pulled at each of these voltages, and of a supply of 16 V."""
+    rng = np.random.default_rng(5)
+    folder.mkdir()
+    levels = np.repeat(np.arange(-150, 151, 15), 2)
+    rows = [
+        f"{n},{COEFFICIENT * n * abs(n) * (v / 12.0) ** POWER + 0.01 * rng.normal():.5f},{v + 0.02 * rng.normal():.3f}"
+        for v in volts
+        for n in levels[levels != 0]
+    ]
+    (folder / "bollard.csv").write_text("\n".join(["n,force_N,voltage_V", *rows, ""]))
+    file = folder / "campaign.toml"
+    file.write_text(
+        'schema = "automarine/campaign/1"\n[vehicle]\nsupply_V = 16.0\n[logs]\nthrusters = ["bollard.csv"]\n'
+        "[thrusters]\nper_test = 1\n"
+    )
+    return file
+
+
+def test_a_supply_beyond_the_tests_is_a_caution(tmp_path: Path, run: Callable[..., Result]) -> None:
+    file, out = campaign(tmp_path / "pool", (12.0, 16.0)), tmp_path / "out"
+    text = file.read_text()
+    for supply, beyond in ((16.3, False), (11.7, False), (22.0, True), (8.0, True)):
+        file.write_text(text.replace("16.0", f"{supply}"))
+        result = run("run", file, "-o", out)
+        assert result.exit_code == 0, result.output
+        content = json.loads((out / "run.json").read_text(encoding="utf-8"))
+        pages = [(out / name).read_text(encoding="utf-8") for name in ("report.html", "report.md")]
+        assert all(("the map is extrapolated" in page) == beyond for page in pages)
+        assert len(content["cautions"]) == beyond
+        for caution in content["cautions"]:
+            assert f"tested at 12.0 to 16.0 V, the vehicle's supply is {supply:.3g}" in caution
+            assert caution in " ".join(result.stdout.split())
+    assert {step.step: step.did for step in run_campaign(file, out=out).steps}["fit-thrusters"] == "kept"
+    log = tmp_path / "pool" / "bollard.csv"
+    log.write_text("\n".join(line.rpartition(",")[0] for line in log.read_text().splitlines()) + "\n")
+    assert run_campaign(file, out=out).content.cautions == ()  # of tests without any voltage nothing is said

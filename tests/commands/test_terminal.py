@@ -81,7 +81,7 @@ def test_what_does_not_fit_is_named_or_follows_below() -> None:
     assert "unforeseeable" in full and full.count("parameter") == 2
 
 
-def test_a_pipe_is_told_now_and_then_how_far_long_work_is(
+def test_a_pipe_is_told_how_far_long_work_is(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seconds = iter([0.0, 3.0, 20.0, 20.0, 25.0, 36.0, 36.0])

@@ -67,9 +67,7 @@ def test_thruster_commands(pool: Path, run: Run, tmp_path: Path) -> None:
     assert refused.exit_code == 1 and "give --thrusters MAP.json and --arm METRES" in refused.stderr
 
 
-def test_a_run_without_a_signal_that_the_model_needs_is_set_aside(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_without_a_signal_of_the_model_is_set_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("automarine_cli.comparison.validation.needed_signals", lambda model: ("depth_m",))
     sequence, logs = sequence_run((0.5,)), tmp_path / "logs"
     written(sequence, logs / "deep.csv", depth_m=1.0)

@@ -74,7 +74,7 @@ def test_noisy_runs_score_their_noise(stored: StoredModels, noise_deg: float) ->
 @pytest.mark.parametrize(
     ("noise_deg", "scatter", "gyro_deg_s"), [(1.0, 0.0, 0.0), (0.3, 0.06, 0.0), (1.0, 0.04, 0.0), (1.0, 0.02, 0.8)]
 )
-def test_a_right_model_has_the_restarted_error_expected_of_it(
+def test_the_restarted_error_expected(
     stored: StoredModels, noise_deg: float, scatter: float, gyro_deg_s: float
 ) -> None:
     """Runs of the true model whose thrust differs from run to run, by commands that do not say so."""
@@ -151,9 +151,7 @@ def test_mirrored_runs_score_the_same(stored: StoredModels) -> None:
             assert_close(values(back, number, name), values(there, number, name), "closed form")  # type: ignore[arg-type]
 
 
-def test_a_shifted_clock_another_order_and_groups_change_nothing(
-    stored: StoredModels, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_shifted_clock_order_and_groups_change_nothing(stored: StoredModels, monkeypatch: pytest.MonkeyPatch) -> None:
     runs = [*noisy(3), step_run(0.5)]
     plain, other = compare(stored, runs), compare(stored, runs[::-1])
     later = compare(stored, [replace(run, time=run.time + 1e4) for run in runs])

@@ -162,9 +162,7 @@ def test_clean_campaigns_stay_silent(few: None) -> None:
 
 
 @pytest.mark.slow
-def test_the_result_holds_the_curve_and_its_model_is_better_on_the_logs_and_exported(
-    by_command: tuple[Path, Diagnosis], tmp_path: Path
-) -> None:
+def test_the_curve_is_in_the_result_and_its_model_is_better(by_command: tuple[Path, Diagnosis], tmp_path: Path) -> None:
     folder = by_command[0]
     (effect,) = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())["effects"]
     assert effect["name"] == "learned:water_temp_C" and effect["says"].startswith("The thrust depends on")

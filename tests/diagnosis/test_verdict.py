@@ -72,9 +72,7 @@ def test_a_name_that_changes_nothing_is_only_suspected(diagnosed: Judge, monkeyp
         assert diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6]).verdict == verdict
 
 
-def test_what_chance_reaches_now_and_then_is_suspected_and_not_added(
-    diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_chance_reaches_now_and_then_is_only_suspected(diagnosed: Judge, monkeypatch: pytest.MonkeyPatch) -> None:
     bar = Scores.threshold
     monkeypatch.setattr(Scores, "threshold", lambda self, at: bar(self, at) if at >= WEAK else np.inf)
     found = diagnosed(campaign(SMALL))

@@ -120,7 +120,7 @@ def test_over_a_few_runs_no_curve_runs_over_what_only_stands_for_time() -> None:
 def test_no_curve_runs_over_what_a_controller_is_after() -> None:
     setpoints = dict.fromkeys(("heading_setpoint_deg", "Desired yaw", "target"))
     runs = [
-        replace(run, extras={**run.extras, **{name: run.time**2 for name in (*setpoints, "offset_cm")}})
+        replace(run, extras={**run.extras, **dict.fromkeys((*setpoints, "offset_cm"), run.time**2)})
         for run in in_water(10)
     ]
     variables = set(ranges(DiagnosisProblem(tuple(runs), BASE, False, ())))

@@ -26,7 +26,6 @@ from effect_contract import (
     short_plans,
     sizes_of,
     unmeasured,
-    with_planted,
 )  # fmt: skip
 
 from automarine_cli import effects
@@ -261,23 +260,6 @@ def _off_the_truth(effect: Effect, truth: Sequence[float]) -> list[float]:
         for p, value, held in zip(effect.parameters, truth, effect.held(tuple(truth)))
         for scan in (effect.scan(p, tuple(truth)),)
     ]
-
-
-@pytest.mark.slow
-def test_several_together_are_recovered() -> None:
-    """An actuator, a moment, the water and a sensor at once."""
-    names, base = ("thruster-lag", "bias-moment", "water-swirl", "compass-deviation"), base_for("")
-    runs = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
-    truth = with_planted(base, *names)
-    study = study_of(measured(truth, runs, seed=2), base)
-    fit = study.fit(truth.with_theta(1.1 * truth.theta))
-    model = truth.with_theta(fit.theta[:-1])
-    for name in names:
-        found = parameter_estimates(study, CandidateFit(names, model, fit, 0.0), name)
-        truly = sizes_of(effects.get(name))
-        every = zip(found.values(), truly, effects.get(name).held(truly), strict=True)
-        for estimate, value in ((e, v) for e, v, held in every if not held):
-            assert abs(estimate.value - value) <= 4.0 * estimate.stderr, f"{name}: {estimate}"
 
 
 @EVERY_EFFECT

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner, Result
 from made_campaigns import campaign, moving_run
-from made_runs import INERTIA, K_RR, written
+from made_runs import K_RR, written
 
 from automarine_cli.commands import automarine
 from automarine_cli.dofs import YAW
@@ -77,9 +77,7 @@ def test_table_1_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Resu
     assert table["I_r_model_3"] == pytest.approx(eps * k_rr / np.log(2), rel=1e-9)
 
 
-def test_it_is_said_where_the_tails_start_and_what_is_expected_there(
-    run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path
-) -> None:
+def test_where_the_tails_start_is_said(run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path) -> None:
     out, entry = results[0], model_of(results[0])["models"]["3"]["velocity_error"]
     start = entry["tail_from_deg"]
     assert 30 <= round(start) <= 165 and start == pytest.approx(5 * round(start / 5))
@@ -88,42 +86,6 @@ def test_it_is_said_where_the_tails_start_and_what_is_expected_there(
     asked = model_of(tmp_path / "out")["models"]["3"]["velocity_error"]
     assert asked["tail_from_deg"] == pytest.approx(100.0) and "as given" in asked["tail_because"]
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["options"]["tail"] == 100.0
-
-
-A_F, A_B, ARM = 2.617e-4, 0.664e-4, 0.2  # the source paper's equation 3, N per count squared
-
-
-def thruster_logs(folder: Path) -> Path:
-    """Runs driven by both thrusters, equal and opposed; the moment [N m] is what equation 3 makes of them."""
-    for i, n in enumerate((50, -50, 80, -80, 120, -120)):
-        moment = np.sign(n) * ARM * (A_F + A_B) * n**2
-        run = campaign([moment], seed=i, noise_deg=0.5, unit="N m")[0]
-        on = run.command != 0
-        folder.mkdir(exist_ok=True)
-        rows = zip(run.time, np.degrees(run.position) % 360, n * on, -n * on)
-        lines = "\n".join(f"{t:.6f},{psi:.6f},{port},{stbd}" for t, psi, port, stbd in rows)
-        (folder / f"run_{i}.csv").write_text(f"time_s,heading_deg,n_port,n_stbd\n{lines}\n")
-    return folder
-
-
-def test_thruster_commands_become_newton_metres_by_map_and_arm(run: Command, tmp_path: Path) -> None:
-    """Through the map of one thruster, fitted to a noise-free bollard test."""
-    n = np.concatenate([np.arange(-150, 0, 15), np.arange(15, 151, 15)])
-    lines = "\n".join(f"{a},{b:.9f}" for a, b in zip(n, np.where(n > 0, A_F, A_B) * np.abs(n) * n))
-    (tmp_path / "bollard.csv").write_text(f"n,force_N\n{lines}\n")
-    assert run("fit-thrusters", tmp_path / "bollard.csv", "-o", tmp_path / "map").exit_code == 0
-    logs, by_map = thruster_logs(tmp_path / "logs"), ("--thrusters", tmp_path / "map" / "thrusters.json")
-    result = run("fit-yaw", logs, *by_map, "--arm", ARM, "--json")
-    assert result.exit_code == 0, result.output
-    model = json.loads(result.stdout)
-    assert model["moment_unit"] == "N m"
-    for name, true in (("I_r", INERTIA), ("k_rr", K_RR)):
-        entry = model["models"]["3"][name]
-        assert entry["unit"] == "N m s²"
-        assert abs(entry["value"] - true) < 4 * entry["stderr"] + 1e-3
-    one_sentence(run("fit-yaw", logs), "--thrusters MAP.json", "--arm METRES")
-    one_sentence(run("fit-yaw", logs, *by_map), "--arm METRES")
-    one_sentence(run("fit-yaw", logs, "--arm", ARM), "--thrusters MAP.json")
 
 
 def of_two_units() -> list[Run]:
@@ -163,9 +125,7 @@ def test_what_cannot_be_fitted_is_refused_in_one_sentence(
 
 
 @pytest.mark.parametrize("moments", [[0.5, -0.5, 0.5, -0.5], [0.2, 0.4, 0.6, 0.8, 1.0]])
-def test_drag_of_one_size_of_moment_or_one_side_is_the_truth(
-    run: Command, tmp_path: Path, moments: list[float]
-) -> None:
+def test_drag_of_one_size_of_moment_or_side_is_the_truth(run: Command, tmp_path: Path, moments: list[float]) -> None:
     """One size tells inertia and one drag, from how the turn begins and how it ends; then runs are fitted whole."""
     folder = write_logs(campaign(moments, seed=1), tmp_path / "logs")
     result = run("fit-yaw", folder, "-o", tmp_path / "out")

@@ -7,8 +7,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from made_campaigns import both_ways, campaign
-from made_runs import mirrored
 from numpy.typing import NDArray
 from scipy import optimize, stats
 from tolerances import assert_close
@@ -24,11 +22,8 @@ from automarine_cli.fits.linear_mixed import (
     scored_deviance,
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
-from automarine_cli.fits.steps import data_of_steps, step_problem
 from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
 from automarine_cli.models.parameter import Parameter, Parameters
-from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
 
@@ -320,32 +315,6 @@ def test_of_a_linear_problem_it_is_the_linearised_jackknife() -> None:
     np.testing.assert_allclose(
         run_covariance(fit, left_out_changes(linear.problem(), fit)), jackknife(fit.left_out), rtol=1e-2, atol=1e-9
     )
-
-
-def half_turn_fit(runs: list[Run], of: MixedFit | None = None) -> tuple[Problem, MixedFit]:
-    """Model 3 on half-turns, well settled; with the scatter of another fit held where one is given."""
-    problem = step_problem(data_of_steps(half_turns(runs)[0]), "3")
-    begin, noise, factors = np.array([1.2, 1.0, 0.0]), 0.02, np.array([0.03, 0.5])
-    if of is not None:
-        limits = {name: (f, f * (1 + 1e-9)) for name, f in zip(problem.effects.factor_names, of.factors)}
-        blocks = tuple(replace(block, limits=limits.get(block.name)) for block in problem.effects.blocks)
-        problem = replace(problem, effects=RunEffects(blocks))
-        begin, noise, factors = of.theta, of.noise, of.factors
-    return problem, fit_mixed(problem, begin, noise=noise, factors=factors, settled=1e-5)
-
-
-def test_a_refit_without_a_run_moves_as_far_as_foreseen() -> None:
-    runs = campaign(both_ways((0.3, 0.5, 0.7, 0.9, 1.1)), seed=4)
-    _, fit = half_turn_fit(runs)
-    foreseen = fit.left_out - fit.phi
-    refitted = np.array(
-        [half_turn_fit([r for j, r in enumerate(runs) if j != i], of=fit)[1].phi - fit.phi for i in range(len(runs))]
-    )
-    for i in range(2):
-        assert np.sqrt(np.mean((foreseen - refitted)[:, i] ** 2)) < 0.1 * np.sqrt(np.mean(refitted[:, i] ** 2))
-    _, mirror = half_turn_fit([mirrored(run) for run in runs])
-    there = run_covariance(fit)
-    np.testing.assert_allclose(run_covariance(mirror), there, rtol=1e-3, atol=1e-3 * there[:2, :2].max())
 
 
 def test_two_runs_that_carry_a_parameter_count_as_two() -> None:

@@ -9,7 +9,6 @@ import pytest
 from identified import identify
 from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign, time_to_turn
 from made_runs import mirrored
-from numpy.typing import NDArray
 from tolerances import assert_close
 
 from automarine_cli.dofs import SURGE, YAW, Dof
@@ -18,8 +17,6 @@ from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, fit_velocity
 from automarine_cli.fits.steps import StepData, data_of_steps, step_data
 from automarine_cli.models.yaw_model import inertia_from_velocity_error, response
 from automarine_cli.runs.half_turn import half_turns
-
-Floats = NDArray[np.float64]
 
 # PHYSICS 4.7: bias [%] of the inertia from a tail of noise-free samples between this angle and 180 degrees
 TAILS = (0, 15, 30, 45, 54, 60, 75, 90, 105, 120, 150)
@@ -104,21 +101,6 @@ def test_noise_moves_the_tail_forward_and_steady_turns_move_it_back() -> None:
     starts = [np.degrees(noisy(0, noise_deg).tail_from) for noise_deg in (0.05, 0.3, 1.0, 3.0)]
     assert starts == sorted(starts, reverse=True) and starts[0] - starts[-1] > 30
     assert np.degrees(noisy(0, 1.0, Vehicle(0.5, 0.0, 1.257)).tail_from) < starts[2]
-
-
-@pytest.mark.slow
-def test_rates_that_scatter_make_no_linear_drag_and_no_smaller_one() -> None:
-    """20 campaigns of 48 runs at 5 %: plain least squares find a linear drag beyond its own uncertainty."""
-    plain, corrected, factor = [], [], []
-    for seed in range(20):
-        fit = paper_method(2 * both_ways([0.1 * i for i in range(1, 13)]), seed=seed, gain_scatter=0.05)
-        two = fit.drag["2"]
-        corrected.append(two.drag[0])
-        plain.append(two.drag[0] - two.dilution["k_r"])
-        factor.append(fit.drag["3"].drag[1] / PAPER.k_rr - 1)
-    error = np.std(corrected, ddof=1) / np.sqrt(len(corrected))
-    assert abs(np.mean(corrected)) < 2.5 * error and np.mean(plain) > 3 * error
-    assert abs(np.mean(factor)) < 0.004
 
 
 def test_ten_campaigns_of_72_runs_come_out_right() -> None:

@@ -15,7 +15,6 @@ from repository import SAMPLE_RUNS
 from step_fits import fitted_steps
 
 from automarine_cli.commands import automarine
-from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import SettingError
@@ -153,16 +152,3 @@ def test_the_command_tells_it_everywhere(tmp_path: Path) -> None:
     assert options["known"] == ["I_r=1.0±0.05,k_r=0.1"]
     fit = fit_yaw(logs[:8], known={"I_r": (1.0, 1e-4)})  # as Python says it
     assert fit.preferred.estimates["I_r"].value == pytest.approx(1.0, abs=1e-3)
-
-
-def test_a_campaign_file_takes_it(tmp_path: Path) -> None:
-    file = tmp_path / "campaign.toml"
-    head = 'schema = "automarine/campaign/1"\n[logs]\nsteps = ["x"]\n[yaw]\n'
-    file.write_text(f"{head}known = {{ I_r = [915, 50], k_r = 3 }}\n")
-    assert Known.of(read_campaign(file).sections["yaw"]["known"]).parameters == {
-        "I_r": Prior(915.0, 50.0),
-        "k_r": Prior(3.0),
-    }
-    file.write_text(f"{head}known = {{ I_r = [915, -50] }}\n")
-    with pytest.raises(SettingError, match=r"yaw\.known: I_r is .*standard error above 0"):
-        read_campaign(file)

@@ -61,9 +61,7 @@ def fit_with(name: str, estimate: Estimate) -> dict[str, OutputErrorFit]:
         ),
     ],
 )  # fmt: skip
-def test_what_the_runs_cannot_tell_is_said_with_the_runs_to_add(
-    moments: Sequence[float], how: dict[str, Any], cautions: list[tuple[str, ...]]
-) -> None:
+def test_the_runs_to_add(moments: Sequence[float], how: dict[str, Any], cautions: list[tuple[str, ...]]) -> None:
     runs = campaign(moments, **{"seed": 1, **{key: value for key, value in how.items() if key != "mirror"}})
     fit = identify([mirrored(run) for run in runs] if "mirror" in how else runs)
     assert [parts for parts in cautions if not says(fit, *parts)] == []

@@ -233,8 +233,3 @@ def test_results_of_the_demo_are_those_that_its_commands_print() -> None:
     )
     assert not_printed("".join(truth for *_, truth in rows), logs) == []
     assert not_printed("1.018, 2.5", "1.02 1.0175") == ["2.5"]
-
-
-def test_the_count_of_words_can_fail() -> None:
-    text = "# Title\n\nOne `two` [three](x.md#y)\nfour. **Five.** Six - seven\n- eight\n1. nine\n\n| ten | eleven |\n"
-    assert [count for count in map(words, sentences(text)) if count] == [1, 4, 1, 2, 1, 1, 1, 1]

@@ -66,17 +66,5 @@ def test_what_can_go_wrong_has_message_cause_and_remedy(name: str) -> None:
     assert rows(name, section)
 
 
-def test_items_are_message_cause_and_remedy() -> None:
-    section = '- *"no mode"*, *"no arm"*, in heave: a\n  cause (3.5 %). Name `it`: see [Logs](../logs.md).\n'
-    section += "- *Slow*: x. `y` helps.\n"
-    assert rows("slice", section) == [
-        ('*"no mode"*, *"no arm"*, in heave', "A cause (3.5 %).", "Name `it`: see [Logs](../logs.md)."),
-        ("*Slow*", "X.", "`y` helps."),
-    ]
-    for wrong in ("- No italics: a cause. A remedy.", "- *No remedy*: a cause.", "- *No cause* Do it. Now.", "Words."):
-        with pytest.raises(ValueError, match=r"slice\.md: write `- \*message or symptom\*: cause\. Remedy\.`, not"):
-            rows("slice", wrong)
-
-
 if __name__ == "__main__":
     PAGE.write_text(troubles(), encoding="utf-8")

@@ -115,7 +115,7 @@ def _is_driven(log: Path) -> bool:
 
 
 def test_a_stop_comes_before_the_campaign(tmp_path: Path) -> None:
-    first, second = made_campaign(2, seconds=100.0), made_campaign(3)
+    first, second = made_campaign(2, seconds=600.0), made_campaign(3)
     with vehicle_at(tmp_path / "vehicle", speed=50.0) as vehicle:
         put(vehicle.port, first)
         state = collected(vehicle.url, tmp_path / "pool", second, stop=True)
@@ -208,9 +208,7 @@ class Unreadable(io.BytesIO):
         raise OSError(5, os.strerror(5))
 
 
-def test_a_link_that_spoils_logs_is_not_taken_for_a_damaged_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_link_that_spoils_logs_is_no_damaged_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = random.Random(1)
 
     class Spoiling(Client):

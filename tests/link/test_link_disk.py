@@ -78,9 +78,7 @@ def test_a_full_disk_arms_nothing_and_can_be_stopped(small_disk: Path) -> None:
     assert (second.over, second.why_stopped) == (True, "somebody had a reason")
 
 
-def test_a_disk_without_room_for_a_campaign_is_the_vehicle_s_and_nothing_is_left_on_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_without_room_for_a_campaign_is_the_vehicle_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

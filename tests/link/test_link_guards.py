@@ -94,7 +94,7 @@ def test_a_campaign_that_is_not_what_was_accepted_is_not_driven(tmp_path: Path) 
 
 
 def test_a_late_copy_of_a_stop_leaves_the_next_campaign_alone(tmp_path: Path) -> None:
-    first, second = made_campaign(2, seconds=100.0), made_campaign(2)
+    first, second = made_campaign(2, seconds=1200.0), made_campaign(2)
     with vehicle_at(tmp_path, speed=100.0) as vehicle:
         put(vehicle.port, first)
         assert ask(vehicle.port, "POST", f"/stop/{first.id}")[0] == 200
@@ -102,7 +102,7 @@ def test_a_late_copy_of_a_stop_leaves_the_next_campaign_alone(tmp_path: Path) ->
         assert ask(vehicle.port, "POST", f"/stop/{first.id}")[0] == 200
         until(lambda: vehicle.store.accepted() == [])
         assert [one.why_stopped for one in vehicle.store.state().campaigns] == ["asked to stop", None]
-        third, fourth = made_campaign(3, seconds=99.0), made_campaign(3, seconds=98.0)
+        third, fourth = made_campaign(3, seconds=599.0), made_campaign(3, seconds=598.0)
         for one in (third, fourth):
             put(vehicle.port, one)
         assert ask(vehicle.port, "POST", f"/stop/{third.id},{fourth.id}") == (200, b'{"stopped": true, "quiet": true}')

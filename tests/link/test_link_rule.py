@@ -97,9 +97,7 @@ def interrupt(store: Store) -> None:
 
 
 @pytest.mark.parametrize(("act", "left", "end"), [(finish, 0, "www"), (stop, 0, "000"), (interrupt, 2, "dww")])
-def test_runs_that_ended_are_not_driven_again_when_their_logs_are_moved_away(
-    act: Act, left: int, end: str, tmp_path: Path
-) -> None:
+def test_runs_that_ended_are_not_driven_again_without_their_logs(act: Act, left: int, end: str, tmp_path: Path) -> None:
     store = handed_over(tmp_path, CAMPAIGN)
     act(store)
     shutil.rmtree(store.runs)
@@ -155,7 +153,9 @@ FAULTS: dict[str, Act] = {
 
 @pytest.mark.parametrize("says_stop", [False, True])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_campaign_that_is_damaged_while_it_plays_is_over(fault: str, says_stop: bool, tmp_path: Path) -> None:
+def test_a_campaign_that_is_damaged_while_it_plays_is_over(
+    fault: str, says_stop: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With a stop, and without one; what is asked is answered, and nothing is driven afterwards."""
     with vehicle_at(tmp_path, 20.0) as vehicle:
         put(vehicle.port, LONG)
@@ -163,7 +163,9 @@ def test_a_campaign_that_is_damaged_while_it_plays_is_over(fault: str, says_stop
         until(lambda: part.exists() and part.stat().st_size > 100)
         text = document(vehicle.store).read_text()
         if says_stop:
-            threading.Timer(0.05, FAULTS[fault], [vehicle.store]).start()
+            stop = vehicle.server.stop
+            strike = lambda *only: (FAULTS[fault](vehicle.store), stop(*only))[1]  # noqa: E731
+            monkeypatch.setattr(vehicle.server, "stop", strike)
             status, answer = ask(vehicle.port, "POST", "/stop")
             assert status == 200 and json.loads(answer)["stopped"]
         else:
@@ -182,9 +184,7 @@ def test_a_campaign_that_is_damaged_while_it_plays_is_over(fault: str, says_stop
     (None, True, []), (None, False, [[LONG.id]]), ("0" * 8 + "_x", True, [[]]), ("0" * 8 + "_x", False, [[]]),
     (LONG.log_name(LONG.runs[0]), False, [[LONG.id]]),
 ])  # fmt: skip
-def test_a_stop_is_sent_to_whatever_plays(
-    playing: str | None, over: bool, expected: list[list[str]], tmp_path: Path
-) -> None:
+def test_a_stop_goes_to_what_plays(playing: str | None, over: bool, expected: list[list[str]], tmp_path: Path) -> None:
     """To all, where the state lists no campaign that it could be."""
     stops = list[list[str]]()
 

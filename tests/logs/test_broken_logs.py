@@ -144,9 +144,7 @@ def test_strict_refuses_it(run: Command, broken: Path, model: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize(("command", "first"), [("diagnose", "infinity"), ("fit-thrusters", "good")])
-def test_too_few_left_says_what_was_set_aside(
-    run: Command, broken: Path, model: Path, tmp_path: Path, command: str, first: str
-) -> None:
+def test_too_few_left(run: Command, broken: Path, model: Path, tmp_path: Path, command: str, first: str) -> None:
     for file in ("infinity.csv", "stuck_compass.csv"):
         shutil.copy(broken / file, tmp_path / file)
     (tmp_path / "level.csv").write_text("n,force_N\n5,0.1\n")

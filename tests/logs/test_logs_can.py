@@ -75,9 +75,7 @@ def test_without_a_dbc_the_identifiers_are_told(tmp_path: Path, content: bytes) 
     assert "no heading in it; found State (41)" in sentence and " 0x123 (200)" in sentence
 
 
-def test_the_column_map_names_the_dbc_relative_to_itself(
-    tmp_path: Path, content: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_column_map_names_the_dbc(tmp_path: Path, content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "bus.dbc").write_bytes(DBC.read_bytes())
     (tmp_path / "maps" / "columns.toml").write_text('[can]\ndbc = "bus.dbc"\n[columns]' + COLUMNS)

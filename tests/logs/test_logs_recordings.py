@@ -105,9 +105,7 @@ def test_streams_that_are_empty_or_begin_late_are_missing_until_then(tmp_path: P
 
 
 @EVERY
-def test_a_missing_library_is_told_with_what_installs_it(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_library_is_told_with_its_extra(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     content, recorder = made(suffix)
     for module in [name for name in sys.modules if name.partition(".")[0] == recorder.package] + [recorder.package]:
         monkeypatch.setitem(sys.modules, module, None)

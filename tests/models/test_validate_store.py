@@ -7,18 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from made_runs import INERTIA, K_RR, step_run
+from made_runs import INERTIA, K_RR
 from made_sequences import model_file
 
-from automarine_cli.dofs import YAW
-from automarine_cli.errors import ModelError, RunError
+from automarine_cli.errors import ModelError
 from automarine_cli.models.store import file_and_models, load_yaw_models
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.curves import PowerCurve
-from automarine_cli.thrusters.map import ThrusterMap, drive_run_by_thrusters
 
 
 @pytest.fixture
@@ -91,14 +86,3 @@ def test_refusals_name_the_place(data: dict[str, Any], sentence: str) -> None:
         file_and_models(data, "m.json")
     assert str(refusal.value).startswith(f"m.json: {sentence}")
     assert sentence.endswith(" is missing") == ("give a file as `automarine fit-yaw`" in str(refusal.value))
-
-
-def test_runs_that_thrusters_cannot_drive() -> None:
-    ahead, n = ThrusterMap("square", PowerCurve(0.02), None), np.ones(20)
-    with pytest.raises(RunError, match="run 'run': no thruster command n_port or n_stbd in the log"):
-        drive_run_by_thrusters(step_run(0.5), ahead, 0.4)
-    run = Run("a", "a.csv", np.arange(20.0), np.zeros(20), None, "", {"n_port": n, "n_stbd": -n}, dof=YAW)
-    with pytest.raises(ModelError, match=r"^a\.csv, run 'a': the thruster map has no backward direction"):
-        drive_run_by_thrusters(run, ahead, 0.4)
-    with pytest.raises(ModelError, match=r"arm of a thruster is 0\.0; expected a positive length"):
-        drive_run_by_thrusters(run, ahead, 0.0)

@@ -18,7 +18,7 @@ from small_campaign import make_small_campaign
 from automarine_cli.commands import automarine
 from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.commands.run import run_campaign
-from automarine_cli.errors import FitError, SettingError
+from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 
 distributed = pytest.importorskip("distributed", reason="the extra automarine[cluster] is not installed")
@@ -54,25 +54,6 @@ def slowly(x: int) -> tuple[int, int]:
     return x * x, os.getpid()
 
 
-def refuse_from_three(x: int) -> int:
-    if x >= 3:
-        raise FitError(f"run {x} cannot be fitted")
-    return x
-
-
-def test_first_item_that_fails_decides_the_error(cluster: Any) -> None:
-    with pytest.raises(FitError, match=r"^run 3 cannot be fitted$"):
-        ordered_map(refuse_from_three, range(40), cluster=cluster.scheduler_address)
-
-
-def test_nothing_is_lost_with_a_worker_that_is_killed(cluster: Any) -> None:
-    counts, progress = killing(cluster, 60)
-    results = ordered_map(slowly, range(300), cluster=cluster.scheduler_address, progress=progress)
-    assert counts[-1] == 300 and [square for square, _ in results] == [x * x for x in range(300)]
-    processes = {process for _, process in results}
-    assert os.getpid() not in processes and len(processes) > 2
-
-
 def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(cluster: Any, tmp_path: Path) -> None:
     logs = str(ROOT / "sample_runs/hidden_one")
     run = partial(CliRunner().invoke, automarine, catch_exceptions=False)
@@ -88,7 +69,7 @@ def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(cluster:
         assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
 
 
-def test_campaigns_on_a_cluster_are_the_same_bytes_even_if_a_worker_dies(
+def test_campaigns_are_the_same_bytes_if_a_worker_dies(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Named from here: the workers have another working directory."""

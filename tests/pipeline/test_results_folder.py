@@ -114,9 +114,7 @@ def test_error_or_interrupt_inside_leaves_nothing_and_passes_unchanged(tmp_path:
     assert caught.value is problem and list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_is_one_sentence_and_an_error_between_two_renames_is_undone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_one_sentence_and_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out, rename = tmp_path / "out", Path.rename
     write(out, {"a": "old"})
 

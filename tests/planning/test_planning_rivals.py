@@ -47,9 +47,7 @@ def test_what_is_true_fits_itself() -> None:
         pytest.param("water-swirl", (0.03, 10.0), "tether-spring", RAMPS, marks=pytest.mark.slow),
     ],
 )
-def test_steps_leave_a_tie_that_other_runs_split(
-    name: str, values: tuple[float, ...], rival: str, more: tuple[Candidate, ...]
-) -> None:
+def test_steps_leave_a_tie(name: str, values: tuple[float, ...], rival: str, more: tuple[Candidate, ...]) -> None:
     true = explanation(name, values)
     pair = (true, rival_of(true, rival))
     few, many = (splits([pair], runs)[0][0] for runs in (STEPS, STEPS + more))

@@ -30,9 +30,7 @@ def warning_lines(result: Result) -> list[str]:
     return [line.removeprefix("Warning: ") for line in result.stderr.splitlines() if line.startswith("Warning: ")]
 
 
-def test_a_figure_that_fails_is_a_warning(
-    small_day: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_figure_that_fails_warns(small_day: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """One that is not drawn, then all of a format, which are not saved."""
     steps, good, bad = small_day / "pool" / "steps", tmp_path / "good", tmp_path / "bad"
     assert run("fit-yaw", steps, "-o", good).exit_code == 0
@@ -51,7 +49,7 @@ def test_a_figure_that_fails_is_a_warning(
     assert result.exit_code == 0 and not list((tmp_path / "out").rglob("*.png"))
 
 
-def test_a_campaign_tells_of_it_each_time(
+def test_a_campaign_says_so_each_time(
     small_day: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     for name in ("one", "two"):
@@ -88,9 +86,7 @@ def test_what_an_exception_says_stands_on_one_line(problem: BaseException, words
 
 
 @pytest.mark.parametrize(("command", "settings"), [(am.fit_yaw, {}), (am.validate, {"model": "none.json"})])
-def test_a_format_that_there_is_not_is_refused_before_any_work(
-    command: Callable[..., object], settings: dict[str, str]
-) -> None:
+def test_an_unknown_format_is_refused_before_any_work(command: Callable[..., object], settings: dict[str, str]) -> None:
     with pytest.raises(SettingError, match=r"^figure format 'gif' is not known; known are png, svg, pdf, slides$"):
         command("nowhere", **settings, figure_formats=("png", "gif"))
 

@@ -37,9 +37,7 @@ def with_colour_bar() -> Figure:
 
 @pytest.mark.parametrize("save", [png, svg, pdf])
 @pytest.mark.parametrize("draw", [small, with_colour_bar])
-def test_the_same_bytes_again_and_whatever_the_user_has_set(
-    save: Callable[[Figure], bytes], draw: Callable[[], Figure]
-) -> None:
+def test_the_same_bytes_whatever_the_user_has_set(save: Callable[[Figure], bytes], draw: Callable[[], Figure]) -> None:
     figure = draw()
     first = save(figure)
     assert save(figure) == first

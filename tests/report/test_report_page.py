@@ -108,9 +108,7 @@ def page(files: dict[str, str]) -> Elements:
     return Elements(files["report.html"])
 
 
-def test_the_same_bytes_from_anywhere(
-    folder: Path, files: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_same_bytes(folder: Path, files: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(folder, tmp_path / "elsewhere")
     monkeypatch.chdir(tmp_path)
     assert make_report(Path("elsewhere"), title=TITLE).files == files
@@ -191,9 +189,7 @@ def test_a_figure_of_another_program_stays_a_picture(tmp_path: Path) -> None:
     assert "is not in its folder" in figure(tmp_path / "yaw", "../yaw/drag.png", "")
 
 
-def test_command_writes_beside_the_steps_with_png_where_no_svg_is(
-    folder: Path, tmp_path: Path, run: Callable[..., Result]
-) -> None:
+def test_command_writes_beside_the_steps_with_png(folder: Path, tmp_path: Path, run: Callable[..., Result]) -> None:
     shutil.copytree(folder / "thrusters", tmp_path / "thrusters")
     (tmp_path / "thrusters" / "thrusters.svg").unlink()
     shutil.copy(tmp_path / "thrusters" / "thrusters.png", tmp_path / "thrusters" / "thrusters.slide.png")
@@ -295,9 +291,7 @@ GRADES = ("good", "look closer", "do not use")
         (5.5, 0.04, 6, "named", 0), (5.7, 0.06, 5, "suspected", 1), (11.5, 1.1, 6, "unexplained", 2),
     ],
 )  # fmt: skip
-def test_five_numbers_are_graded_by_their_limits(
-    restarted: float, half: float, used: int, verdict: str, grade: int
-) -> None:
+def test_five_numbers_have_their_limits(restarted: float, half: float, used: int, verdict: str, grade: int) -> None:
     score = ScoreEntry(rmse=40.0, restarted=restarted)
     validation = ValidationFile(schema="", models={"3": score}, best="3", expected=3.7, dof=YAW)
     diagnosis = DiagnosisFile(schema="", verdict=verdict, gap=GapEntry(before=1, after=1, noise_floor=1), dof=YAW)
@@ -388,9 +382,7 @@ BROWSER = (
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1200, False), (390, True)])
-def test_a_browser_shows_it_without_a_word_to_anybody(
-    files: dict[str, str], tmp_path: Path, width: int, dark: bool
-) -> None:
+def test_a_browser_shows_it_and_asks_nobody(files: dict[str, str], tmp_path: Path, width: int, dark: bool) -> None:
     program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if program is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")

@@ -116,18 +116,3 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
     assert estimates["m_w"].unit == "nu s²/m" and estimates["Z_ww"].unit == "nu s²/m²"
     constant = estimates["constant_force"]
     assert abs(constant.value + 0.1) < 3.0 * constant.stderr < 0.03
-
-
-@pytest.mark.parametrize(("change", "why"), [
-    ({"motion": "roll"}, "vehicle.motion: found \"roll\", expected yaw or surge or heave or sway"),
-    ({"m_w": -1.0}, "m_w is -1; expected more than 0"),
-    ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
-    ({"k_rr": 1.0}, "vehicle: unknown key \"k_rr\"; did you mean \"Z_ww\"?"),
-    ({"motion": "surge"}, "vehicle: unknown key \"m_w\"; did you mean \"m_u\"?"),
-])  # fmt: skip
-def test_specifications_are_refused_in_the_words_of_their_motion(change: dict[str, object], why: str) -> None:
-    runs = [{"kind": "step", "forces": [12.0], "travel_m": 2.5}]
-    vehicle = {**HEAVE_SPEC["vehicle"], **change}  # type: ignore[dict-item]
-    with pytest.raises(SettingError) as problem:
-        specification_from({**HEAVE_SPEC, "vehicle": vehicle, "runs": runs})
-    assert why in str(problem.value), str(problem.value)

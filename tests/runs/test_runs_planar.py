@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.errors import LogError
@@ -14,7 +13,6 @@ from automarine_cli.logs.columns import read_column_map
 from automarine_cli.runs.load import EQUATORIAL_RADIUS, load_runs, local_plane, read_planar, repeats
 from automarine_cli.runs.run import Run
 
-Floats = NDArray[np.float64]
 TIME = np.arange(0, 40, 0.2)
 
 

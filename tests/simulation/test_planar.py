@@ -75,21 +75,6 @@ def test_energy_and_momentum_stay_without_drag_and_force() -> None:
     assert np.ptp(free.velocities[0, 0], axis=0).min() > 0.1  # the velocities themselves do not
 
 
-def test_order_of_convergence_is_four() -> None:
-    """Ahead, to port and clockwise through the water all the time: no drag comes by its corner."""
-    water, time = (0.25, -0.15), np.arange(0, 6.5, 0.8)
-    run = planar_run(time, *(np.full(len(time), force) for force in (15.0, -6.0, 3.0)))
-    velocity = (0.4, -0.5, 0.4)
-    exact = np.concatenate(solved(RESISTED.in_current(water), run, (0, 0, 0.3), velocity), axis=1)
-    start, errors = Start(column((0, 0, 0.3)), column(velocity)), []
-    for step in (0.2, 0.1, 0.05, 0.025):
-        trajectory = simulate(resisted(water), make_batch([run], step, motion=PLANAR), start=start)
-        states = np.concatenate([trajectory.positions[0, 0], trajectory.velocities[0, 0]], axis=1)
-        errors.append(np.abs(states - exact).max())
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all((orders > 3.6) & (orders < 4.6)), orders
-
-
 @pytest.mark.parametrize(("seed", "water"), [(0, None), (1, (0.25, -0.15)), (2, (-0.4, 0.3))])
 def test_against_an_independent_solution(seed: int, water: tuple[float, float] | None) -> None:
     run = driven(seed, 7.0)
@@ -156,24 +141,6 @@ def test_drag_is_against_the_water_and_friction_against_the_ground() -> None:
     surge = (Term("linear-drag", (3.0,)), Term("coulomb-drag", (5.0, 0.0, 0.0, 0.1)))
     braked = simulate(PlanarModel(BODY, surge=surge, water=(0.3, 0.0)), batch)
     assert abs(braked.velocities[0, 0, -1, 0]) < 0.02  # 3 N s/m at 0.3 m/s are less than 5 N
-
-
-def test_sets_and_runs_together_are_each_as_if_alone() -> None:
-    model, runs = resisted(), [driven(1), driven(2, 7.0), driven(3, 9.0, 0.2)]
-    rng = np.random.default_rng(4)
-    theta = model.theta * (1 + 0.1 * rng.standard_normal((4, len(model.theta))))
-    position, velocity = rng.normal(size=(3, 4, 3)), 0.3 * rng.normal(size=(3, 4, 3))
-    gain = 0.1 * rng.normal(size=(4, 3))
-    batch = make_batch(runs, 0.05, motion=PLANAR)
-    together = simulate(model, batch, theta, Start(position, velocity, gain))
-    assert together.positions.shape == together.velocities.shape == (4, 3, max(map(len, runs)), 3)
-    for p, r in ((0, 0), (1, 1), (2, 2), (3, 1)):
-        start = Start(column(position[:, p, r]), column(velocity[:, p, r]), gain[p, r])
-        alone = simulate(model.with_theta(theta[p]), make_batch([runs[r]], 0.05, motion=PLANAR), start=start)
-        for both, single in ((together.positions, alone.positions), (together.velocities, alone.velocities)):
-            np.testing.assert_allclose(both[p, r, : len(runs[r])], single[0, 0], rtol=0, atol=1e-13)
-    spread = simulate(model, batch, start=Start(velocity=velocity))  # sets of starts of one set of parameters
-    assert spread.positions.shape[:2] == (4, 3)
 
 
 def test_late_switches_move_all_commands() -> None:

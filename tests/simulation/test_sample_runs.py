@@ -1,11 +1,9 @@
 """`sample_runs` is what its specification makes, anywhere; and what its README says it is."""
 
 import io
-import json
 import os
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -15,8 +13,6 @@ import pytest
 from repository import ROOT, SAMPLE_RUNS
 from specified import read_specification
 
-from automarine_cli.dofs import YAW
-from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation.campaign import make_campaign
 
 FORCES = ("surge", "heave")
@@ -72,21 +68,6 @@ def test_sample_runs_are_small_and_nothing_else_is_there() -> None:
     others = {"README.md", "pool_day.toml", "forces.toml", "planar_day.toml", "planar_bare.json", "paper.toml"}
     assert listed == {*others, *(f"{name}.toml" for name in PRODUCTS), *products}
     assert sum(len(data) for _, data in files(SAMPLE_RUNS, products)) < 1_000_000  # three times less than allowed
-
-
-@pytest.mark.parametrize(("name", "effects"), [("hidden_one", 1), ("hidden_two", 2)])
-def test_what_is_hidden_is_apart_from_the_logs(name: str, effects: int) -> None:
-    """Logs and nothing else lie in the folder, and no log says what is in it."""
-    loaded = load_runs([SAMPLE_RUNS / name], dof=YAW)
-    assert (len(loaded.runs), loaded.set_aside) == (23, ())
-    hidden = [effect.name for effect in read_specification(SAMPLE_RUNS / f"{name}.toml").effects]
-    truth = json.loads((SAMPLE_RUNS / f"{name}.truth.json").read_text(encoding="utf-8"))
-    assert len(hidden) == effects and [effect["name"] for effect in truth["effects"]] == hidden
-    for path in (SAMPLE_RUNS / name).iterdir():
-        assert path.suffix == ".csv" and not any(effect in path.read_text(encoding="utf-8") for effect in hidden)
-    assert {each["run"] for each in truth["made"]} == {run.name for run in loaded.runs}
-    kinds = Counter(each["kind"] for each in truth["made"])
-    assert kinds == {"step": 12, "coast-down": 4, "reversal": 4, "sequence": 3}
 
 
 def test_the_papers_campaign_has_the_papers_residuals() -> None:

@@ -51,12 +51,6 @@ def test_constant_moment_against_the_closed_form(number: str, moment: float) -> 
 
 
 @pytest.mark.parametrize("number", tuple(BASE_TERMS))
-def test_sequence_against_solve_ivp(number: str) -> None:
-    run = sequence_run(**drags(number))
-    assert_close(headings(number, run, position=0.4), run.position, "rollout")
-
-
-@pytest.mark.parametrize("number", tuple(BASE_TERMS))
 def test_order_of_convergence_is_four(number: str) -> None:
     run = run_of(np.arange(0, 6.5, 0.8), 0.9)
     exact = response(run.time, 0.9, INERTIA, **drags(number))[0]

@@ -79,7 +79,7 @@ def value(result: ThrusterDiagnosis, parameter: str) -> float:
         (logs(sagging, n=SHUFFLED), SQUARE, "battery-sag", "share_lost", 0.15, 0.02),
     ],
 )
-def test_planted_effects_get_their_names(
+def test_planted(
     data: ThrusterLogs, thruster_map: ThrusterMap, expected: str, parameter: str, truth: float, close: float
 ) -> None:
     result = diagnose_thrusters(data, thruster_map)

@@ -21,7 +21,6 @@ T200, KINGFISHER = "t200_br2019_10-20V.csv", "kingfisher_heron_bollard_{}.csv"
 COMMAND = '[columns]\nn = "cmd"\nforce_N = "force_n"\n'
 SPEED = '[columns]\nn = { from = "n_rev_s", unit = "rev/s" }\nforce_N = "force_n"\n'
 VOLTAGE = 'voltage_V = "nominal_voltage_V"\n'
-KILOGRAMS = '[columns]\nn = "cmd"\nforce_N = { from = "Force_kgf", unit = "kgf" }\n'
 TWO_TOGETHER = """
 [columns]
 n = "cmd"
@@ -57,36 +56,6 @@ def test_t200_against_speed(tmp_path: Path) -> None:
     for side, exponent in (("forward", 2.10), ("backward", 2.15)):
         assert power.curves[side].values["p"] == pytest.approx(exponent, abs=0.005)
     assert not (result.points.flag != "").any()
-
-
-def test_t200_against_command(tmp_path: Path) -> None:
-    result = fit(tmp_path, T200, KILOGRAMS + VOLTAGE)
-    assert [volts for volts, _ in result.voltages] == [10.0, 12.0, 14.0, 16.0, 18.0, 20.0]
-    twelve = result.voltages[1][1]
-    assert twelve.percent(twelve.law.rmse) == pytest.approx(4.3, abs=0.05)
-    assert twelve.chosen.form.name == "spline"
-    between = {score.form.name: twelve.percent(score.between_rmse) for score in twelve.scores}
-    assert between["spline"] == pytest.approx(0.26, abs=0.01) and between["dead-band-power"] > 0.3
-    for exponent in result.exponents.values():
-        assert exponent is not None and exponent.value == pytest.approx(1.08, abs=0.03)
-        assert exponent.ci95[0] < 1.3 < exponent.ci95[1]  # what neighbouring voltages say
-
-
-@pytest.mark.parametrize(
-    ("name", "square", "equation", "error", "between"),
-    [
-        ("videoray_m5_nezprop.csv", 13.4, "dead-band-power-saturation", 1.4, 0.95),
-        ("videoray_m5_vrprop.csv", 23.4, "power", 1.3, 0.45),
-    ],
-)
-def test_videoray_m5(tmp_path: Path, name: str, square: float, equation: str, error: float, between: float) -> None:
-    """Against command the square law is wrong by 4 to 25 % of full scale, and no equation as near as a spline."""
-    result = fit(tmp_path, name, COMMAND)
-    assert percent(result, "square") == pytest.approx(square, abs=0.1)
-    assert percent(result, equation) < error
-    chosen = result.analysis.chosen
-    assert chosen.form.name == "spline"
-    assert chosen.between_rmse is not None and 100.0 * chosen.between_rmse / result.analysis.full_scale < between
 
 
 def test_kingfisher_saturates_ahead_raw_and_mean(tmp_path: Path) -> None:

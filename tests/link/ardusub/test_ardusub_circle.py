@@ -32,9 +32,7 @@ use_earlier_runs = false
 
 
 @pytest.mark.parametrize(("frame", "gain"), [(1, 0.75), (2, 1.0)])
-def test_a_campaign_on_ardusub_finds_the_truth(
-    run: Callable[..., Result], tmp_path: Path, frame: int, gain: float
-) -> None:
+def test_a_campaign_on_ardusub_is_true(run: Callable[..., Result], tmp_path: Path, frame: int, gain: float) -> None:
     guess, limits = tmp_path / "guess.json", tmp_path / "limits.toml"
     guess.write_text(json.dumps(GUESSED))
     limits.write_text(LIMITS)

@@ -7,7 +7,7 @@ AP_MotorsMatrix.cpp; margins are those of Seiler, Packard and Gahinet (2020), IE
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -182,8 +182,3 @@ def random_sets(count: int, seed: int, fastest: Mapping[str, tuple[float, float]
     random = np.random.default_rng(seed)
     sets = {name: np.exp(random.uniform(np.log(ends[0]), np.log(ends[1]), count)) for name, ends in fastest.items()}
     return sets | {"ATC_RAT_YAW_FLTD": np.full(count, 20.0), "ATC_RAT_YAW_IMAX": np.full(count, 0.5)}
-
-
-def corners(fleet: Fleet, gains: tuple[float, ...]) -> Fleet:
-    """The same vehicle with several gains of the thrust."""
-    return replace(fleet, gain=np.array(gains), delay=np.full(len(gains), fleet.delay[0]))
