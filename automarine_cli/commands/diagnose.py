@@ -65,7 +65,7 @@ def _of_a_motion(
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
     from automarine_cli.comparison.validation import usable_runs
     from automarine_cli.diagnosis.diagnose import diagnose_runs, expected_seconds
-    from automarine_cli.models.store import load_yaw_models
+    from automarine_cli.models.store import read_model
     from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.runs.channels import parse_channels
     from automarine_cli.runs.checks import without_stuck
@@ -74,7 +74,7 @@ def _of_a_motion(
     from automarine_cli.runs.run import ExcludedRun, Run, command_warnings
     from automarine_cli.thrusters.map import moment_maker
 
-    stored = load_yaw_models(model)
+    stored = read_model(model)
     dof = stored.dof
     parse_channels(channels, dof)
     drive = moment_maker(thrusters, arm, names, dof)
@@ -113,11 +113,11 @@ def _of_the_plane(
     from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
     from automarine_cli.diagnosis.planar import MIN_RUNS, find_missing, find_planar_where
     from automarine_cli.fits.planar_structure import observed
-    from automarine_cli.models.store import load_planar_model
+    from automarine_cli.models.store import read_model
     from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.thrusters.map import load_planar
 
-    stored = load_planar_model(model)
+    stored = read_model(model)
     campaign, other = load_planar(logs, **settings), load_planar(hold_out, **settings) if hold_out else None
     runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, MIN_RUNS)
     if not held_out:

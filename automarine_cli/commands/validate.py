@@ -39,8 +39,7 @@ def validate(
     """
     from automarine_cli.comparison.validation import compare, predictions_of, usable_runs
     from automarine_cli.logs import given_columns
-    from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, load_yaw_models
-    from automarine_cli.pipeline.records import schema_in
+    from automarine_cli.models.store import read_model
     from automarine_cli.runs.channels import AUTO, choose_channels, parse_channels
     from automarine_cli.runs.load import load_runs, require_usable
     from automarine_cli.runs.run import command_warnings
@@ -48,17 +47,16 @@ def validate(
 
     names = given_columns(columns)
     execution = {"strict": strict, "jobs": jobs, "progress": progress}
-    if schema_in(model) == PLANAR_MODEL.schema:
+    stored = read_model(model)
+    if stored.in_plane:
         _refuse_half_a_drive(thrusters, arm, columns)
         if channels != AUTO:
             raise SettingError(
                 f"{model.name} is a planar model: every channel of its logs is compared; leave --channels out"
             )
-        planar_model = load_planar_model(model)
         campaign = load_planar(logs, names, thrusters, arm, **execution)
         command_warnings(campaign.runs)  # refused where they cannot be of this map
-        return replace(compare(planar_model, campaign.runs, seed), set_aside=campaign.set_aside)
-    stored = load_yaw_models(model)
+        return replace(compare(stored, campaign.runs, seed), set_aside=campaign.set_aside)
     if stored.dof.levered or arm is not None:
         _refuse_half_a_drive(thrusters, arm, columns)
     parse_channels(channels, stored.dof)

@@ -4,9 +4,8 @@ Each candidate is added to the model and everything is fitted again by innovatio
 more than a penalty and a head start, run by run beyond chance, and where runs held out are more likely with it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +44,8 @@ from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, Observed, Structure
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
-from automarine_cli.models.planar import Tied, derivative, parameters_of
-from automarine_cli.models.store import StoredPlanar, planar_json
-from automarine_cli.models.yaw_model import Term
+from automarine_cli.models.store import StoredModels, planar_json
+from automarine_cli.models.yaw_model import CURRENT, Term, YawModel
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
@@ -79,7 +77,7 @@ class Candidate:
 
     name: str
     added: tuple[str, ...]
-    model: Tied
+    model: YawModel
 
     @property
     def label(self) -> str:
@@ -96,47 +94,47 @@ class Candidate:
         return SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
 
 
-def base_of(stored: StoredPlanar, observed: Observed) -> Tied:
+def base_of(stored: StoredModels, observed: Observed) -> YawModel:
     """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
 
     Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it."""
     model = stored.undelayed
-    names = set(model.parameter_names)
-    ties = {name: tie for name, tie in Structure.simplest(observed).ties.items() if {name, tie[0]} <= names}
-    if SWAY.parameter("inertia") not in ties and model.inertia.m_v == model.inertia.m_u:
-        ties[SWAY.parameter("inertia")] = ("surge.m_u", 1.0)
-    free = stored.free or tuple(name for name, value in zip(model.parameter_names, model.theta) if value)
-    return Tied(model, tuple(name for name in model.parameter_names if name in free and name not in ties), ties)
+    names, mass = model.parameter_names, SWAY.parameter("inertia")
+    ties = [tie for tie in Structure.simplest(observed).ties if {*tie[:2]} <= {*names}]
+    if mass not in [tied for tied, *_ in ties] and model.masses[1] == model.masses[0]:
+        ties.append((mass, "surge.m_u", 1.0))
+    fixed, tied = model.fixed, [name for name, *_ in ties]
+    if not fixed:
+        fixed = tuple(name for name, value in zip(names, model.theta) if not value)
+    return replace(model, fixed=tuple(name for name in fixed if name not in tied), ties=tuple(ties))
 
 
-def candidates(base: Tied, observed: Observed, largest: float) -> Iterator[Candidate]:
+def candidates(base: YawModel, observed: Observed, largest: float) -> Iterator[Candidate]:
     """What may be added to a model; `largest` is the largest moment [N m]."""
-    model, have = base.model, {term.name for term in base.model.cross}
+    dofs, have = base.motion.dofs, {(term.dof, term.name) for term in base.terms}
 
-    def candidate(name: str, *added: str, ties: Mapping[str, tuple[str, float]] = base.ties, **more: Any) -> Candidate:
-        return Candidate(name, added, Tied(replace(model, **more), (*base.free, *added), ties))
+    def added(term: Term) -> Candidate:
+        names = [n for n, fixed in zip(base.names_of(term), term.effect.held(term.values)) if not fixed]
+        return Candidate("cross-coupling" if term.is_cross else term.name, tuple(names), base.with_term(term))
 
-    for name in [name for name in COUPLINGS if name not in have and (SWAY in observed.dofs or name == "N_ur")]:
-        added = f"{base.motion.dofs[derivative(name)[0]].name}.{name}"
-        yield candidate("cross-coupling", added, cross=(*model.cross, Term(name, (0.0,))))
-    if SWAY in observed.dofs and "planar.m_vr" not in base.free:
-        yield candidate("cross-coupling", "planar.m_vr")
+    for term in map(Term.cross, COUPLINGS):
+        if (term.dof, term.name) not in have and (SWAY in observed.dofs or term.name == "N_ur"):
+            yield added(term)
+    if SWAY in observed.dofs and "planar.m_vr" in base.fixed:
+        fixed = tuple(name for name in base.fixed if name != "planar.m_vr")
+        yield Candidate("cross-coupling", ("planar.m_vr",), replace(base, fixed=fixed))
     for dof in observed.dofs:
-        terms: tuple[Term, ...] = getattr(model, dof.name)
-        for law in [law for law in LAWS[-1] if law not in [term.name for term in terms]]:
-            more: dict[str, Any] = {dof.name: (*terms, Term(law, (0.0,)))}
-            yield candidate(law, dof.parameter(law.removesuffix("-drag")), **more)
+        for law in [law for law in LAWS[-1] if (dofs.index(dof), law) not in have]:
+            yield added(Term(law, (0.0,), True, dofs.index(dof)))
     mass = SWAY.parameter("inertia")
-    if mass in base.ties:
-        yield candidate("munk-moment", mass, ties={name: tie for name, tie in base.ties.items() if name != mass})
-    if model.water is None and observed.over_ground:
-        yield candidate("current", "current.north", "current.east", water=(0.0, 0.0))
-    for name in [name for name in OF_YAW if name not in {term.name for term in model.yaw}]:
-        effect = effects.get(name)
-        values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in effect.parameters)
-        term = Term(name, values)
-        names = [n for n, fixed in zip(parameters_of(YAW, term), effect.held(values)) if not fixed]
-        yield candidate(name, *names, yaw=(*model.yaw, term))
+    if mass in [tied for tied, *_ in base.ties]:
+        yield Candidate("munk-moment", (mass,), replace(base, ties=tuple(tie for tie in base.ties if tie[0] != mass)))
+    if base.water is None and observed.over_ground:
+        yield Candidate("current", CURRENT, replace(base, water=(0.0, 0.0)))
+    for name in [name for name in OF_YAW if (dofs.index(YAW), name) not in have]:
+        parameters = effects.get(name).parameters
+        values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in parameters)
+        yield added(Term(name, values, dof=dofs.index(YAW)))
 
 
 MIN_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
@@ -273,10 +271,10 @@ class PlanarDiagnosis(Shown):
         after = self.after
         estimates = {name: estimate.to_json() for name, estimate in after.estimates(self.fitted).items()}
         return {
-            **planar_json(after.model.model, estimates),
+            **planar_json(after.model, estimates),
             "effects": [contender.candidate.name for contender in self.named],
             "random": dict(after.random),
-            "covariance": {"parameters": list(after.model.free), "matrix": after.covariance.tolist()},
+            "covariance": after.covariance_json(),
             "parent": self.parent_sha256,
         }
 
@@ -344,7 +342,7 @@ class _Planar(Judge[Estimated, PlanarStep]):
 
 
 def find_missing(
-    stored: StoredPlanar, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed
+    stored: StoredModels, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed
 ) -> PlanarDiagnosis:
     """Diagnose a model on `runs`, with `unseen` ones that are never fitted. Raises RunError for too few of either."""
     if len(runs) < 2 or not unseen:
@@ -389,7 +387,9 @@ def _on_the_best_summit(
     if not any(contender.evident for contender in tried):
         return current, tried
     estimate = max(tried, key=lambda contender: contender.surplus).estimate
-    model = current.model.with_theta([estimate.known[name] for name in current.model.free])
+    names, free = current.model.parameter_names, current.model.free
+    values = zip(names, current.model.theta)
+    model = current.model.with_theta([estimate.known[name] if name in free else value for name, value in values])
     again = likelihood.estimate(model, estimate.random, LOOK)
     if again.fit.log_likelihood <= current.fit.log_likelihood:
         return current, tried

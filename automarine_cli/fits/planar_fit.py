@@ -8,8 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from automarine_cli import effects
-from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -30,9 +29,8 @@ from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.planar_structure import PLACES, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.whole_runs import estimate_of, run_covariance, run_dof
 from automarine_cli.models.parameter import Parameter, Parameters, Prior
-from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
-from automarine_cli.models.store import planar_json, units
-from automarine_cli.models.yaw_model import COMMAND_DELAY
+from automarine_cli.models.store import planar_json
+from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
@@ -74,10 +72,10 @@ WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts o
 
 @dataclass(frozen=True)
 class Estimated:
-    """What a `fit` by innovations or to forecasts found for one model: values in `model`, `covariance` (f, f) of its
-    free parameters with the run as the unit."""
+    """What a `fit` by innovations or to forecasts found for one model: values in `model`, `covariance` (p, p) of its
+    parameters with the run as the unit."""
 
-    model: Tied
+    model: YawModel
     covariance: Floats = field(repr=False)
     fit: InnovationsFit = field(repr=False)
 
@@ -101,26 +99,31 @@ class Estimated:
     @property
     def known(self) -> dict[str, float]:
         """Values of all parameters of the model by qualified name."""
-        return dict(zip(self.model.model.parameter_names, self.model.model.theta.tolist()))
+        return dict(zip(self.model.parameter_names, self.model.theta.tolist()))
 
     def estimates(self, runs: int, prior: Known = NOTHING_KNOWN) -> dict[str, Estimate]:
         """Every parameter that was identified in so many `runs` or follows one, by qualified name."""
-        spread, model, fit = self.model.spread, self.model.model, self.fit
-        deviation = np.sqrt(np.einsum("pf,fg,pg->p", spread, self.covariance, spread))
-        unit, estimates = units(model), {}
-        for name, value, error, row in zip(model.parameter_names, model.theta.tolist(), deviation.tolist(), spread):
-            if not row.any():
+        fit, model, estimates = self.fit, self.model, dict[str, Estimate]()
+        parameters, deviation = fit.parameters, np.sqrt(np.diagonal(self.covariance)).tolist()
+        for parameter, value, error in zip(parameters, model.theta.tolist(), deviation):
+            name = parameter.name
+            if name in model.fixed:
                 continue
-            i, freedom = int(np.argmax(np.abs(row))), float(self.readings - len(self.model.free))
-            if runs > 1:
-                freedom = run_dof(fit, np.eye(len(fit.theta))[i])
-            if fit.parameters.log[i]:
-                estimate = Estimate.from_log(value, error / value, freedom, unit[name])
+            i = parameters.names.index(name if parameter.tie is None else parameter.tie[0])
+            freedom = run_dof(fit, np.eye(len(fit.theta))[i]) if runs > 1 else float(self.readings - len(model.free))
+            if parameters.log[i]:
+                estimate = Estimate.from_log(value, error / value, freedom, parameter.unit)
             else:
-                estimate = Estimate.from_stderr(value, error, freedom, unit[name])
+                estimate = Estimate.from_stderr(value, error, freedom, parameter.unit)
             before = name in prior.parameters
             estimates[name] = replace(estimate, known=before, at_bound=i in fit.at_bound and not before)
         return estimates
+
+    def covariance_json(self) -> dict[str, object]:
+        """Names and covariance of the free parameters, for files."""
+        free = self.model.free
+        at = [self.model.index(name) for name in free]
+        return {"parameters": list(free), "matrix": self.covariance[np.ix_(at, at)].tolist()}
 
     @property
     def criterion(self) -> float:
@@ -161,7 +164,7 @@ def search(estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
 
 def _promising(
     best: Tried, new: Sequence[Structure], estimator: "PlanarLikelihood"
-) -> list[tuple[Structure, Tied, "Promise"]]:
+) -> list[tuple[Structure, YawModel, "Promise"]]:
     """The neighbours of the best structure that promise to be better, with their models and what they promise.
 
     What a law of drag gains in place of another is at most what it gains beside it.
@@ -205,8 +208,8 @@ class PlanarFit(Shown):
         return self.best.structure
 
     @property
-    def model(self) -> PlanarModel:
-        return self.found.model.model
+    def model(self) -> YawModel:
+        return self.found.model
 
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
@@ -242,7 +245,7 @@ class PlanarFit(Shown):
 
     def to_json(self) -> dict[str, object]:
         estimates = {name: estimate.to_json() for name, estimate in self.estimates.items()}
-        fit, free = self.found.fit, self.found.model.free
+        fit = self.found.fit
         return {
             **planar_json(self.model, estimates),
             COMMAND_DELAY: self.found.delay.to_json(),
@@ -256,7 +259,7 @@ class PlanarFit(Shown):
             "random": {name: size for name, size in self.found.random.items() if name != COMMAND_DELAY},
             "prediction": self.use.to_json(YAW),
             "log_likelihood": fit.log_likelihood,
-            "covariance": {"parameters": list(free), "matrix": self.found.covariance.tolist()},
+            "covariance": self.found.covariance_json(),
             "valid_range": self.valid_range,
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.runs), self.set_aside, self.runs),
@@ -270,7 +273,7 @@ class PlanarFit(Shown):
         loose = [
             name
             for name, estimate in self.estimates.items()
-            if name.partition(".")[2] in ("m_u", "m_v", "I_r") and estimate.stderr > 0.5 * abs(estimate.value)
+            if name in [dof.parameter("inertia") for dof in PLANAR.dofs] and estimate.stderr > 0.5 * abs(estimate.value)
         ]
         if loose:
             sentences.append(
@@ -284,7 +287,6 @@ INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit st
 SIZES = (0.02, 0.2)  # disturbances, as shares of the acceleration of the largest command, to start from
 BRIEF = 4  # iterations of a brief fit
 WORTH_IT = 0.02  # share of the errors of predictions that is worth another estimator or structure
-FASTEST_WATER = 5.0  # m/s; no tidal current of a place where vehicles are tested is faster
 
 
 @dataclass(frozen=True)
@@ -313,20 +315,18 @@ class PlanarLikelihood:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
         return make_course(self.runs, moving, motion=PLANAR, channels=self.observed.channels)
 
-    def problem(self, model: Tied) -> DrivenProblem:
-        """The likelihood of a model: inertias on a logarithmic scale, own drags zero or more, couplings of any sign."""
-        searched = [_searched(name, value, self.rough, self.course) for name, value in zip(model.free, model.theta)]
-        parameters = Parameters((*searched, *self._random(model)))
+    def problem(self, model: YawModel) -> DrivenProblem:
+        largest = np.abs(self.course.commanded).max(axis=(1, 2))
+        parameters = Parameters((*model.parameters(np.where(largest > 0, largest, 1.0)), *self._random(model)))
         return DrivenProblem(model, self.course, parameters.informed(self.priors))
 
     def starts(self, problem: DrivenProblem, random: Mapping[str, float] | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the `random` ones."""
         model = problem.model
-        assert isinstance(model, Tied)
         middle = {chance.name: chance.value for chance in problem.parameters.nuisance}
         if random is not None:
             return starts_near(problem, [model.theta], random)
-        heavy = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in model.free])
+        heavy = np.array([parameter.role == "inertia" for parameter in problem.parameters[problem.parameters.of_model]])
         starts = []
         for inertia, size in product(INERTIAS, SIZES):
             pushed = {
@@ -337,7 +337,7 @@ class PlanarLikelihood:
         return problem.parameters.within(starts)
 
     def estimate(
-        self, model: Tied, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
+        self, model: YawModel, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
     ) -> Estimated:
         """The model fitted, from its own values and what is known of the `random` ones; one of few `iterations` leaves
         no run out. Raises FitError where no start leads anywhere."""
@@ -372,7 +372,7 @@ class PlanarLikelihood:
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
         return (*chosen, _because(chosen, fitted))
 
-    def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
+    def promises(self, wide: YawModel, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
         `neighbour`, and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)
@@ -395,19 +395,24 @@ class PlanarLikelihood:
         without = promise(()).gain
         return [replace(expected, gain=expected.gain - without) for expected in map(promise, added)]
 
-    def toward(self, model: Tied, random: Mapping[str, float], promised: Promise) -> tuple[Tied, Mapping[str, float]]:
+    def toward(
+        self, model: YawModel, random: Mapping[str, float], promised: Promise
+    ) -> tuple[YawModel, Mapping[str, float]]:
         """The model, and what is `random`, as promised, where that is likelier than as they are."""
         problem = self.problem(model)
         (start,) = self.starts(problem, random)
         there = np.array([promised.theta.get(name, value) for name, value in zip(problem.parameters.names, start)])
-        value, reached = problem.value(problem.parameters.search(np.stack([start, there])))
+        phis = problem.parameters.search(np.stack([start, there]))
+        value, reached = problem.value(phis)
         if not reached > value:
             return model, random
-        return model.with_theta(there[: len(model.free)]), dict(zip(problem.parameters.names, there.tolist()))
+        there = problem.parameters.natural(phis[1])
+        of_model = there[problem.parameters.of_model]
+        return model.with_theta(of_model), dict(zip(problem.parameters.names, there.tolist()))
 
-    def _random(self, model: Tied) -> tuple[Parameter, ...]:
+    def _random(self, model: YawModel) -> tuple[Parameter, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
-        m = np.diagonal(model.model.inertia.matrix)
+        m = np.diagonal(model.inertia_matrix(model.theta[None])[0])
         forces = [_usual(self.rough, dof)[0] for dof in PLANAR.dofs]
         largest = np.abs(self.course.commanded).max(axis=(1, 2))
         pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
@@ -416,10 +421,10 @@ class PlanarLikelihood:
         return tuple(replace(c, upper=c.lower) if c.name.startswith(unread) else c for c in chances)
 
 
-def _estimated(model: Tied, fit: InnovationsFit) -> Estimated:
+def _estimated(model: YawModel, fit: InnovationsFit) -> Estimated:
+    slopes = np.where(fit.parameters.log, fit.theta, 1.0) * fit.parameters.follows
     of_model = fit.parameters.of_model
-    slopes = np.where(fit.parameters.log[of_model], fit.theta[of_model], 1.0)
-    covariance = run_covariance(fit)[of_model, of_model] * np.outer(slopes, slopes)
+    covariance = (slopes @ run_covariance(fit) @ slopes.T)[of_model, of_model]
     return Estimated(model.with_theta(fit.of_model), covariance, fit)
 
 
@@ -436,28 +441,3 @@ def _usual(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:
     """Usual force and speed along a degree of freedom, by its rough drags."""
     linear, quadratic = rough[dof.parameter("linear")], rough[dof.parameter("quadratic")]
     return linear**2 / quadratic, linear / quadratic
-
-
-def _searched(name: str, value: float, rough: Mapping[str, float], course: Course) -> Parameter:
-    """A parameter by its qualified name, as it is searched."""
-    where, _, short = name.partition(".")
-    if where == "current":
-        return Parameter(name, value, -FASTEST_WATER, FASTEST_WATER, step=0.05)
-    if where == PLANAR.name:  # inertia that couples
-        return Parameter(name, value, step=0.1 * rough[YAW.parameter("inertia")])
-    if name in [dof.parameter("inertia") for dof in PLANAR.dofs]:
-        return Parameter(name, value, 1e-6, log=True, role="inertia")
-    if name in rough:  # own drag
-        return Parameter(name, value, 0.0, step=0.1 * rough[name])
-    if "." in short:  # of an effect of the library
-        effect_name, _, symbol = short.partition(".")
-        effect, dof = effects.get(effect_name), DOFS[where]
-        law = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == symbol)
-        largest = float(np.abs(course.commanded[PLANAR.index(dof)]).max()) or 1.0
-        return Parameter(name, value, law.lower, law.upper, law.log, max(law.scaled(law.start, largest), 1e-6))
-    if short[0] in FORCES and short[1:2] == "_":  # coupling
-        size, _ = _usual(rough, PLANAR.dofs[FORCES.index(short[0])])
-        for letter in short[2:]:
-            size /= _usual(rough, PLANAR.dofs[VELOCITIES.index(letter)])[1]
-        return Parameter(name, value, step=0.1 * size)
-    return Parameter(name, value, step=0.01 * _usual(rough, DOFS[where])[0])

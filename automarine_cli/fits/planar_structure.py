@@ -12,8 +12,7 @@ import numpy as np
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
-from automarine_cli.models.planar import FORCES, Inertia, PlanarModel, Tied
-from automarine_cli.models.yaw_model import COMMAND_DELAY, Term
+from automarine_cli.models.yaw_model import COMMAND_DELAY, INERTIA_COUPLINGS, Term, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
@@ -144,27 +143,25 @@ class Structure:
         lacking.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
         return tuple(lacking)
 
-    def model(self, sizes: Mapping[str, float]) -> Tied:
+    def model(self, sizes: Mapping[str, float]) -> YawModel:
         """The model with start values `sizes` by qualified name: those of `rough_sizes`, and what is known better."""
+        terms, ties = [], self.ties
+        values = {**sizes, **{name: factor * sizes[source] for name, source, factor in ties}}
+        for place, dof in enumerate(PLANAR.dofs):
+            for law in self.laws.get(dof.name, ("linear-drag",)):  # of what is tied
+                value = values[dof.parameter(law.removesuffix("-drag"))]
+                terms.append(Term(law, (value,), True, place))
+        for name in self.couplings:
+            term = Term.cross(name)
+            size = values.get(f"{PLANAR.dofs[term.dof].name}.{name}", 0.0)
+            terms.append(replace(term, values=(size,)))
+        water = (values.get("current.north", 0.0), values.get("current.east", 0.0)) if self.current else None
+        couplings = [values.get(f"{PLANAR.name}.{name}", 0.0) if name == "m_vr" else 0.0 for name in INERTIA_COUPLINGS]
+        masses = (*(values[dof.parameter("inertia")] for dof in PLANAR.dofs), *couplings)
+        fixed = (*(() if self.skewed else ("planar.m_vr",)), "planar.m_ur", "planar.m_uv")
+        return YawModel(PLANAR, masses, tuple(terms), "N m", water, fixed, ties)
 
-        def drags(dof: Dof) -> tuple[Term, ...]:
-            laws = self.laws.get(dof.name, ("linear-drag",))  # of what is tied
-            return tuple(Term(law, (sizes[dof.parameter(law.removesuffix("-drag"))],)) for law in laws)
-
-        m_u, m_v, inertia_r = (sizes[dof.parameter("inertia")] for dof in PLANAR.dofs)
-        surge, sway, yaw = (drags(dof) for dof in PLANAR.dofs)
-        pushed = {name: f"{PLANAR.dofs[FORCES.index(name[0])].name}.{name}" for name in self.couplings}
-        cross = tuple(Term(name, (sizes.get(qualified, 0.0),)) for name, qualified in pushed.items())
-        water = (sizes.get("current.north", 0.0), sizes.get("current.east", 0.0)) if self.current else None
-        inertia = Inertia(m_u, m_v, inertia_r, m_vr=sizes.get("planar.m_vr", 0.0))
-        model = PlanarModel(inertia, surge, sway, yaw, cross, water)
-        ties = self.ties
-        coupled = {"planar.m_ur", "planar.m_uv"} | (set() if self.skewed else {"planar.m_vr"})
-        free = tuple(name for name in model.parameter_names if name not in {*ties, *coupled})
-        tied = Tied(model, free, ties)
-        return tied.with_theta(tied.theta)
-
-    def beside(self, values: Mapping[str, float], rough: Mapping[str, float]) -> Tied:
+    def beside(self, values: Mapping[str, float], rough: Mapping[str, float]) -> YawModel:
         """The model with `values` of another structure by qualified name: what that lacks is zero, or takes over
         at the usual velocity where one law of drag stands for another."""
         sizes = {**rough, **values}
@@ -184,14 +181,14 @@ class Structure:
         return [pair for pair in ((SURGE, SWAY), (SWAY, SURGE)) if pair[0] not in self.observed.dofs]
 
     @property
-    def ties(self) -> dict[str, tuple[str, float]]:
+    def ties(self) -> tuple[tuple[str, str, float], ...]:
         """What the logs do not tell, and which parameter stands for it times which factor."""
         factors = {"inertia": 1.0, "linear": 1.0 / SETTLES}
-        return {
-            dof.parameter(role): (other.parameter("inertia"), factor)
+        return tuple(
+            (dof.parameter(role), other.parameter("inertia"), factor)
             for dof, other in self._unread
             for role, factor in factors.items()
-        }
+        )
 
 
 def rough_velocities(run: Run) -> dict[str, Floats]:

@@ -18,7 +18,7 @@ from automarine_cli.fits.paper import DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit
-from automarine_cli.models.store import DRAG_LAWS, units
+from automarine_cli.models.store import DRAG_LAWS
 from automarine_cli.report.sections import Content, Drawing, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
@@ -313,7 +313,7 @@ def _(fit: PlanarFit) -> Sections:
 def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
     yield f"Commands act {interval(fit.found.delay)} s after the middle of the sample interval in which they changed."
-    yield from fit.prior.sentences(units(fit.model), fit.model.parameter_names)
+    yield from fit.prior.sentences({p.name: p.unit for p in fit.model.parameters()}, fit.model.parameter_names)
     yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
     noises = fit.found.fit.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]

@@ -31,9 +31,8 @@ from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, obse
 from automarine_cli.fits.whole_runs import run_covariance
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
-from automarine_cli.models.planar import Inertia, Tied
-from automarine_cli.models.store import planar_from_json
-from automarine_cli.models.yaw_model import COMMAND_DELAY, Term
+from automarine_cli.models.store import models_of
+from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.report import fit_report
 from automarine_cli.runs.run import Run
@@ -53,7 +52,6 @@ TRUTH = {
 ALL = ("heading", "surge", "sway", "north", "east")
 
 
-INERTIAS = ("m_u", "m_v", "I_r")
 RANDOM = ("disturbance", "disturbance-time", "thrust-noise")
 
 
@@ -66,17 +64,16 @@ def made(seed: int, channels: Sequence[str] = ALL, length: float = 16.0) -> Run:
     return replace(run, position=noisy.pop("heading"), extras={**run.extras, **noisy})
 
 
-def fit_of(model: Tied, runs: int = 3, log_likelihood: float = 0.0) -> InnovationsFit:
+def fit_of(model: YawModel, runs: int = 3, log_likelihood: float = 0.0) -> InnovationsFit:
     """A fit of a model, whose last parameter stands at a bound; runs left out move the second by a tenth."""
-    free = len(model.free)
-    of_model = [Parameter(name, x, log=name.endswith(INERTIAS)) for name, x in zip(model.free, model.theta)]
+    last = model.index(model.free[-1])
     random = (*(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in RANDOM), COMMAND_DELAY)
-    parameters = Parameters((*of_model, *(Parameter(name, 0.01, role=NUISANCE) for name in random)))
+    parameters = Parameters((*model.parameters(), *(Parameter(name, 0.01, role=NUISANCE) for name in random)))
     theta, phi = parameters.theta, parameters.search(parameters.theta)
     left_out = np.tile(phi, (runs, 1))
     left_out[:, 1] += 0.1 * np.arange(runs)
     return InnovationsFit(
-        parameters, theta, phi, 1e-6 * np.eye(len(phi)), left_out, log_likelihood, np.zeros(runs), (free - 1,), 1,
+        parameters, theta, phi, 1e-6 * np.eye(len(phi)), left_out, log_likelihood, np.zeros(runs), (last,), 1,
         True, np.tile(np.eye(len(phi)), (runs, 1, 1)), NOISE, {"heading": 1000}, np.zeros(runs), np.zeros(runs),
     )  # fmt: skip
 
@@ -99,13 +96,15 @@ class Scripted:
     def __init__(self, runs: Sequence[Run]) -> None:
         self.observed, self.rough = observed(runs), rough_sizes(runs)
 
-    def estimate(self, model: Tied, random: Mapping[str, float] | None = None, iterations: int = 60) -> Estimated:
-        return Estimated(model, 0.01 * np.eye(len(model.free)), fit_of(model, log_likelihood=self.worth(model.free)))
+    def estimate(self, model: YawModel, random: Mapping[str, float] | None = None, iterations: int = 60) -> Estimated:
+        return Estimated(model, 0.01 * np.eye(len(model.theta)), fit_of(model, log_likelihood=self.worth(model.free)))
 
-    def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
+    def promises(self, wide: YawModel, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         return [Promise(self.worth(names), {}) for names in added]
 
-    def toward(self, model: Tied, random: Mapping[str, float], promised: Promise) -> tuple[Tied, Mapping[str, float]]:
+    def toward(
+        self, model: YawModel, random: Mapping[str, float], promised: Promise
+    ) -> tuple[YawModel, Mapping[str, float]]:
         return model, random
 
     @staticmethod
@@ -124,8 +123,8 @@ def fit() -> PlanarFit:
     seen = observed(runs)
     structure = replace(Structure.simplest(seen), couplings=("Y_r",))
     model = structure.model(rough_sizes(runs))
-    model = model.with_theta([TRUTH[name] for name in model.free])
-    tried = Tried(structure, Estimated(model, 0.01 * np.eye(len(model.free)), fit_of(model)))
+    model = model.with_theta([TRUTH.get(name, 0.0) for name in model.parameter_names])
+    tried = Tried(structure, Estimated(model, 0.01 * np.eye(len(model.theta)), fit_of(model)))
     return fit_to(runs, seen, tried)
 
 
@@ -143,7 +142,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
 
 def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
     data = json.loads(json.dumps(fit.to_json()))
-    assert planar_from_json(data).undelayed == fit.model
+    assert models_of(data, "").undelayed == fit.model
     assert data["parameters"]["surge.m_u"]["unit"] == "kg" and data["parameters"]["planar.m_vr"] == 0.0
     assert data["covariance"]["parameters"] == list(fit.found.model.free)
     assert [each["parameter"] for each in data["assumptions"]] == ["planar.m_vr", "planar.m_ur, planar.m_uv"]
@@ -167,10 +166,9 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
     assert str(structure.assumptions[1]) == "sway.Y_v = surge.m_u / 1 s: sway is taken to die out in 1 s"
     model = structure.model(rough_sizes(runs))
     assert model.free == ("surge.m_u", "yaw.I_r", "surge.X_uu", "yaw.k_rr")
-    planar = model.with_theta([20.0, 3.0, 18.0, 4.0]).model
-    assert planar.inertia == Inertia(20.0, 20.0, 3.0) and planar.sway == (Term("linear-drag", (20.0,)),)
-    with pytest.raises(KeyError, match=r"no parameter surge.X_u"):
-        Tied(planar, ("surge.X_u",), {})
+    phi = model.parameters().search([20.0, 1.0, 3.0, 0.0, 0.0, 0.0, 18.0, 1.0, 4.0])
+    values = dict(zip(model.parameter_names, model.parameters().natural(phi)))
+    assert values["sway.m_v"] == pytest.approx(20.0) and values["sway.Y_v"] == pytest.approx(20.0)
     near = list(structure.neighbours())
     assert {each.couplings for each in near} == {(), ("N_ur",)} and not any(n.current or n.skewed for n in near)
     tried = search(Scripted(runs))
@@ -218,7 +216,9 @@ def test_innovations_find_the_truth(channels: Sequence[str]) -> None:
     likelihood = PlanarLikelihood(runs, observed(runs))
     structure = replace(Structure.simplest(likelihood.observed), couplings=("Y_r",))
     found = likelihood.estimate(structure.model(rough_sizes(runs)))
-    for name, value, deviation in zip(found.model.free, found.model.theta, np.sqrt(np.diagonal(found.covariance))):
+    deviations = dict(zip(found.model.parameter_names, np.sqrt(np.diagonal(found.covariance))))
+    for name in found.model.free:
+        value, deviation = found.known[name], deviations[name]
         assert abs(value - TRUTH[name]) < 3.0 * deviation < 0.3 * TRUTH[name], (name, value, deviation)
     assert set(found.model.free) == set(TRUTH) and set(found.fit.of_chance) > {"surge.disturbance", "yaw.thrust-noise"}
     for name, noise in found.fit.noise_of.items():
@@ -323,7 +323,7 @@ def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
     likelihood = PlanarLikelihood(runs, observed(runs))
     likely = likelihood.estimate(Structure.simplest(likelihood.observed).model(rough_sizes(runs)))
     for estimated in (likely, likelihood.by_forecasts(likely)):
-        values = dict(zip(estimated.model.free, estimated.model.theta))
+        values = estimated.known
         assert 14.0 < values["surge.m_u"] < 29.0 and 14.0 < values["sway.m_v"] < 29.0
 
 
@@ -336,7 +336,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[St
     tried, missed = [], iter(errors)
     for each in structures:
         model = each.model(rough_sizes(runs))
-        tried.append(Tried(each, Estimated(model, np.eye(len(model.free)), fit_of(model))))
+        tried.append(Tried(each, Estimated(model, np.eye(len(model.theta)), fit_of(model))))
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
     monkeypatch.setattr(PlanarLikelihood, "by_forecasts", lambda self, near: replace(near))
