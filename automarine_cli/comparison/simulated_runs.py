@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.fits.planar_structure import CHANNELS, rough_velocities
+from automarine_cli.fits.planar_fit import CHANNELS, rough_velocities
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity, velocity_noise

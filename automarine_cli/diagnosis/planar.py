@@ -6,6 +6,7 @@ more than a penalty and a head start, run by run beyond chance, and where runs h
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +42,10 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
-from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, Observed, Structure
+from automarine_cli.fits.planar_fit import CHANNELS, Candidate, Estimated, Observed, PlanarLikelihood, candidates
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
-from automarine_cli.models.store import StoredModels, planar_json
-from automarine_cli.models.yaw_model import CURRENT, Term, YawModel
+from automarine_cli.models.store import StoredModels
+from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
@@ -70,37 +70,13 @@ SPLIT_BY = {
 """Runs that tell one coupling from others, by the first letter that it adds."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """An effect by its name, the parameters that it adds, and the model with it, which begins as the model without it,
-    or so near to that that slopes are those there."""
-
-    name: str
-    added: tuple[str, ...]
-    model: YawModel
-
-    @property
-    def label(self) -> str:
-        """The name with the letters of what is added: cross-coupling N_v."""
-        return f"{self.name} {', '.join(name.rpartition('.')[2] for name in self.added)}"
-
-    @property
-    def says(self) -> str:
-        description = SAYS.get(self.name) or effects.get(self.name).card(YAW).says.rstrip(".")
-        return f"{description} ({', '.join(self.added)})."
-
-    @property
-    def split_by(self) -> str:
-        return SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
-
-
 def base_of(stored: StoredModels, observed: Observed) -> YawModel:
     """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
 
     Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it."""
     model = stored.undelayed
     names, mass = model.parameter_names, SWAY.parameter("inertia")
-    ties = [tie for tie in Structure.simplest(observed).ties if {*tie[:2]} <= {*names}]
+    ties = [tie for tie in observed.ties if {*tie[:2]} <= {*names}]
     if mass not in [tied for tied, *_ in ties] and model.masses[1] == model.masses[0]:
         ties.append((mass, "surge.m_u", 1.0))
     fixed, tied = model.fixed, [name for name, *_ in ties]
@@ -109,32 +85,30 @@ def base_of(stored: StoredModels, observed: Observed) -> YawModel:
     return replace(model, fixed=tuple(name for name in fixed if name not in tied), ties=tuple(ties))
 
 
-def candidates(base: YawModel, observed: Observed, largest: float) -> Iterator[Candidate]:
-    """What may be added to a model; `largest` is the largest moment [N m]."""
-    dofs, have = base.motion.dofs, {(term.dof, term.name) for term in base.terms}
-
-    def added(term: Term) -> Candidate:
-        names = [n for n, fixed in zip(base.names_of(term), term.effect.held(term.values)) if not fixed]
-        return Candidate("cross-coupling" if term.is_cross else term.name, tuple(names), base.with_term(term))
-
-    for term in map(Term.cross, COUPLINGS):
-        if (term.dof, term.name) not in have and (SWAY in observed.dofs or term.name == "N_ur"):
-            yield added(term)
-    if SWAY in observed.dofs and "planar.m_vr" in base.fixed:
-        fixed = tuple(name for name in base.fixed if name != "planar.m_vr")
-        yield Candidate("cross-coupling", ("planar.m_vr",), replace(base, fixed=fixed))
-    for dof in observed.dofs:
-        for law in [law for law in LAWS[-1] if (dofs.index(dof), law) not in have]:
-            yield added(Term(law, (0.0,), True, dofs.index(dof)))
+def suspects(model: YawModel, observed: Observed, largest: float) -> Iterator[Candidate]:
+    """What a model may lack: what logs tell of a hull, and what stands between command and moment; `largest` is the
+    largest moment [N m]."""
+    yield from candidates(model, observed)
     mass = SWAY.parameter("inertia")
-    if mass in [tied for tied, *_ in base.ties]:
-        yield Candidate("munk-moment", (mass,), replace(base, ties=tuple(tie for tie in base.ties if tie[0] != mass)))
-    if base.water is None and observed.over_ground:
-        yield Candidate("current", CURRENT, replace(base, water=(0.0, 0.0)))
-    for name in [name for name in OF_YAW if (dofs.index(YAW), name) not in have]:
-        parameters = effects.get(name).parameters
-        values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in parameters)
-        yield added(Term(name, values, dof=dofs.index(YAW)))
+    if mass in [tied for tied, *_ in model.ties]:
+        ties = tuple(tie for tie in model.ties if tie[0] != mass)
+        yield Candidate("munk-moment", (mass,), replace(model, ties=ties))
+    yaw = PLANAR.index(YAW)
+    for name in OF_YAW:
+        if (yaw, name) not in [(term.dof, term.name) for term in model.terms]:
+            parameters = effects.get(name).parameters
+            values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in parameters)
+            yield Candidate.of_term(model, Term(name, values, dof=yaw))
+
+
+def says_of(candidate: Candidate) -> str:
+    description = SAYS.get(candidate.name) or effects.get(candidate.name).card(YAW).says.rstrip(".")
+    return f"{description} ({', '.join(candidate.added)})."
+
+
+def run_to_split(candidate: Candidate) -> str:
+    """Say which runs tell a candidate from others."""
+    return SPLIT_BY.get(candidate.added[0].rpartition(".")[2]) or effects.get(candidate.name).card(YAW).separated_by
 
 
 MIN_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
@@ -240,11 +214,13 @@ class PlanarDiagnosis(Shown):
         steps = [(step.best, step.rivals) for step in self.rounds if step.best is not None]
         for trial, others in steps or [(suspect, ()) for suspect in self.suspected]:
             odds = [(rival.candidate, float(np.exp(0.5 * (rival.surplus - trial.surplus)))) for rival in others]
-            weight, rivals = listed_rivals([NamedRival(c.name, odd, c.split_by, c.label) for c, odd in odds])
-            candidate, estimates = trial.candidate, trial.estimate.estimates(self.fitted)
+            weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
+            candidate, estimates = trial.candidate, trial.estimate.estimates
             values = {name: estimates[name] for name in candidate.added}
             law, label = "surge, sway and yaw", candidate.label
-            entries.append(NamedEffect(candidate.name, law, candidate.says, values, weight, None, rivals, label=label))
+            entries.append(
+                NamedEffect(candidate.name, law, says_of(candidate), values, weight, None, rivals, label=label)
+            )
         return tuple(entries)
 
     def outlook(self, held_out: bool) -> ForecastGain | None:
@@ -269,17 +245,16 @@ class PlanarDiagnosis(Shown):
 
     def extended_model(self) -> dict[str, object]:
         after = self.after
-        estimates = {name: estimate.to_json() for name, estimate in after.estimates(self.fitted).items()}
         return {
-            **planar_json(after.model, estimates),
+            **after.to_json(),
             "effects": [contender.candidate.name for contender in self.named],
-            "random": dict(after.random),
+            "random": after.fit.of_chance,
             "covariance": after.covariance_json(),
             "parent": self.parent_sha256,
         }
 
     def to_json(self) -> dict[str, object]:
-        before, after = (model.estimates(self.fitted) for model in (self.before, self.after))
+        before, after = (model.estimates for model in (self.before, self.after))
         first, runs = self.rounds[0], self.every.runs
         fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
         gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
@@ -316,14 +291,14 @@ class _Planar(Judge[Estimated, PlanarStep]):
 
     likelihood: PlanarLikelihood
     other: PlanarLikelihood
-    observed: Observed
     most = MOST
 
     def look(self, model: Estimated, number: int) -> PlanarStep:
         likelihood, other, runs = self.likelihood, self.other, len(self.likelihood.runs)
-        promised = _promised(likelihood, model, self.observed)
+        largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
+        promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
         tried = [
-            _fitted(c, likelihood.estimate(*likelihood.toward(c.model, model.random, promise), LOOK), model, other)
+            _fitted(c, likelihood.tried(c, promise, model, LOOK), model, other)
             for c, promise in sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
             if 2.0 * promise.gain > HEAD_START
         ]
@@ -333,7 +308,7 @@ class _Planar(Judge[Estimated, PlanarStep]):
         if not good:
             return PlanarStep(model, surplus, tuple(tried), None, ())
         best, *runners_up = good
-        estimate = likelihood.estimate(best.candidate.model, best.estimate.random)
+        estimate = likelihood.estimate(best.candidate.model, best.estimate.fit.of_chance)
         rivals = tuple(trial for trial in runners_up if trial.rivals(best))
         return PlanarStep(model, surplus, tuple(tried), replace(best, estimate=estimate), rivals)
 
@@ -349,7 +324,7 @@ def find_missing(
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), observed), PlanarLikelihood(tuple(unseen), observed)
     base = base_of(stored, observed)  # one start is enough for what somebody took for the vehicle
-    outcome = stepwise_search(_Planar(likelihood, other, observed), likelihood.estimate(base, stored.random))
+    outcome = stepwise_search(_Planar(likelihood, other), likelihood.estimate(base, stored.random))
     rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken
@@ -359,16 +334,6 @@ def find_missing(
         before, rounds, every, len(runs),
         (forecasts(every, before), forecasts(every, final)), (_densities(every, before), _densities(every, final)),
     )  # fmt: skip
-
-
-def _promised(likelihood: PlanarLikelihood, current: Estimated, observed: Observed) -> list[tuple[Candidate, Promise]]:
-    """The candidates with what their scores promise, all of one pass of the filter."""
-    largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
-    every = list(candidates(current.model, observed, largest))
-    wide = current.model
-    for candidate in every:
-        wide = next(c.model for c in candidates(wide, observed, largest) if c.added == candidate.added)
-    return list(zip(every, likelihood.promises(wide, current, [candidate.added for candidate in every])))
 
 
 def _fitted(candidate: Candidate, extended: Estimated, current: Estimated, other: PlanarLikelihood) -> FittedCandidate:
@@ -389,11 +354,11 @@ def _on_the_best_summit(
     estimate = max(tried, key=lambda contender: contender.surplus).estimate
     names, free = current.model.parameter_names, current.model.free
     values = zip(names, current.model.theta)
-    model = current.model.with_theta([estimate.known[name] if name in free else value for name, value in values])
-    again = likelihood.estimate(model, estimate.random, LOOK)
+    model = current.model.with_theta([estimate.values[name] if name in free else value for name, value in values])
+    again = likelihood.estimate(model, estimate.fit.of_chance, LOOK)
     if again.fit.log_likelihood <= current.fit.log_likelihood:
         return current, tried
-    again = likelihood.estimate(again.model, again.random)
+    again = likelihood.estimate(again.model, again.fit.of_chance)
     return again, [_fitted(contender.candidate, contender.estimate, again, other) for contender in tried]
 
 

@@ -18,8 +18,7 @@ from automarine_cli.diagnosis.planar import (
     forecasts,
 )
 from automarine_cli.diagnosis.residual_regions import Region
-from automarine_cli.fits.planar_fit import PlanarLikelihood
-from automarine_cli.fits.planar_structure import Observed, observed
+from automarine_cli.fits.planar_fit import Observed, PlanarLikelihood, observed
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import planar_verdict
@@ -60,7 +59,7 @@ def test_what_is_hidden_is_named(kind: str, added: str, truth: float) -> None:
     step = found.rounds[0]
     assert len(found.named) == 1
     assert found.named[0].candidate.added[0] == added and not step.rivals
-    assert found.after.known[added] == pytest.approx(truth, rel=0.1)
+    assert found.after.values[added] == pytest.approx(truth, rel=0.1)
 
 
 def test_nothing_hidden_nothing_named_and_a_gap_without_a_name_is_unexplained() -> None:
@@ -84,7 +83,7 @@ def test_the_mirrored_campaign_has_the_mirrored_verdict() -> None:
     one, other = (searched("N_v", mirror=mirror) for mirror in (False, True))
     assert [one.candidate.added for one in other.named] == [("yaw.N_v",)]
     assert other.named[0].surplus == pytest.approx(one.named[0].surplus, rel=1e-2)
-    assert other.after.known["yaw.N_v"] == pytest.approx(one.after.known["yaw.N_v"], rel=1e-3)
+    assert other.after.values["yaw.N_v"] == pytest.approx(one.after.values["yaw.N_v"], rel=1e-3)
 
 
 @pytest.mark.slow
