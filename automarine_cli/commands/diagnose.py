@@ -65,7 +65,7 @@ def _of_a_motion(
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
     from automarine_cli.comparison.validation import load_usable
     from automarine_cli.diagnosis.diagnose import diagnose_runs, expected_seconds
-    from automarine_cli.models.store import load_yaw_models
+    from automarine_cli.models.store import read_model
     from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.runs.channels import parse_channels
     from automarine_cli.runs.checks import without_stuck
@@ -73,7 +73,7 @@ def _of_a_motion(
     from automarine_cli.runs.load import append_exclusions, require_usable
     from automarine_cli.runs.run import ExcludedRun, Run
 
-    stored = load_yaw_models(model)
+    stored = read_model(model)
     parse_channels(channels, stored.dof)
     aside: list[ExcludedRun] = []
 
@@ -106,12 +106,12 @@ def _of_the_plane(
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
     from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
     from automarine_cli.diagnosis.planar import MIN_RUNS, find_missing, find_planar_where
-    from automarine_cli.fits.planar_structure import observed
-    from automarine_cli.models.store import load_planar_model
+    from automarine_cli.fits.planar_fit import observed
+    from automarine_cli.models.store import read_model
     from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.thrusters.map import load_planar
 
-    stored = load_planar_model(model)
+    stored = read_model(model)
     campaign, other = load_planar(logs, **settings), load_planar(hold_out, **settings) if hold_out else None
     runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, MIN_RUNS)
     if not held_out:

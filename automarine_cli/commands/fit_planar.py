@@ -30,8 +30,7 @@ def fit_planar(
       automarine fit-planar sample_runs/planar -o out/planar
     """
     from automarine_cli.fits.known import Known
-    from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, search
-    from automarine_cli.fits.planar_structure import OWN, Structure, observed
+    from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search
     from automarine_cli.logs import given_columns
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
@@ -39,7 +38,7 @@ def fit_planar(
     beforehand = Known.of(known)
     campaign = load_planar(logs, given_columns(columns), thrusters, arm, strict=strict, jobs=jobs, progress=progress)
     channels, unfit = observed(campaign.runs), command_warnings(campaign.runs)
-    names = Structure.simplest(channels).names
+    names = channels.names()
     beforehand = beforehand.named(names, signed=sorted({*names.values()} - {*OWN}))
     estimator = PlanarLikelihood(campaign.runs, channels, beforehand.parameters)
     tried = search(estimator)

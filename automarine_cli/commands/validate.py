@@ -39,8 +39,7 @@ def validate(
     """
     from automarine_cli.comparison.validation import compare, load_usable, predictions_of
     from automarine_cli.logs import given_columns
-    from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, load_yaw_models
-    from automarine_cli.pipeline.records import schema_in
+    from automarine_cli.models.store import read_model
     from automarine_cli.runs.channels import AUTO, choose_channels, parse_channels
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
@@ -48,19 +47,17 @@ def validate(
     half_a_drive = (thrusters is None) != (arm is None) and (thrusters is None or columns is None)
     drive: dict[str, Any] = {"columns": given_columns(columns), "thrusters": thrusters, "arm": arm}
     execution = {"strict": strict, "jobs": jobs, "progress": progress}
-    planar = schema_in(model) == PLANAR_MODEL.schema
-    if half_a_drive and (planar or arm is not None or load_yaw_models(model).dof.levered):
+    stored = read_model(model)
+    if half_a_drive and (stored.in_plane or arm is not None or stored.dof.levered):
         raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
-    if planar:
+    if stored.in_plane:
         if channels != AUTO:
             raise SettingError(
                 f"{model.name} is a planar model: every channel of its logs is compared; leave --channels out"
             )
-        planar_model = load_planar_model(model)
         campaign = load_planar(logs, **drive, **execution)
         command_warnings(campaign.runs)  # refused where they cannot be of this map
-        return replace(compare(planar_model, campaign.runs, seed), set_aside=campaign.set_aside)
-    stored = load_yaw_models(model)
+        return replace(compare(stored, campaign.runs, seed), set_aside=campaign.set_aside)
     parse_channels(channels, stored.dof)
     campaign = load_usable(logs, stored, **drive, **execution)
     believed = choose_channels(campaign.runs, stored.dof, channels, late_position=True)

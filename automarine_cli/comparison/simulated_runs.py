@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.fits.planar_structure import CHANNELS, rough_velocities
-from automarine_cli.models.planar import PlanarModel
+from automarine_cli.fits.planar_fit import CHANNELS, rough_velocities
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity, velocity_noise
@@ -356,7 +355,7 @@ NOISE = {"heading": 0.02, "yaw_rate": 0.02, "surge": 0.03, "sway": 0.03, "north"
 LOOSE = 3.0  # m, rad, m/s, rad/s by which a start may differ from the first readings
 
 
-def planar_free_runs(model: PlanarModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
+def planar_free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
     """Simulate every run by its commands from the state with which its log begins."""
     for run in runs:
         start = planar_start(run, model)
@@ -366,7 +365,7 @@ def planar_free_runs(model: PlanarModel, runs: Sequence[Run]) -> Iterator[FreeRu
         yield FreeRun(run, simulated, State(start[:3], start[3:]), np.zeros((len(run), 0)))
 
 
-def planar_start(run: Run, model: PlanarModel) -> Floats:
+def planar_start(run: Run, model: YawModel) -> Floats:
     """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
 
     At rest the means of the readings before the first command; under way the state that follows the first `BEGINNING`

@@ -35,7 +35,7 @@ from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.logs import ColumnMap, Logs
-from automarine_cli.models.store import StoredModels, StoredPlanar, Use
+from automarine_cli.models.store import StoredModels, Use
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, counted, silent
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, keyed
@@ -257,7 +257,7 @@ class Validation(Shown):
     that people see, `channels` the sensors that count. Where the runs are driven there are `predictions` of each model
     from filtered states. `expected` is the restarted error that the preferred model would have if it were right."""
 
-    stored: StoredModels | StoredPlanar
+    stored: StoredModels
     models: Mapping[str, Scored]
     best: str | None
     because: str = ""
@@ -271,14 +271,14 @@ class Validation(Shown):
     @property
     def use(self) -> Judgement | None:
         """What the model that the fit preferred predicts: who has no more logs cannot know which does best on them."""
-        if isinstance(self.stored, StoredPlanar) or not self.predictions:
+        if self.stored.in_plane or not self.predictions:
             return None
         return Judgement({self.dof.position: worth_of(self.predictions[self.stored.preferred])}, len(self.runs))
 
     @property
     def says(self) -> str:
         """Say whether the preferred model is of use on driven runs; empty for others."""
-        if self.use is None or isinstance(self.stored, StoredPlanar):
+        if self.use is None:
             return ""
         which = ", which the fit preferred," if len(self.models) > 1 else ""
         return self.use.sentence(self.dof, f"Model {self.stored.preferred}{which}", "on these runs")
@@ -290,11 +290,11 @@ class Validation(Shown):
     @property
     def dof(self) -> Dof:
         """That of the words; yaw in the plane."""
-        return YAW if isinstance(self.stored, StoredPlanar) else self.stored.dof
+        return self.stored.dof
 
     @property
     def scores(self) -> Mapping[str, Score]:
-        return PLANAR_SCORES if isinstance(self.stored, StoredPlanar) else SCORES
+        return PLANAR_SCORES if self.stored.in_plane else SCORES
 
     @property
     def floor(self) -> float:
@@ -306,20 +306,19 @@ class Validation(Shown):
 
     def to_json(self) -> dict[str, object]:
         stored, dof, runs, unit = self.stored, self.dof, self.runs, self.dof.units.shown
-        planar = isinstance(stored, StoredPlanar)
         logs: dict[str, dict[str, object]] = {
             run.name: {"file": run.source, "samples": len(run), "duration_s": float(run.time[-1] - run.time[0])}
             for run in runs
         }
         data: dict[str, object] = {
             "schema": VALIDATION.schema,
-            **({"motion": PLANAR.name if planar else dof.name} if planar or not dof.wraps else {}),
+            **({"motion": stored.model.motion.name} if stored.in_plane or not dof.wraps else {}),
             "models": {number: self._model_json(scored) for number, scored in self.models.items()},
             "best": self.best,
             "logs": logs,
             "runs": runs_json(len(runs), self.set_aside, runs),
         }
-        if isinstance(stored, StoredPlanar):
+        if stored.in_plane:
             return data
         for run, floor, restarts in zip(runs, self.floors, self.restarts):
             logs[run.name] |= {
@@ -332,7 +331,7 @@ class Validation(Shown):
         return data | {
             f"noise_floor_{unit}": self.floor, f"restarted_expected_{unit}": self.expected,
             "best_because": self.because, "preferred_by_fit": stored.preferred,
-            "effects": list(stored.effects), f"{dof.words.force}_unit": stored.moment_unit,
+            "effects": list(stored.effects), f"{dof.words.force}_unit": stored.model.moment_unit,
             "command_delay_s": stored.command_delay, **channels_json(self.channels, measured_noises(runs, dof)),
         }  # fmt: skip
 
@@ -359,18 +358,16 @@ class Validation(Shown):
         }
 
 
-def compare(
-    stored: StoredModels | StoredPlanar, runs: Sequence[Run], seed: int = 0, progress: Progress = silent
-) -> Validation:
+def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent) -> Validation:
     """Simulate and score `runs` under every model. Raises RunError as `make_batch`."""
     drawn = np.random.default_rng(seed).multinomial(len(runs), np.full(len(runs), 1.0 / len(runs)), size=RESAMPLES)
     models: dict[str, Scored] = {}
-    if isinstance(stored, StoredPlanar):
+    if stored.in_plane:
         free = tuple(planar_free_runs(stored.model, runs))
         errors = tuple(map(planar_errors, free))
         overall = {name: pooled(errors, score, drawn) for name, score in PLANAR_SCORES.items()}
-        models[PLANAR.name] = Scored(free, errors, overall)
-        return Validation(stored, models, PLANAR.name)
+        models[stored.preferred] = Scored(free, errors, overall)
+        return Validation(stored, models, stored.preferred)
     restarts = tuple(map(find_restarts, runs))
     for number, model in stored.models.items():
         simulated = free_runs(model, runs)
@@ -381,7 +378,7 @@ def compare(
     ranked = sorted((value, len(stored.models[n].theta), n) for n, value in values.items() if value is not None)
     best, because = _because([number for *_, number in ranked], models, drawn, stored)
     floors = tuple(float(run.dof.shown(position_noise(run.time, run.position))) for run in runs)
-    expected = expected_error(stored.models[stored.preferred], models[stored.preferred].free, stored.scatter, seed)
+    expected = expected_error(stored.model, models[stored.preferred].free, stored.scatter, seed)
     return Validation(stored, models, best, because, restarts, floors, expected=expected)
 
 
@@ -436,7 +433,7 @@ def predictions_of(
     try:
         rough = rough_model("2", make_batch(runs, STEPS[0]))  # what runs are does not hang on the model to be judged
     except FitError:
-        rough = stored.models[stored.preferred]
+        rough = stored.model
     try:
         if not disturbed(runs, rough, at_rest, channels):
             return {}
@@ -484,11 +481,11 @@ def load_usable(
     commanded, aside = driven_by(campaign.runs, complete)
     usable, undriven = without_undriven(commanded)
     for run in usable:
-        if run.moment_unit != stored.moment_unit:
+        if run.moment_unit != stored.model.moment_unit:
             raise ModelError(
-                f"{stored.source} was fitted to {stored.dof.words.force}s in {stored.moment_unit}, {run.source} "
+                f"{stored.source} was fitted to {stored.dof.words.force}s in {stored.model.moment_unit}, {run.source} "
                 f"gives them in {run.moment_unit}; there is no factor between the two. Give logs in "
-                f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
+                f"{stored.model.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
     set_aside = (*campaign.set_aside, *aside, *undriven)
     require_usable(usable, set_aside, len(campaign.inputs), strict)

@@ -244,7 +244,7 @@ def authority(
 
     Raises ModelError where the model's unit is none that the target can use, or the map contradicts the model, and
     SettingError for a map of one direction."""
-    unit, source, dof = knowledge.stored.moment_unit, knowledge.stored.source, knowledge.model.dof
+    unit, source, dof = knowledge.stored.model.moment_unit, knowledge.stored.source, knowledge.model.dof
     bend, most = (None, None) if drive is None else turning(*drive)
     if full is None and most is not None and unit != "nu":
         full = most

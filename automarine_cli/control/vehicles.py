@@ -11,8 +11,7 @@ from automarine_cli.effects import Commands, Effect, Place
 from automarine_cli.effects.input_delay import InputDelay
 from automarine_cli.effects.sensor_lag import SensorLag
 from automarine_cli.effects.thruster_lag import ADVANCES, SHORTEST, Advance, ThrusterLag
-from automarine_cli.models.allocation import Bound, actuators
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import Bound, YawModel, actuators
 from automarine_cli.quantities import Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
 

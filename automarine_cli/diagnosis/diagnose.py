@@ -130,7 +130,7 @@ def gap_from_commands(
     if study.driven or not runs:
         return None
     models = {str(i): t.model.delayed(study.command_delay(t.fit)) for i, t in enumerate((base, final))}
-    stored = StoredModels(models, "1", study.base.moment_unit, 0.0, "", study.base.dof)
+    stored = StoredModels(models, "1", 0.0, "")
     validation = compare(stored, runs, seed)
     scores = [scored.overall["rmse"] for scored in validation.models.values()]
     before, after = (np.inf if score.value is None else score.value for score in scores)

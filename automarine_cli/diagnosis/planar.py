@@ -4,9 +4,9 @@ Each candidate is added to the model and everything is fitted again by innovatio
 more than a penalty and a head start, run by run beyond chance, and where runs held out are more likely with it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +42,10 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.planar_fit import Estimated, PlanarLikelihood, Promise
-from automarine_cli.fits.planar_structure import CHANNELS, COUPLINGS, LAWS, Observed, Structure
+from automarine_cli.fits.planar_fit import CHANNELS, Candidate, Estimated, Observed, PlanarLikelihood, candidates
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
-from automarine_cli.models.planar import Tied, derivative, parameters_of
-from automarine_cli.models.store import StoredPlanar, planar_json
-from automarine_cli.models.yaw_model import Term
+from automarine_cli.models.store import StoredModels
+from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
@@ -72,71 +70,45 @@ SPLIT_BY = {
 """Runs that tell one coupling from others, by the first letter that it adds."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """An effect by its name, the parameters that it adds, and the model with it, which begins as the model without it,
-    or so near to that that slopes are those there."""
-
-    name: str
-    added: tuple[str, ...]
-    model: Tied
-
-    @property
-    def label(self) -> str:
-        """The name with the letters of what is added: cross-coupling N_v."""
-        return f"{self.name} {', '.join(name.rpartition('.')[2] for name in self.added)}"
-
-    @property
-    def says(self) -> str:
-        description = SAYS.get(self.name) or effects.get(self.name).card(YAW).says.rstrip(".")
-        return f"{description} ({', '.join(self.added)})."
-
-    @property
-    def split_by(self) -> str:
-        return SPLIT_BY.get(self.added[0].rpartition(".")[2]) or effects.get(self.name).card(YAW).separated_by
-
-
-def base_of(stored: StoredPlanar, observed: Observed) -> Tied:
+def base_of(stored: StoredModels, observed: Observed) -> YawModel:
     """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
 
     Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it."""
     model = stored.undelayed
-    names = set(model.parameter_names)
-    ties = {name: tie for name, tie in Structure.simplest(observed).ties.items() if {name, tie[0]} <= names}
-    if SWAY.parameter("inertia") not in ties and model.inertia.m_v == model.inertia.m_u:
-        ties[SWAY.parameter("inertia")] = ("surge.m_u", 1.0)
-    free = stored.free or tuple(name for name, value in zip(model.parameter_names, model.theta) if value)
-    return Tied(model, tuple(name for name in model.parameter_names if name in free and name not in ties), ties)
+    names, mass = model.parameter_names, SWAY.parameter("inertia")
+    ties = [tie for tie in observed.ties if {*tie[:2]} <= {*names}]
+    if mass not in [tied for tied, *_ in ties] and model.masses[1] == model.masses[0]:
+        ties.append((mass, "surge.m_u", 1.0))
+    fixed, tied = model.fixed, [name for name, *_ in ties]
+    if not fixed:
+        fixed = tuple(name for name, value in zip(names, model.theta) if not value)
+    return replace(model, fixed=tuple(name for name in fixed if name not in tied), ties=tuple(ties))
 
 
-def candidates(base: Tied, observed: Observed, largest: float) -> Iterator[Candidate]:
-    """What may be added to a model; `largest` is the largest moment [N m]."""
-    model, have = base.model, {term.name for term in base.model.cross}
-
-    def candidate(name: str, *added: str, ties: Mapping[str, tuple[str, float]] = base.ties, **more: Any) -> Candidate:
-        return Candidate(name, added, Tied(replace(model, **more), (*base.free, *added), ties))
-
-    for name in [name for name in COUPLINGS if name not in have and (SWAY in observed.dofs or name == "N_ur")]:
-        added = f"{base.motion.dofs[derivative(name)[0]].name}.{name}"
-        yield candidate("cross-coupling", added, cross=(*model.cross, Term(name, (0.0,))))
-    if SWAY in observed.dofs and "planar.m_vr" not in base.free:
-        yield candidate("cross-coupling", "planar.m_vr")
-    for dof in observed.dofs:
-        terms: tuple[Term, ...] = getattr(model, dof.name)
-        for law in [law for law in LAWS[-1] if law not in [term.name for term in terms]]:
-            more: dict[str, Any] = {dof.name: (*terms, Term(law, (0.0,)))}
-            yield candidate(law, dof.parameter(law.removesuffix("-drag")), **more)
+def suspects(model: YawModel, observed: Observed, largest: float) -> Iterator[Candidate]:
+    """What a model may lack: what logs tell of a hull, and what stands between command and moment; `largest` is the
+    largest moment [N m]."""
+    yield from candidates(model, observed)
     mass = SWAY.parameter("inertia")
-    if mass in base.ties:
-        yield candidate("munk-moment", mass, ties={name: tie for name, tie in base.ties.items() if name != mass})
-    if model.water is None and observed.over_ground:
-        yield candidate("current", "current.north", "current.east", water=(0.0, 0.0))
-    for name in [name for name in OF_YAW if name not in {term.name for term in model.yaw}]:
-        effect = effects.get(name)
-        values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in effect.parameters)
-        term = Term(name, values)
-        names = [n for n, fixed in zip(parameters_of(YAW, term), effect.held(values)) if not fixed]
-        yield candidate(name, *names, yaw=(*model.yaw, term))
+    if mass in [tied for tied, *_ in model.ties]:
+        ties = tuple(tie for tie in model.ties if tie[0] != mass)
+        yield Candidate("munk-moment", (mass,), replace(model, ties=ties))
+    yaw = PLANAR.index(YAW)
+    for name in OF_YAW:
+        if (yaw, name) not in [(term.dof, term.name) for term in model.terms]:
+            parameters = effects.get(name).parameters
+            values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in parameters)
+            yield Candidate.of_term(model, Term(name, values, dof=yaw))
+
+
+def says_of(candidate: Candidate) -> str:
+    description = SAYS.get(candidate.name) or effects.get(candidate.name).card(YAW).says.rstrip(".")
+    return f"{description} ({', '.join(candidate.added)})."
+
+
+def run_to_split(candidate: Candidate) -> str:
+    """Say which runs tell a candidate from others."""
+    return SPLIT_BY.get(candidate.added[0].rpartition(".")[2]) or effects.get(candidate.name).card(YAW).separated_by
 
 
 MIN_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
@@ -242,11 +214,13 @@ class PlanarDiagnosis(Shown):
         steps = [(step.best, step.rivals) for step in self.rounds if step.best is not None]
         for trial, others in steps or [(suspect, ()) for suspect in self.suspected]:
             odds = [(rival.candidate, float(np.exp(0.5 * (rival.surplus - trial.surplus)))) for rival in others]
-            weight, rivals = listed_rivals([NamedRival(c.name, odd, c.split_by, c.label) for c, odd in odds])
-            candidate, estimates = trial.candidate, trial.estimate.estimates(self.fitted)
+            weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
+            candidate, estimates = trial.candidate, trial.estimate.estimates
             values = {name: estimates[name] for name in candidate.added}
             law, label = "surge, sway and yaw", candidate.label
-            entries.append(NamedEffect(candidate.name, law, candidate.says, values, weight, None, rivals, label=label))
+            entries.append(
+                NamedEffect(candidate.name, law, says_of(candidate), values, weight, None, rivals, label=label)
+            )
         return tuple(entries)
 
     def outlook(self, held_out: bool) -> ForecastGain | None:
@@ -271,17 +245,16 @@ class PlanarDiagnosis(Shown):
 
     def extended_model(self) -> dict[str, object]:
         after = self.after
-        estimates = {name: estimate.to_json() for name, estimate in after.estimates(self.fitted).items()}
         return {
-            **planar_json(after.model.model, estimates),
+            **after.to_json(),
             "effects": [contender.candidate.name for contender in self.named],
-            "random": dict(after.random),
-            "covariance": {"parameters": list(after.model.free), "matrix": after.covariance.tolist()},
+            "random": after.fit.of_chance,
+            "covariance": after.covariance_json(),
             "parent": self.parent_sha256,
         }
 
     def to_json(self) -> dict[str, object]:
-        before, after = (model.estimates(self.fitted) for model in (self.before, self.after))
+        before, after = (model.estimates for model in (self.before, self.after))
         first, runs = self.rounds[0], self.every.runs
         fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
         gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
@@ -318,14 +291,14 @@ class _Planar(Judge[Estimated, PlanarStep]):
 
     likelihood: PlanarLikelihood
     other: PlanarLikelihood
-    observed: Observed
     most = MOST
 
     def look(self, model: Estimated, number: int) -> PlanarStep:
         likelihood, other, runs = self.likelihood, self.other, len(self.likelihood.runs)
-        promised = _promised(likelihood, model, self.observed)
+        largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
+        promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
         tried = [
-            _fitted(c, likelihood.estimate(*likelihood.toward(c.model, model.random, promise), LOOK), model, other)
+            _fitted(c, likelihood.tried(c, promise, model, LOOK), model, other)
             for c, promise in sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
             if 2.0 * promise.gain > HEAD_START
         ]
@@ -335,7 +308,7 @@ class _Planar(Judge[Estimated, PlanarStep]):
         if not good:
             return PlanarStep(model, surplus, tuple(tried), None, ())
         best, *runners_up = good
-        estimate = likelihood.estimate(best.candidate.model, best.estimate.random)
+        estimate = likelihood.estimate(best.candidate.model, best.estimate.fit.of_chance)
         rivals = tuple(trial for trial in runners_up if trial.rivals(best))
         return PlanarStep(model, surplus, tuple(tried), replace(best, estimate=estimate), rivals)
 
@@ -344,14 +317,14 @@ class _Planar(Judge[Estimated, PlanarStep]):
 
 
 def find_missing(
-    stored: StoredPlanar, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed
+    stored: StoredModels, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed
 ) -> PlanarDiagnosis:
     """Diagnose a model on `runs`, with `unseen` ones that are never fitted. Raises RunError for too few of either."""
     if len(runs) < 2 or not unseen:
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), observed), PlanarLikelihood(tuple(unseen), observed)
     base = base_of(stored, observed)  # one start is enough for what somebody took for the vehicle
-    outcome = stepwise_search(_Planar(likelihood, other, observed), likelihood.estimate(base, stored.random))
+    outcome = stepwise_search(_Planar(likelihood, other), likelihood.estimate(base, stored.random))
     rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken
@@ -361,16 +334,6 @@ def find_missing(
         before, rounds, every, len(runs),
         (forecasts(every, before), forecasts(every, final)), (_densities(every, before), _densities(every, final)),
     )  # fmt: skip
-
-
-def _promised(likelihood: PlanarLikelihood, current: Estimated, observed: Observed) -> list[tuple[Candidate, Promise]]:
-    """The candidates with what their scores promise, all of one pass of the filter."""
-    largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
-    every = list(candidates(current.model, observed, largest))
-    wide = current.model
-    for candidate in every:
-        wide = next(c.model for c in candidates(wide, observed, largest) if c.added == candidate.added)
-    return list(zip(every, likelihood.promises(wide, current, [candidate.added for candidate in every])))
 
 
 def _fitted(candidate: Candidate, extended: Estimated, current: Estimated, other: PlanarLikelihood) -> FittedCandidate:
@@ -389,11 +352,13 @@ def _on_the_best_summit(
     if not any(contender.evident for contender in tried):
         return current, tried
     estimate = max(tried, key=lambda contender: contender.surplus).estimate
-    model = current.model.with_theta([estimate.known[name] for name in current.model.free])
-    again = likelihood.estimate(model, estimate.random, LOOK)
+    names, free = current.model.parameter_names, current.model.free
+    values = zip(names, current.model.theta)
+    model = current.model.with_theta([estimate.values[name] if name in free else value for name, value in values])
+    again = likelihood.estimate(model, estimate.fit.of_chance, LOOK)
     if again.fit.log_likelihood <= current.fit.log_likelihood:
         return current, tried
-    again = likelihood.estimate(again.model, again.random)
+    again = likelihood.estimate(again.model, again.fit.of_chance)
     return again, [_fitted(contender.candidate, contender.estimate, again, other) for contender in tried]
 
 

@@ -299,7 +299,7 @@ class DiagnosisProblem:
         of the instant that all switches share in their sample intervals: a longer delay is an effect."""
         dropped = {new.name for old, new in zip(self.base.terms, model.terms) if new.values == (0.0,) != old.values}
         parameters = model.parameters(
-            log_drag=True, least_delay=self.logger_delay, longest_period=self.slowest, fixed=dropped
+            log_drag=True, least_delay=self.logger_delay, longest_period=self.slowest, dropped=dropped
         )
         problem = whole_run_problem(model, parameters, self.batch, self.at_rest, confined=True)
         smooth = smoothness(model, len(problem.parameters))

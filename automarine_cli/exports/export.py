@@ -15,7 +15,7 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
 from automarine_cli.exports.base import DRAG, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
-from automarine_cli.models.store import PLANAR_MODEL, file_and_models, motion_of, planar_from_json
+from automarine_cli.models.store import PLANAR_MODEL, file_and_models, models_of, motion_of
 from automarine_cli.models.yaw_model import DELAY, Term, YawModel
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.results_folder import manifest_of, refuse_existing, sha256, write_whole
@@ -148,7 +148,7 @@ def export_model(
     if takes is not target:
         if chosen.newton_metres_per_nu is not None:
             raise SettingError(IN_NEWTONS.format(origin.file, "newtons"))
-        planar = planar_from_json(data, origin.file)
+        planar = models_of(data, origin.file)
         subject = planar_subject(planar, origin, frame, form, chosen, target.name)
         unit, carried = "N m", ("inertia", *(name for name, _, _ in subject.drags()))
     elif not target.motions:
@@ -320,7 +320,7 @@ def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
         pairs = zip(effects.get(term.name).parameters, term.values)
         return replace(term, values=tuple(parameter.scaled(value, factor) for parameter, value in pairs))
 
-    return replace(model, inertia=factor * model.inertia, terms=tuple(map(scaled, model.terms)), moment_unit=unit)
+    return replace(model, masses=(factor * model.inertia,), terms=tuple(map(scaled, model.terms)), moment_unit=unit)
 
 
 def _logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:

@@ -16,10 +16,12 @@ engine makes the Coriolis and Munk forces of the fluid's inertia itself.
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, comment, filled, head, number
 from automarine_cli.exports.planar import PlanarSubject, rigid_of
-from automarine_cli.models.planar import FORCES, VELOCITIES
+from automarine_cli.models.yaw_model import FORCES, VELOCITIES
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
 AXES = "xyzpqr"
@@ -75,20 +77,20 @@ def write_planar(subject: PlanarSubject) -> Written:
     if subject.constant.any():
         wrong = "gz-sim cannot represent a force that always acts; take --to python, which can"
         raise SettingError(f"{subject.origin.file}: {wrong}")
-    rigid = rigid_of(subject)
-    added = subject.inertia - rigid.matrix
+    mass, turning = rigid_of(subject)
+    added = subject.inertia - np.diag([mass, mass, turning])
     fluid = {tag: added[i, j] for tag, i, j in ENTRIES if added[i, j]}
     system = {"disable_added_mass": "true", "disable_coriolis": "true"}
     for _, (force, *letters), value in subject.drags():
         size = "".join(f"abs{VELOCITIES[place].upper()}" for place in letters[:-1])
         system[f"{FORCES[force].lower()}{VELOCITIES[letters[-1]].upper()}{size}"] = number(-value)
     notes = (
-        f"Mass: {number(rigid.m_u)} kg and yaw inertia {number(rigid.I_r)} kg m^2 are the vehicle's own (given); the "
+        f"Mass: {number(mass)} kg and yaw inertia {number(turning)} kg m^2 are the vehicle's own (given); the "
         "rest of M is fluid_added_mass, which needs the DART engine.",
         "Heave, roll and pitch are not identified: merge with the values of your model, and add its buoyancy.",
         *subject.about_water(),
     )
-    return Written(_sdf([*subject.head(), *notes], rigid.m_u, rigid.I_r, fluid, system), notes)
+    return Written(_sdf([*subject.head(), *notes], mass, turning, fluid, system), notes)
 
 
 TARGET = Target(

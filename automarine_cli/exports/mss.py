@@ -12,7 +12,7 @@ M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau.
 from automarine_cli import effects
 from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, comment, filled, head, number, plain
 from automarine_cli.exports.planar import PlanarSubject
-from automarine_cli.models.planar import VELOCITIES
+from automarine_cli.models.yaw_model import VELOCITIES
 
 MORE = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
 

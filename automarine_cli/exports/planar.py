@@ -9,12 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FRAMES, Origin, Settings, Subject, Unsupported, number, refuse_part
-from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia
-from automarine_cli.models.store import StoredPlanar
-from automarine_cli.models.yaw_model import DELAY
+from automarine_cli.models.store import StoredModels
+from automarine_cli.models.yaw_model import DELAY, FORCES, VELOCITIES
 from automarine_cli.quantities import Floats
 
 LINEAR, QUADRATIC, CONSTANT = "linear-drag", "quadratic-drag", "bias-moment"
@@ -58,39 +56,40 @@ class PlanarSubject(Subject):
 
 
 def planar_subject(
-    stored: StoredPlanar, origin: Origin, frame: str, form: str, settings: Settings, target: str
+    stored: StoredModels, origin: Origin, frame: str, form: str, settings: Settings, target: str
 ) -> PlanarSubject:
     """The model in matrices of the frame. Raises SettingError for terms they cannot hold, unless allowed; the command
     delay is left out."""
     model = stored.undelayed
     linear, quadratic, constant = np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3)
     left_out: list[Unsupported] = []
-    for i, (dof, terms) in enumerate(zip(PLANAR.dofs, (model.surge, model.sway, model.yaw))):
+    for term in model.terms:
+        i = term.dof
         places = {CONSTANT: constant[i:], LINEAR: linear[i, i:], QUADRATIC: quadratic[i, i, i:]}
-        for term in terms:
-            if term.name in places:
-                places[term.name][0] += term.values[0]
-            else:
-                left_out.append(Unsupported(f"{dof.name}.{term.name}", "no entry of the matrices holds it"))
-    for term in model.cross:
-        force, _, letters = term.name.partition("_")
-        along = tuple(VELOCITIES.index(letter) for letter in letters)
-        (linear if len(along) == 1 else quadratic)[FORCES.index(force), *along] += term.values[0]
+        if term.is_cross:
+            along = tuple(VELOCITIES.index(letter) for letter in term.name.partition("_")[2])
+            (linear if len(along) == 1 else quadratic)[i, *along] += term.values[0]
+        elif term.name in places:
+            places[term.name][0] += term.values[0]
+        else:
+            name = f"{model.motion.dofs[i].name}.{term.name}"
+            left_out.append(Unsupported(name, "no entry of the matrices holds it"))
     if left_out and not settings.allow_partial:
         terms_left = "; ".join(f"{term.name} ({term.why})" for term in left_out)
         remedy = "give --allow-partial to write the file without"
         raise SettingError(f"{origin.file}: {target} cannot represent {terms_left}; {remedy}")
     if stored.command_delay > 0.0:
         left_out.append(Unsupported(DELAY, f"no entry of the matrices holds its {stored.command_delay:.3g} s"))
+    inertia = model.inertia_matrix(model.theta[None])[0]
     side = SIDES if frame == "ENU" else np.ones(3)
     sides = np.outer(side, side)
     return PlanarSubject(
-        origin, frame, form, settings, tuple(left_out), sides * model.inertia.matrix, sides * linear,
+        origin, frame, form, settings, tuple(left_out), sides * inertia, sides * linear,
         sides[:, None] * quadratic, side * constant, model.water,
     )  # fmt: skip
 
 
-def rigid_of(subject: PlanarSubject) -> Inertia:
+def rigid_of(subject: PlanarSubject) -> tuple[float, float]:
     """The vehicle's own inertia: the mass and the yaw inertia that the user gave.
 
     Raises SettingError where they are lacking, or are no part of the total."""
@@ -103,4 +102,4 @@ def rigid_of(subject: PlanarSubject) -> Inertia:
     (m_u, m_v, inertia) = np.diag(subject.inertia)
     for option, value, most in (("--rigid-mass", mass, min(m_u, m_v)), ("--rigid-inertia", turning, inertia)):
         refuse_part(option, value, most, subject.origin)
-    return Inertia(mass, mass, turning)
+    return mass, turning

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
-from automarine_cli.models.allocation import Bound, Vehicle, actuators
+from automarine_cli.models.yaw_model import Bound, YawModel, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.rollout import in_body_axes, right_hand_side, rk4
@@ -91,7 +91,7 @@ class Step:
     dynamic ones depend nonlinearly, or that push them.
     """
 
-    def __init__(self, model: Vehicle, course: Course, theta: Floats, late: Floats) -> None:
+    def __init__(self, model: YawModel, course: Course, theta: Floats, late: Floats) -> None:
         self.course, self.sets, self.runs = course, len(theta), len(course.names)
         dofs, terms = len(model.motion.dofs), list(model.forces(theta))
         self.places = _places(dofs, terms, course)
@@ -140,7 +140,7 @@ class Step:
         pieces._build(self._model, self._theta, 1, self.origin[:, run])
         return pieces
 
-    def _build(self, model: Vehicle, theta: Floats, copies: int, origin: Floats) -> None:
+    def _build(self, model: YawModel, theta: Floats, copies: int, origin: Floats) -> None:
         """The right-hand side for so many copies of every run."""
         wide = np.tile(theta, (copies, 1))
         self._copies = copies
@@ -302,7 +302,7 @@ class FilterResult:
 
 
 def follow(
-    model: Vehicle,
+    model: YawModel,
     course: Course,
     theta: Floats,
     noises: Noises,
@@ -356,7 +356,7 @@ def follow(
     return FilterResult(innovation, variance, states, places)
 
 
-def smoothed(model: Vehicle, course: Course, theta: Floats, noises: Noises) -> FilterResult:
+def smoothed(model: YawModel, course: Course, theta: Floats, noises: Noises) -> FilterResult:
     """What the filter makes of the runs under one parameter set theta (p,), with states given later readings too.
 
     Rauch, Tung and Striebel (1965), AIAA Journal 3:1445.
@@ -468,7 +468,7 @@ class Predicted:
 
 
 def predict(
-    model: Vehicle,
+    model: YawModel,
     course: Course,
     theta: Floats,
     noises: Noises,
@@ -534,7 +534,7 @@ def targets_of(
 
 
 def carried(
-    model: Vehicle,
+    model: YawModel,
     course: Course,
     theta: Floats,
     noises: Noises,

@@ -1,15 +1,14 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
 
-from automarine_cli import effects
-from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -27,15 +26,239 @@ from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import ITERATIONS, DrivenProblem, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import bounded_solution
-from automarine_cli.fits.planar_structure import PLACES, Observed, Structure, rough_sizes, rough_velocities
-from automarine_cli.fits.whole_runs import estimate_of, run_covariance, run_dof
+from automarine_cli.fits.stepwise import Judge, stepwise_search
+from automarine_cli.fits.whole_runs import estimate_of, run_covariance
 from automarine_cli.models.parameter import Parameter, Parameters, Prior
-from automarine_cli.models.planar import FORCES, VELOCITIES, PlanarModel, Tied
-from automarine_cli.models.store import planar_json, units
-from automarine_cli.models.yaw_model import COMMAND_DELAY
+from automarine_cli.models.store import planar_json
+from automarine_cli.models.yaw_model import COMMAND_DELAY, CURRENT, INERTIA_COUPLINGS, Term, YawModel
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
+
+CHANNELS = ("heading", "yaw_rate", "surge", "sway", "north", "east")
+PLACES = ("north", "east")
+LAWS = ("linear-drag", "quadratic-drag")
+COUPLINGS = ("Y_r", "N_v", "N_ur", "Y_uv")
+"""Forces by the velocities of others that a hull alike on both sides has: sway force by turning, moment by drifting,
+turns that are damped by the speed ahead, and the lift of a hull at an angle (Fossen 2021, chapter 6)."""
+OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
+"""Qualified names of inertias and drags, which are above zero."""
+SKEW = "planar.m_vr"
+SETTLES = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
+WINDOW = 1.0  # s over which velocities are told from positions
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """What the logs do not tell: `parameter` is taken as `equals` says, because."""
+
+    parameter: str
+    equals: str
+    because: str
+
+    def __str__(self) -> str:
+        return f"{self.parameter} = {self.equals}: {self.because}"
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What the logs of a campaign hold: the `channels` that have readings, the translations that these show."""
+
+    channels: tuple[str, ...]
+
+    @property
+    def dofs(self) -> tuple[Dof, ...]:
+        return tuple(dof for dof in PLANAR.dofs if dof is YAW or self.over_ground or dof.velocity in self.channels)
+
+    @property
+    def over_ground(self) -> bool:
+        """Whether places are measured: velocities alone may be those through the water."""
+        return set(PLACES) <= set(self.channels)
+
+    @property
+    def unread(self) -> list[tuple[Dof, Dof]]:
+        """The translation that the logs do not show, with the one that stands for it."""
+        return [pair for pair in ((SURGE, SWAY), (SWAY, SURGE)) if pair[0] not in self.dofs]
+
+    @property
+    def ties(self) -> tuple[tuple[str, str, float], ...]:
+        """What the logs do not tell, and which parameter stands for it times which factor."""
+        factors = {"inertia": 1.0, "linear": 1.0 / SETTLES}
+        return tuple(
+            (dof.parameter(role), other.parameter("inertia"), factor)
+            for dof, other in self.unread
+            for role, factor in factors.items()
+        )
+
+    def assumptions(self, model: YawModel) -> tuple[Assumption, ...]:
+        """What stands in for measurements that the logs lack."""
+        lacking: list[Assumption] = []
+        for dof, other in self.unread:
+            why = f"the logs hold no {dof.name} speed and no position on the water"
+            its, dies_out = other.parameter("inertia"), f"{dof.name} is taken to die out in {SETTLES:g} s"
+            lacking.append(Assumption(dof.parameter("inertia"), its, why))
+            lacking.append(Assumption(dof.parameter("linear"), f"{its} / {SETTLES:g} s", dies_out))
+        if SKEW in model.fixed:
+            lacking.append(Assumption(SKEW, "0", "sway and yaw are taken about the centre of both masses"))
+        lacking.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
+        return tuple(lacking)
+
+    def simplest(self, sizes: Mapping[str, float]) -> YawModel:
+        """The model with quadratic drag of everything that is measured, nothing else, from `rough_sizes`."""
+        values = {**sizes, **{name: factor * sizes[source] for name, source, factor in self.ties}}
+        masses = tuple(values[dof.parameter("inertia")] for dof in PLANAR.dofs)
+        terms = []
+        for place, dof in enumerate(PLANAR.dofs):
+            role = "quadratic" if dof in self.dofs else "linear"
+            terms.append(Term(f"{role}-drag", (values[dof.parameter(role)],), True, place))
+        couplings = tuple(f"{PLANAR.name}.{name}" for name in INERTIA_COUPLINGS)
+        return YawModel(
+            PLANAR, (*masses, *(0.0 for _ in couplings)), tuple(terms), "N m", fixed=couplings, ties=self.ties
+        )
+
+    def names(self) -> dict[str, str]:
+        """Qualified names of the parameters that models of these logs may have, by what users write."""
+        free = widest(self.simplest(dict.fromkeys(OWN, 1.0)), partial(candidates, observed=self)).free
+        names = {name if name in CURRENT else name.partition(".")[2]: name for name in free}
+        return names | {COMMAND_DELAY: COMMAND_DELAY}
+
+
+def observed(runs: Sequence[Run]) -> Observed:
+    """The channels of which any run has readings. Raises FitError where nothing but the heading is measured."""
+    channels = Observed(tuple(name for name in CHANNELS if any(_read(run, name) for run in runs)))
+    if len(channels.dofs) == 1:
+        raise FitError(
+            "the logs hold no surge or sway speed (surge_m_s, sway_m_s) and no position on the water (north_m and "
+            "east_m): their coupling with yaw cannot be identified. Name the columns with --columns, or give "
+            "the logs to "
+            "automarine fit-yaw"
+        )
+    return channels
+
+
+def _read(run: Run, quantity: str) -> bool:
+    column = run.channel(quantity)
+    summed = run.summed_up and quantity == run.dof.position
+    return column is not None and not summed and bool(np.isfinite(column).any())
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect by its name, the parameters that it adds, and the model with it, which begins as the model without it,
+    or so near to that that slopes are those there; where it stands for another drag, with as much at usual speed."""
+
+    name: str
+    added: tuple[str, ...]
+    model: YawModel
+
+    @property
+    def label(self) -> str:
+        """The name with the letters of what is added: cross-coupling N_v."""
+        return f"{self.name} {', '.join(name.rpartition('.')[2] for name in self.added)}"
+
+    @classmethod
+    def of_term(cls, model: YawModel, term: Term) -> "Candidate":
+        names = [name for name, held in zip(model.names_of(term), term.effect.held(term.values)) if not held]
+        return cls("cross-coupling" if term.is_cross else term.name, tuple(names), model.with_term(term))
+
+
+Family = Callable[[YawModel], Iterator[Candidate]]
+
+
+def candidates(model: YawModel, observed: Observed, rough: Mapping[str, float] | None = None) -> Iterator[Candidate]:
+    """What logs may tell of a hull and a model lacks: couplings, laws of drag, a current; given `rough_sizes`, linear
+    drag in place of quadratic drag too, which gains there at most what it gains beside it."""
+    have = {(term.dof, term.name) for term in model.terms}
+    for term in map(Term.cross, COUPLINGS):
+        if (term.dof, term.name) not in have and (SWAY in observed.dofs or term.name == "N_ur"):
+            yield Candidate.of_term(model, term)
+    if SWAY in observed.dofs and SKEW in model.fixed:
+        fixed = tuple(name for name in model.fixed if name != SKEW)
+        yield Candidate("cross-coupling", (SKEW,), replace(model, fixed=fixed))
+    for dof in observed.dofs:
+        lacking = [law for law in LAWS if (PLANAR.index(dof), law) not in have]
+        for law in lacking:
+            yield Candidate.of_term(model, Term(law, (0.0,), True, PLANAR.index(dof)))
+        if rough is not None and lacking == ["linear-drag"]:
+            linear = dof.parameter("linear")
+            share = rough[linear] / rough[dof.parameter("quadratic")]
+            terms = tuple(
+                replace(term, name="linear-drag", values=(share * term.values[0],))
+                if (term.dof, term.name) == (PLANAR.index(dof), "quadratic-drag") else term
+                for term in model.terms
+            )  # fmt: skip
+            yield Candidate("linear-drag", (linear,), replace(model, terms=terms))
+    if model.water is None and observed.over_ground:
+        yield Candidate("current", CURRENT, replace(model, water=(0.0, 0.0)))
+
+
+def widest(model: YawModel, family: Family) -> YawModel:
+    """The model with everything that a family of candidates knows."""
+    following = next(family(model), None)
+    while following is not None:
+        model = following.model
+        following = next(family(model), None)
+    return model
+
+
+def structure_of(model: YawModel, observed: Observed) -> str:
+    """Say which drags, couplings and current a model has."""
+    have, parts = {(term.dof, term.name) for term in model.terms}, list[str]()
+    for dof in observed.dofs:
+        laws = [law.removesuffix("-drag") for law in LAWS if (PLANAR.index(dof), law) in have]
+        parts.append(f"{dof.name} drag {' and '.join(laws)}")
+    parts += [term.name for term in model.terms if term.is_cross]
+    parts += [] if SKEW in model.fixed else [SKEW.partition(".")[2]]
+    return ", ".join([*parts, *(["current"] if model.water else [])])
+
+
+def rough_velocities(run: Run) -> dict[str, Floats]:
+    """Surge, sway [m/s] and yaw rate [rad/s] of a run, each (N,): as read, else from places and heading over
+    `WINDOW`; NaN where neither tells."""
+    velocities: dict[str, Floats] = {}
+    if _read(run, YAW.position):
+        velocities[YAW.velocity] = _slope(run.time, run.position)
+    if all(_read(run, name) for name in PLACES):
+        north, east = (_slope(run.time, np.asarray(run.channel(name))) for name in PLACES)
+        cosine, sine = np.cos(run.position), np.sin(run.position)
+        velocities[SURGE.velocity] = cosine * north + sine * east
+        velocities[SWAY.velocity] = cosine * east - sine * north
+    for dof in PLANAR.dofs:
+        if _read(run, dof.velocity):
+            velocities[dof.velocity] = np.asarray(run.channel(dof.velocity))
+    return velocities
+
+
+def _slope(time: Floats, values: Floats) -> Floats:
+    """Central difference over `WINDOW`, (N,)."""
+    finite = np.isfinite(values)
+    ahead, behind = (np.clip(time + side * WINDOW / 2, time[0], time[-1]) for side in (1, -1))
+    there, back = (np.interp(at, time[finite], values[finite]) for at in (ahead, behind))
+    return np.asarray((there - back) / np.maximum(ahead - behind, 1e-9))
+
+
+def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
+    """Orders of size from which fits start, by qualified name: drag that balances the usual force at the usual
+    velocity, and an inertia that takes `SETTLES` to get there."""
+    sizes: dict[str, float] = {}
+    for dof in PLANAR.dofs:
+        forces = np.concatenate([run.command_of(dof) for run in runs])
+        columns = [v[dof.velocity] for run in runs if dof.velocity in (v := rough_velocities(run))]
+        speeds = np.abs(np.concatenate(columns)) if columns else np.zeros(0)
+        speeds = speeds[np.isfinite(speeds)]
+        speed = max(float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, dof.limits.unmoved)
+        force = float(np.sqrt(np.mean(forces**2)))
+        linear = max(force, 1e-3) / speed
+        sizes |= {
+            dof.parameter("linear"): linear,
+            dof.parameter("quadratic"): linear / speed,
+            dof.parameter("inertia"): linear * SETTLES,
+        }
+    for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
+        if not any(run.command_of(dof).any() for run in runs):  # moved by the others alone
+            for role in ("linear", "quadratic", "inertia"):
+                sizes[dof.parameter(role)] = sizes[other.parameter(role)]
+    return sizes
 
 
 def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = False) -> Judgement:
@@ -74,53 +297,58 @@ WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts o
 
 @dataclass(frozen=True)
 class Estimated:
-    """What a `fit` by innovations or to forecasts found for one model: values in `model`, `covariance` (f, f) of its
-    free parameters with the run as the unit."""
+    """A `model` with the values that a `fit` by innovations or to forecasts gives it."""
 
-    model: Tied
-    covariance: Floats = field(repr=False)
+    model: YawModel
     fit: InnovationsFit = field(repr=False)
-
-    @property
-    def random(self) -> dict[str, float]:
-        """Sizes of what is random, by name."""
-        return self.fit.of_chance
-
-    @cached_property
-    def delay(self) -> Estimate:
-        """Command delay [s] after the middle of the sample interval in which a command changed."""
-        fit, place = self.fit, self.fit.names.index(COMMAND_DELAY)
-        return estimate_of(
-            fit, run_covariance(fit), place, "s", None if len(fit.left_out) > 1 else float(self.readings)
-        )
 
     @property
     def readings(self) -> int:
         return sum(self.fit.readings.values())
 
     @property
-    def known(self) -> dict[str, float]:
+    def values(self) -> dict[str, float]:
         """Values of all parameters of the model by qualified name."""
-        return dict(zip(self.model.model.parameter_names, self.model.model.theta.tolist()))
+        return dict(zip(self.model.parameter_names, self.model.theta.tolist()))
 
-    def estimates(self, runs: int, prior: Known = NOTHING_KNOWN) -> dict[str, Estimate]:
-        """Every parameter that was identified in so many `runs` or follows one, by qualified name."""
-        spread, model, fit = self.model.spread, self.model.model, self.fit
-        deviation = np.sqrt(np.einsum("pf,fg,pg->p", spread, self.covariance, spread))
-        unit, estimates = units(model), {}
-        for name, value, error, row in zip(model.parameter_names, model.theta.tolist(), deviation.tolist(), spread):
-            if not row.any():
-                continue
-            i, freedom = int(np.argmax(np.abs(row))), float(self.readings - len(self.model.free))
-            if runs > 1:
-                freedom = run_dof(fit, np.eye(len(fit.theta))[i])
-            if fit.parameters.log[i]:
-                estimate = Estimate.from_log(value, error / value, freedom, unit[name])
-            else:
-                estimate = Estimate.from_stderr(value, error, freedom, unit[name])
-            before = name in prior.parameters
-            estimates[name] = replace(estimate, known=before, at_bound=i in fit.at_bound and not before)
+    @cached_property
+    def delay(self) -> Estimate:
+        """Command delay [s] after the middle of the sample interval in which a command changed."""
+        return self._estimate(self.fit.names.index(COMMAND_DELAY), "s")
+
+    @cached_property
+    def estimates(self) -> dict[str, Estimate]:
+        """Every parameter that was identified or follows one, by qualified name."""
+        estimates, parameters = dict[str, Estimate](), self.fit.parameters
+        for i, parameter in enumerate(parameters[parameters.of_model]):
+            if parameter.tie is not None:
+                source, factor = parameter.tie
+                of = self._estimate(parameters.names.index(source), parameter.unit)
+                low, high = of.ci95
+                ends = (factor * low, factor * high)
+                estimates[parameter.name] = replace(of, value=factor * of.value, stderr=factor * of.stderr, ci95=ends)
+            elif parameter.name not in self.model.fixed:
+                estimates[parameter.name] = self._estimate(i, parameter.unit)
         return estimates
+
+    def _estimate(self, place: int, unit: str) -> Estimate:
+        alone = len(self.fit.left_out) == 1
+        freedom = float(self.readings - len(self.model.free)) if alone else None
+        return estimate_of(self.fit, run_covariance(self.fit), place, unit, freedom)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (f, f) of the free parameters with the run as the unit."""
+        at = [self.model.index(name) for name in self.model.free]
+        slopes = np.where(self.fit.parameters.log, self.fit.theta, 1.0)[at]
+        return run_covariance(self.fit)[np.ix_(at, at)] * np.outer(slopes, slopes)
+
+    def to_json(self) -> dict[str, object]:
+        """What every file of a planar model begins with, parameters with their intervals."""
+        return planar_json(self.model, {name: estimate.to_json() for name, estimate in self.estimates.items()})
+
+    def covariance_json(self) -> dict[str, object]:
+        return {"parameters": list(self.model.free), "matrix": self.covariance.tolist()}
 
     @property
     def criterion(self) -> float:
@@ -129,64 +357,62 @@ class Estimated:
 
 
 @dataclass(frozen=True)
-class Tried:
-    structure: Structure
-    estimated: Estimated
+class Round:
+    """One look for what a model lacks: the model `before`, and the best one that was fitted, if any was."""
+
+    before: Estimated
+    best: Estimated | None
 
 
-def search(estimator: "PlanarLikelihood") -> tuple[Tried, ...]:
-    """Structures that were tried, the best one first, then in the order of their criterion.
+@dataclass(frozen=True)
+class ByEvidence(Judge[Estimated, Round]):
+    """Takes what improves the information criterion; `tried` collects what was fitted, by structure.
 
-    From the simplest one on, those neighbours are fitted briefly that promise most by the slope and curvature of the
-    likelihood; the best of them is fitted to the end and taken as long as it is better.
+    Those candidates are fitted briefly that promise most by the slope and curvature of the likelihood, the best of
+    them to the end.
     """
-    simplest = Structure.simplest(estimator.observed)
-    best = Tried(simplest, estimator.estimate(simplest.model(estimator.rough)))
-    tried = {str(simplest): best}
-    while True:
-        new = [structure for structure in best.structure.neighbours() if str(structure) not in tried]
-        chosen = [
-            Tried(structure, estimator.estimate(*estimator.toward(model, best.estimated.random, promise), BRIEF))
-            for structure, model, promise in _promising(best, new, estimator)
-        ]
-        tried |= {str(trial.structure): trial for trial in chosen}
-        better = min(chosen, key=lambda trial: trial.estimated.criterion, default=best)
-        if better is not best:
-            better = replace(better, estimated=estimator.estimate(better.estimated.model, better.estimated.random))
-            tried[str(better.structure)] = better
-        if better.estimated.criterion >= best.estimated.criterion:
-            return tuple(sorted(tried.values(), key=lambda trial: trial.estimated.criterion))
-        best = better
+
+    likelihood: "PlanarLikelihood"
+    tried: dict[str, Estimated] = field(default_factory=dict)
+    most = 50
+
+    def look(self, model: Estimated, number: int) -> Round:
+        likelihood, price = self.likelihood, np.log(max(model.readings, 2))
+        self.tried.setdefault(likelihood.structure_of(model.model), model)
+        worth: list[tuple[float, Candidate, Promise]] = []
+        for candidate, promise in likelihood.promised(model, likelihood.family):
+            more = len(candidate.model.free) - len(model.model.free)
+            fresh = likelihood.structure_of(candidate.model) not in self.tried
+            if fresh and 2.0 * promise.gain > price * len(candidate.added):
+                worth.append((2.0 * promise.gain - price * more, candidate, promise))
+        worth.sort(key=lambda entry: -entry[0])
+        brief = [likelihood.tried(candidate, promise, model, BRIEF) for _, candidate, promise in worth[:FULLY]]
+        best = min(brief, key=lambda estimated: estimated.criterion, default=None)
+        self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in brief})
+        if best is not None:
+            best = likelihood.estimate(best.model, best.fit.of_chance)
+            self.tried[likelihood.structure_of(best.model)] = best
+        return Round(model, best)
+
+    def admissible(self, look: Round, first: Round) -> list[Estimated]:
+        return [look.best] if look.best is not None and look.best.criterion < look.before.criterion else []
 
 
-def _promising(
-    best: Tried, new: Sequence[Structure], estimator: "PlanarLikelihood"
-) -> list[tuple[Structure, Tied, "Promise"]]:
-    """The neighbours of the best structure that promise to be better, with their models and what they promise.
-
-    What a law of drag gains in place of another is at most what it gains beside it.
-    """
-    values, rough = best.estimated.known, estimator.rough
-    models = [structure.beside(values, rough) for structure in new]
-    added = [tuple(name for name in model.free if name not in best.estimated.model.free) for model in models]
-    promises = estimator.promises(best.structure.widest.beside(values, rough), best.estimated, added)
-    have, price = len(best.estimated.model.free), np.log(max(best.estimated.readings, 2))
-    promised = [
-        2.0 * promise.gain - price * (len(model.free) - have) if 2.0 * promise.gain > price * len(names) else -np.inf
-        for promise, model, names in zip(promises, models, added)
-    ]
-    order = np.argsort(promised)[::-1][:FULLY]
-    return [(new[i], models[i], promises[i]) for i in order if np.isfinite(promised[i])]
+def search(likelihood: "PlanarLikelihood") -> tuple[Estimated, ...]:
+    """Return what was tried, the best one first, then in the order of their criterion, from the simplest model on."""
+    judge = ByEvidence(likelihood)
+    stepwise_search(judge, likelihood.estimate(likelihood.observed.simplest(likelihood.rough)))
+    return tuple(sorted(judge.tried.values(), key=lambda estimated: estimated.criterion))
 
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The structures that were `tried` on `runs`, the likeliest one first, and the `best`: with its estimate, which of
+    """The models that were `tried` on `runs`, the likeliest one first, and the one that was `found` best: which of
     the WAYS that was made, of what `use` it is, and the sentence that says why (`way_because`); what was set aside;
     sentences on what thrusters at their `limits` did not give; the `prior`: what was known beforehand."""
 
-    tried: tuple[Tried, ...]
-    best: Tried
+    tried: tuple[Estimated, ...]
+    found: Estimated
     way: str
     use: Judgement
     way_because: str
@@ -197,28 +423,24 @@ class PlanarFit(Shown):
     prior: Known = NOTHING_KNOWN
 
     @property
-    def found(self) -> Estimated:
-        return self.best.estimated
+    def structure(self) -> str:
+        return structure_of(self.model, self.observed)
 
     @property
-    def structure(self) -> Structure:
-        return self.best.structure
+    def model(self) -> YawModel:
+        return self.found.model
 
     @property
-    def model(self) -> PlanarModel:
-        return self.found.model.model
-
-    @cached_property
     def estimates(self) -> dict[str, Estimate]:
-        return self.found.estimates(len(self.runs), self.prior)
+        return self.found.estimates
 
     @property
     def because(self) -> str:
         if len(self.tried) == 1:
             return "No other structure was tried."
-        first, second = self.tried[:2]
-        which = "this one" if first.structure == self.structure else f"{first.structure}"
-        behind = f"{second.structure}, is {second.estimated.criterion - first.estimated.criterion:.1f} behind"
+        first, second = (structure_of(estimated.model, self.observed) for estimated in self.tried[:2])
+        which = "this one" if first == self.structure else first
+        behind = f"{second}, is {self.tried[1].criterion - self.tried[0].criterion:.1f} behind"
         best = f"{which} has the best evidence (Bayesian information criterion)"
         return f"Of {len(self.tried)} structures {best}; the next, {behind}."
 
@@ -241,22 +463,20 @@ class PlanarFit(Shown):
         return json_document("planar_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
-        estimates = {name: estimate.to_json() for name, estimate in self.estimates.items()}
-        fit, free = self.found.fit, self.found.model.free
         return {
-            **planar_json(self.model, estimates),
+            **self.found.to_json(),
             COMMAND_DELAY: self.found.delay.to_json(),
             "fitted_to": "whole runs",
-            "structure": str(self.structure),
+            "structure": self.structure,
             "structure_because": self.because,
             "estimated": WAYS[self.way],
             "estimated_because": self.way_because,
-            "assumptions": [asdict(assumption) for assumption in self.structure.assumptions],
+            "assumptions": [asdict(assumption) for assumption in self.observed.assumptions(self.model)],
             "channels": list(self.observed.channels),
-            "random": {name: size for name, size in self.found.random.items() if name != COMMAND_DELAY},
+            "random": {name: size for name, size in self.found.fit.of_chance.items() if name != COMMAND_DELAY},
             "prediction": self.use.to_json(YAW),
-            "log_likelihood": fit.log_likelihood,
-            "covariance": {"parameters": list(free), "matrix": self.found.covariance.tolist()},
+            "log_likelihood": self.found.fit.log_likelihood,
+            "covariance": self.found.covariance_json(),
             "valid_range": self.valid_range,
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.runs), self.set_aside, self.runs),
@@ -270,7 +490,7 @@ class PlanarFit(Shown):
         loose = [
             name
             for name, estimate in self.estimates.items()
-            if name.partition(".")[2] in ("m_u", "m_v", "I_r") and estimate.stderr > 0.5 * abs(estimate.value)
+            if name in [dof.parameter("inertia") for dof in PLANAR.dofs] and estimate.stderr > 0.5 * abs(estimate.value)
         ]
         if loose:
             sentences.append(
@@ -284,7 +504,6 @@ INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit st
 SIZES = (0.02, 0.2)  # disturbances, as shares of the acceleration of the largest command, to start from
 BRIEF = 4  # iterations of a brief fit
 WORTH_IT = 0.02  # share of the errors of predictions that is worth another estimator or structure
-FASTEST_WATER = 5.0  # m/s; no tidal current of a place where vehicles are tested is faster
 
 
 @dataclass(frozen=True)
@@ -308,25 +527,29 @@ class PlanarLikelihood:
     def rough(self) -> dict[str, float]:
         return rough_sizes(self.runs)
 
+    def structure_of(self, model: YawModel) -> str:
+        return structure_of(model, self.observed)
+
+    def family(self, model: YawModel) -> Iterator[Candidate]:
+        return candidates(model, self.observed, self.rough)
+
     @cached_property
     def course(self) -> Course:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
         return make_course(self.runs, moving, motion=PLANAR, channels=self.observed.channels)
 
-    def problem(self, model: Tied) -> DrivenProblem:
-        """The likelihood of a model: inertias on a logarithmic scale, own drags zero or more, couplings of any sign."""
-        searched = [_searched(name, value, self.rough, self.course) for name, value in zip(model.free, model.theta)]
-        parameters = Parameters((*searched, *self._random(model)))
+    def problem(self, model: YawModel) -> DrivenProblem:
+        largest = np.abs(self.course.commanded).max(axis=(1, 2))
+        parameters = Parameters((*model.parameters(np.where(largest > 0, largest, 1.0)), *self._random(model)))
         return DrivenProblem(model, self.course, parameters.informed(self.priors))
 
     def starts(self, problem: DrivenProblem, random: Mapping[str, float] | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the `random` ones."""
         model = problem.model
-        assert isinstance(model, Tied)
         middle = {chance.name: chance.value for chance in problem.parameters.nuisance}
         if random is not None:
             return starts_near(problem, [model.theta], random)
-        heavy = np.array([name.endswith(("m_u", "m_v", "I_r")) for name in model.free])
+        heavy = np.array([parameter.role == "inertia" for parameter in problem.parameters[problem.parameters.of_model]])
         starts = []
         for inertia, size in product(INERTIAS, SIZES):
             pushed = {
@@ -337,50 +560,54 @@ class PlanarLikelihood:
         return problem.parameters.within(starts)
 
     def estimate(
-        self, model: Tied, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
+        self, model: YawModel, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
     ) -> Estimated:
         """The model fitted, from its own values and what is known of the `random` ones; one of few `iterations` leaves
         no run out. Raises FitError where no start leads anywhere."""
         problem = self.problem(model)
         starts, brief = self.starts(problem, random), iterations < ITERATIONS
-        return _estimated(model, fit_innovations(problem, starts, iterations, brief))
+        fit = fit_innovations(problem, starts, iterations, brief)
+        return Estimated(model.with_theta(fit.of_model), fit)
 
     def by_forecasts(self, neighbour: Estimated) -> Estimated:
         """The model of an estimate fitted to forecasts over seconds, from states that are smoothed by it. Raises
         FitError where no run is long enough."""
         problem = self.problem(neighbour.model)
         starts = np.concatenate([neighbour.fit.theta[None], self.starts(problem, None)])
-        return _estimated(neighbour.model, with_chance(problem, fit_forecasts(problem, neighbour.fit.phi, starts)))
+        fit = with_chance(problem, fit_forecasts(problem, neighbour.fit.phi, starts))
+        return Estimated(neighbour.model.with_theta(fit.of_model), fit)
 
-    def choose(self, tried: Sequence[Tried]) -> tuple[Tried, str, Judgement, str]:
+    def choose(self, tried: Sequence[Estimated]) -> tuple[Estimated, str, Judgement, str]:
         """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
         left out best. The best structure by innovations is left for what predicts better by a share of WORTH_IT.
 
         Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
-        simplest = next((trial for trial in tried if trial.structure == Structure.simplest(self.observed)), tried[0])
-        fitted: list[tuple[Tried, str, Judgement]] = []
-        for trial in (tried[0], *([simplest] if simplest is not tried[0] else [])):
+        plain = self.structure_of(self.observed.simplest(self.rough))
+        simplest = next((likely for likely in tried if self.structure_of(likely.model) == plain), tried[0])
+        fitted: list[tuple[Estimated, str, Judgement]] = []
+        for likely in (tried[0], *([simplest] if simplest is not tried[0] else [])):
             for way in WAYS:
                 with suppress(FitError):
-                    estimated = trial.estimated if way == LIKELIHOOD else self.by_forecasts(trial.estimated)
+                    estimated = likely if way == LIKELIHOOD else self.by_forecasts(likely)
                     judged = forecasts_of(self.problem(estimated.model), estimated.fit, way == FORECASTS)
                     if np.isfinite(judged.score) or not fitted:
-                        fitted.append((replace(trial, estimated=estimated), way, judged))
+                        fitted.append((estimated, way, judged))
         best = min(fitted, key=lambda candidate: candidate[2].score)
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
         return (*chosen, _because(chosen, fitted))
 
-    def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
+    def promises(self, wide: YawModel, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
         `neighbour`, and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)
-        (phi,) = problem.parameters.search(self.starts(problem, neighbour.random))
+        (phi,) = problem.parameters.search(self.starts(problem, neighbour.fit.of_chance))
         (slopes,) = problem.slopes(phi[None])
         gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
         hessian = slopes.information.sum(axis=0) + problem.prior_information
-        names, free = [problem.parameters.names[i] for i in problem.free], {*neighbour.model.free, *neighbour.random}
+        names = [problem.parameters.names[i] for i in problem.free]
+        free = {*neighbour.model.free, *neighbour.fit.of_chance}
         limits, origin = problem.parameters.limits[problem.free], phi[problem.free]
 
         def promise(more: tuple[str, ...]) -> Promise:
@@ -395,19 +622,34 @@ class PlanarLikelihood:
         without = promise(()).gain
         return [replace(expected, gain=expected.gain - without) for expected in map(promise, added)]
 
-    def toward(self, model: Tied, random: Mapping[str, float], promised: Promise) -> tuple[Tied, Mapping[str, float]]:
+    def promised(self, current: Estimated, family: Family) -> list[tuple[Candidate, Promise]]:
+        """The candidates for a model with what their scores promise, all of one pass of the filter."""
+        every = list(family(current.model))
+        wide = widest(current.model, family)
+        return list(zip(every, self.promises(wide, current, [candidate.added for candidate in every])))
+
+    def tried(self, candidate: Candidate, promise: Promise, current: Estimated, iterations: int) -> Estimated:
+        """A candidate fitted briefly, from where it promises most."""
+        return self.estimate(*self.toward(candidate.model, current.fit.of_chance, promise), iterations)
+
+    def toward(
+        self, model: YawModel, random: Mapping[str, float], promised: Promise
+    ) -> tuple[YawModel, Mapping[str, float]]:
         """The model, and what is `random`, as promised, where that is likelier than as they are."""
         problem = self.problem(model)
         (start,) = self.starts(problem, random)
         there = np.array([promised.theta.get(name, value) for name, value in zip(problem.parameters.names, start)])
-        value, reached = problem.value(problem.parameters.search(np.stack([start, there])))
+        phis = problem.parameters.search(np.stack([start, there]))
+        value, reached = problem.value(phis)
         if not reached > value:
             return model, random
-        return model.with_theta(there[: len(model.free)]), dict(zip(problem.parameters.names, there.tolist()))
+        there = problem.parameters.natural(phis[1])
+        of_model = there[problem.parameters.of_model]
+        return model.with_theta(of_model), dict(zip(problem.parameters.names, there.tolist()))
 
-    def _random(self, model: Tied) -> tuple[Parameter, ...]:
+    def _random(self, model: YawModel) -> tuple[Parameter, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
-        m = np.diagonal(model.model.inertia.matrix)
+        m = np.diagonal(model.inertia_matrix(model.theta[None])[0])
         forces = [_usual(self.rough, dof)[0] for dof in PLANAR.dofs]
         largest = np.abs(self.course.commanded).max(axis=(1, 2))
         pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
@@ -416,14 +658,7 @@ class PlanarLikelihood:
         return tuple(replace(c, upper=c.lower) if c.name.startswith(unread) else c for c in chances)
 
 
-def _estimated(model: Tied, fit: InnovationsFit) -> Estimated:
-    of_model = fit.parameters.of_model
-    slopes = np.where(fit.parameters.log[of_model], fit.theta[of_model], 1.0)
-    covariance = run_covariance(fit)[of_model, of_model] * np.outer(slopes, slopes)
-    return Estimated(model.with_theta(fit.of_model), covariance, fit)
-
-
-def _because(chosen: tuple[Tried, str, Judgement], fitted: Sequence[tuple[Tried, str, Judgement]]) -> str:
+def _because(chosen: tuple[Estimated, str, Judgement], fitted: Sequence[tuple[Estimated, str, Judgement]]) -> str:
     how, scores = f"Fitted {WAYS[chosen[1]]}", [judged.score for _, _, judged in fitted if judged is not chosen[2]]
     if not scores or not chosen[2].worth[YAW.position]:
         return f"{how}."
@@ -436,28 +671,3 @@ def _usual(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:
     """Usual force and speed along a degree of freedom, by its rough drags."""
     linear, quadratic = rough[dof.parameter("linear")], rough[dof.parameter("quadratic")]
     return linear**2 / quadratic, linear / quadratic
-
-
-def _searched(name: str, value: float, rough: Mapping[str, float], course: Course) -> Parameter:
-    """A parameter by its qualified name, as it is searched."""
-    where, _, short = name.partition(".")
-    if where == "current":
-        return Parameter(name, value, -FASTEST_WATER, FASTEST_WATER, step=0.05)
-    if where == PLANAR.name:  # inertia that couples
-        return Parameter(name, value, step=0.1 * rough[YAW.parameter("inertia")])
-    if name in [dof.parameter("inertia") for dof in PLANAR.dofs]:
-        return Parameter(name, value, 1e-6, log=True, role="inertia")
-    if name in rough:  # own drag
-        return Parameter(name, value, 0.0, step=0.1 * rough[name])
-    if "." in short:  # of an effect of the library
-        effect_name, _, symbol = short.partition(".")
-        effect, dof = effects.get(effect_name), DOFS[where]
-        law = next(p for p, n in zip(effect.parameters, effect.names_in(dof)) if n == symbol)
-        largest = float(np.abs(course.commanded[PLANAR.index(dof)]).max()) or 1.0
-        return Parameter(name, value, law.lower, law.upper, law.log, max(law.scaled(law.start, largest), 1e-6))
-    if short[0] in FORCES and short[1:2] == "_":  # coupling
-        size, _ = _usual(rough, PLANAR.dofs[FORCES.index(short[0])])
-        for letter in short[2:]:
-            size /= _usual(rough, PLANAR.dofs[VELOCITIES.index(letter)])[1]
-        return Parameter(name, value, step=0.1 * size)
-    return Parameter(name, value, step=0.01 * _usual(rough, DOFS[where])[0])

@@ -1,6 +1,6 @@
 """Parameters: their bounds, the scale on which they are searched, what is known of them, what follows others."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
@@ -41,6 +41,7 @@ class Parameter:
     log: bool = False
     step: float = 1.0
     role: str = ""
+    unit: str = ""
     prior: Prior | None = None
     tie: tuple[str, float] | None = None
 
@@ -67,12 +68,9 @@ class Parameters(Sequence[Parameter]):
     def __getitem__(self, index):  # type: ignore[no-untyped-def]
         return self.entries[index]
 
-    def __iter__(self) -> Iterator[Parameter]:
-        return iter(self.entries)
-
     @cached_property
     def names(self) -> tuple[str, ...]:
-        return tuple(parameter.name for parameter in self.entries)
+        return tuple(p.name for p in self.entries)
 
     @cached_property
     def log(self) -> NDArray[np.bool_]:
@@ -102,8 +100,7 @@ class Parameters(Sequence[Parameter]):
     @cached_property
     def free(self) -> NDArray[np.int64]:
         """Places of those that a fit may choose."""
-        tied = np.array([parameter.tie is not None for parameter in self.entries], dtype=bool)
-        return np.flatnonzero((self.bounds[:, 0] < self.bounds[:, 1]) & ~tied)
+        return np.flatnonzero([p.lower < p.upper and p.tie is None for p in self.entries])
 
     @property
     def of_model(self) -> slice:
@@ -118,7 +115,7 @@ class Parameters(Sequence[Parameter]):
         """Return theta (..., p) of phi, with what is tied as its tie says."""
         phi = np.asarray(phi, dtype=float)
         theta = np.where(self.log, np.exp(np.where(self.log, phi, 0.0)), phi)
-        return theta @ self.follows.T if self._tied else theta
+        return theta @ self.follows.T if any(parameter.tie for parameter in self.entries) else theta
 
     def search(self, theta: ArrayLike) -> Floats:
         """Return phi (..., p) of theta; what is on a logarithm counts as SMALLEST where it is zero."""
@@ -128,10 +125,6 @@ class Parameters(Sequence[Parameter]):
     def within(self, theta: ArrayLike) -> Floats:
         """Return theta (..., p) clipped to its bounds."""
         return np.clip(np.asarray(theta, dtype=float), self.bounds[:, 0], self.bounds[:, 1])
-
-    @property
-    def _tied(self) -> bool:
-        return any(parameter.tie for parameter in self.entries)
 
     @cached_property
     def follows(self) -> Floats:

@@ -14,9 +14,11 @@ effect is there if its parameters are. What was not identified is a plain number
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import ClassVar
+
+import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -24,8 +26,18 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects import Effect
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
-from automarine_cli.models import planar
-from automarine_cli.models.yaw_model import BASE_TERMS, COMMAND_DELAY, MAX_DELAY_S, Term, YawModel, base_roles
+from automarine_cli.models.yaw_model import (
+    BASE_TERMS,
+    COMMAND_DELAY,
+    CURRENT,
+    FORCES,
+    INERTIA_COUPLINGS,
+    MAX_DELAY_S,
+    VELOCITIES,
+    Term,
+    YawModel,
+    base_roles,
+)
 from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, key_of, keyed, read_plain
 from automarine_cli.text import LONGEST, Place, format_value, printable
 
@@ -215,42 +227,73 @@ def number_at(number: Given, codec: Codec, place: Place) -> float:
 
 @dataclass(frozen=True)
 class StoredModels:
-    """The models of one file, by number, each with the file's effects and its command delay already in it.
+    """The models of one file, by number, each with the file's effects and its command delay already in it; in the plane
+    there is one, called as the motion.
 
-    `preferred` is the number of the model that the fit prefers; `moment_unit` is that of the motion `dof`;
-    `command_delay` [s] is that of the commands after the middle of the sample interval in which they changed; `source`
-    is the file's name, `effects` the names of what was added to the drag, `scatter` the share by which thrust differs
-    from run to run, None where the fit cannot know it.
+    `preferred` is the number of the model that the fit prefers; `command_delay` [s] is that of the commands after the
+    middle of the sample interval in which they changed; `source` is the file's name, `effects` the names of what was
+    added to the drag, `scatter` the share by which thrust differs from run to run, None where the fit cannot know it,
+    `random` the sizes of what is random by name.
     """
 
     models: Mapping[str, YawModel]
     preferred: str
-    moment_unit: str
     command_delay: float
     source: str
-    dof: Dof
     effects: tuple[str, ...] = ()
     scatter: float | None = None
+    random: Mapping[str, float] = field(default_factory=dict, repr=False)
+
+    @property
+    def model(self) -> YawModel:
+        return self.models[self.preferred]
+
+    @property
+    def dof(self) -> Dof:
+        return self.model.dof
+
+    @property
+    def in_plane(self) -> bool:
+        return self.model.motion.turns
 
     @property
     def undelayed(self) -> YawModel:
         """The preferred model without its command delay, which fits to more runs estimate anew."""
-        return self.models[self.preferred].delayed(-self.command_delay)
+        return self.model.delayed(-self.command_delay)
 
 
-def load_yaw_models(path: Source) -> StoredModels:
-    """The models of a `yaw_model.json`, of another motion's `..._model.json`, or of an `extended_model.json`.
+def read_model(path: Source) -> StoredModels:
+    """Read the models of a `yaw_model.json`, of another motion's, of a `planar_model.json` or `extended_model.json`.
 
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
     """
-    return file_and_models(read_plain(path, "JSON", ModelError), printable(path.name))[1]
+    return models_of(read_plain(path, "JSON", ModelError), printable(path.name))
+
+
+def models_of(data: Mapping[str, object], where: str) -> StoredModels:
+    """Return the models in the content of such a file; `where` names it for messages. Raises ModelError."""
+    return _planar_of(data, where) if data.get("schema") == PLANAR_MODEL.schema else file_and_models(data, where)[1]
 
 
 def file_and_models(data: Mapping[str, object], where: str) -> tuple[ModelFile, StoredModels]:
-    """All that the content of such a file says, and its models; `where` names it for messages. Raises ModelError."""
+    """All that the content of a file of one motion says, and its models. Raises ModelError."""
     kind = MODELS[motion_of(data).name]
-    file = kind.of(data, where)
-    return file, _models(file, kind.codec(data, where))
+    file, codec = kind.of(data, where), kind.codec(data, where)
+    unit, models = _force_unit(file, codec), {}
+    added = _effects(file.effects, codec, ("effects",), file.dof)
+    for number, entry in file.models.items():
+        place = ("models", number)
+        if number not in BASE_TERMS:
+            raise codec.refusal(place, f"unknown model; known are {', '.join(BASE_TERMS)}")
+        if entry is not None:  # null: a model that could not be fitted
+            entries = entry.effects  # its values of the same effects
+            values = added if entries is None else _effects(entries, codec, (*place, "effects"), file.dof)
+            model = _base(number, entry, unit, codec, place, file.dof)
+            models[number] = reduce(lambda built, term: built.with_effect(*term), values, model)
+    late = _command_delay(file.command_delay_s, codec)
+    models = {number: model.delayed(late) for number, model in models.items()}
+    names, scatter = tuple(name for name, _ in added), file.gain_scatter.value if file.gain_scatter else None
+    return file, StoredModels(models, file.preferred, late, codec.name, names, scatter)
 
 
 def motion_of(data: Mapping[str, object]) -> Dof:
@@ -270,24 +313,6 @@ def effects_json(estimates: Mapping[str, Mapping[str, Estimate]]) -> list[dict[s
         {"name": name, "parameters": {parameter: estimate.to_json() for parameter, estimate in of_effect.items()}}
         for name, of_effect in estimates.items()
     ]
-
-
-def _models(file: ModelFile, codec: Codec) -> StoredModels:
-    unit, models = _force_unit(file, codec), {}
-    added = _effects(file.effects, codec, ("effects",), file.dof)
-    for number, entry in file.models.items():
-        place = ("models", number)
-        if number not in BASE_TERMS:
-            raise codec.refusal(place, f"unknown model; known are {', '.join(BASE_TERMS)}")
-        if entry is not None:  # null: a model that could not be fitted
-            entries = entry.effects  # its values of the same effects
-            values = added if entries is None else _effects(entries, codec, (*place, "effects"), file.dof)
-            model = _base(number, entry, unit, codec, place, file.dof)
-            models[number] = reduce(lambda built, term: built.with_effect(*term), values, model)
-    late = _command_delay(file.command_delay_s, codec)
-    models = {number: model.delayed(late) for number, model in models.items()}
-    names, scatter = tuple(name for name, _ in added), file.gain_scatter.value if file.gain_scatter else None
-    return StoredModels(models, file.preferred, unit, late, codec.name, file.dof, names, scatter)
 
 
 def _force_unit(file: ModelFile, codec: Codec) -> str:
@@ -332,27 +357,21 @@ def _effects(
 ) -> list[tuple[str, tuple[float, ...]]]:
     added = []
     for i, entry in enumerate(entries):
-        at = (*place, i)
+        at = (*place, i, "parameters")
         if not effects.known(entry.name):
             expected = ", ".join(effects.names())
-            raise codec.refusal((*at, "name"), f"found {format_value(entry.name)}, expected one of {expected}")
-        added.append((entry.name, _parameters(entry, codec, (*at, "parameters"), dof)))
+            raise codec.refusal((*place, i, "name"), f"found {format_value(entry.name)}, expected one of {expected}")
+        effect = effects.get(entry.name)
+        keys = effect.names_in(dof)
+        if alien := next((key for key in entry.parameters if key not in keys), None):
+            takes = f"{entry.name} takes {', '.join(keys) or 'none'}"
+            raise codec.refusal(at, f"unknown key {format_value(alien)}; {takes}")
+        numbers = {key: number_at(number, codec, (*at, key)) for key, number in entry.parameters.items()}
+        values = values_of(effect, keys, numbers, codec, at)
+        if lacking := effect.lacking(numbers, values, dof):
+            raise codec.missing(at, lacking)
+        added.append((entry.name, values))
     return added
-
-
-def _parameters(entry: AddedEffect, codec: Codec, place: Place, dof: Dof) -> tuple[float, ...]:
-    effect = effects.get(entry.name)
-    keys = effect.names_in(dof)
-    for key in entry.parameters:
-        if key not in keys:
-            raise codec.refusal(
-                place, f"unknown key {format_value(key)}; {entry.name} takes {', '.join(keys) or 'none'}"
-            )
-    numbers = {key: number_at(number, codec, (*place, key)) for key, number in entry.parameters.items()}
-    values = values_of(effect, keys, numbers, codec, place)
-    if lacking := effect.lacking(numbers, values, dof):
-        raise codec.missing(place, lacking)
-    return values
 
 
 def values_of(
@@ -373,7 +392,11 @@ def values_of(
 
 PARAMETERS = ("parameters",)
 UNITS = {"force_unit": "N", "moment_unit": "N m"}
-CURRENT = ("current.north", "current.east")
+DRAG_OF_ROLE = {
+    "linear": "linear-drag", "quadratic": "quadratic-drag", "cubic": "cubic-drag", "constant": "bias-moment",
+    "difference": "drag-asymmetry",
+}  # fmt: skip
+"""The effect whose one parameter has a letter of its own in a motion, by what it is there (see `Dof.parameters`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,41 +420,14 @@ class PlanarFile(ResultRecord):
 PLANAR_MODEL = ResultKind(f"{PLANAR.name}_model.json", f"{PLANAR.name}-model", PlanarFile, "fit-planar", YAW)
 
 
-@dataclass(frozen=True)
-class StoredPlanar:
-    """The model of one file with its `command_delay` [s]; `source` is its name, `free` are the parameters that its fit
-    had free (none where the file does not say), `random` the sizes of what is random by name."""
-
-    model: planar.PlanarModel
-    source: str
-    free: tuple[str, ...] = field(default=(), repr=False)
-    random: Mapping[str, float] = field(default_factory=dict, repr=False)
-    command_delay: float = 0.0
-
-    @property
-    def undelayed(self) -> planar.PlanarModel:
-        """The model without its command delay, which fits to more runs estimate anew."""
-        return self.model.delayed(-self.command_delay)
-
-
-def load_planar_model(path: Source) -> StoredPlanar:
-    """The model of a `planar_model.json`. Raises ModelError with the file and the key's path."""
-    return planar_from_json(read_plain(path, "JSON", ModelError), printable(path.name))
-
-
-def planar_json(model: planar.PlanarModel, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
+def planar_json(model: YawModel, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
     """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
-    entries = estimates or {}
-    values = zip(model.parameter_names, model.theta.tolist())
-    return {
-        "schema": PLANAR_MODEL.schema,
-        **UNITS,
-        "parameters": {name: entries.get(name, value) for name, value in values},
-    }
+    parameters = {**dict(zip(model.parameter_names, model.theta.tolist())), **(estimates or {})}
+    return {"schema": PLANAR_MODEL.schema, **UNITS, "parameters": parameters}
 
 
-def planar_from_json(data: Mapping[str, object], where: str = "planar model") -> StoredPlanar:
-    """The model in the content of a `planar_model.json`; `where` names it for messages. Raises ModelError."""
+def _planar_of(data: Mapping[str, object], where: str) -> StoredModels:
+    """The model of the plane; parameters that its fit did not estimate are fixed, where the file says."""
     file, codec = PLANAR_MODEL.of(data, where), PLANAR_MODEL.codec(data, where)
     for key, unit in UNITS.items():
         if (stated := getattr(file, key)) != unit:
@@ -439,9 +435,52 @@ def planar_from_json(data: Mapping[str, object], where: str = "planar model") ->
                 (key,), f"found {format_value(stated)}, expected {format_value(unit)}: coupled motions are in newtons"
             )
     values = {name: number_at(number, codec, (*PARAMETERS, name)) for name, number in file.parameters.items()}
-    free = file.covariance.parameters if file.covariance else ()
+    unread = dict(values)
+    sizes = [dof.parameter("inertia") for dof in PLANAR.dofs]
+    for name in sizes:
+        if name not in unread:
+            raise codec.missing(PARAMETERS, name)
+        if (value := unread[name]) <= 0:
+            raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected an inertia above zero")
+    couplings = (unread.pop(f"{PLANAR.name}.{name}", 0.0) for name in INERTIA_COUPLINGS)
+    masses = (*(unread.pop(name) for name in sizes), *couplings)
+    water = [unread.pop(name) for name in CURRENT if name in unread]
+    if len(water) == 1:
+        lacking = next(name for name in CURRENT if name not in values)
+        raise codec.refusal(
+            PARAMETERS, f"key {format_value(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both"
+        )
+    terms: list[Term] = []
+    while unread:
+        name = next(iter(unread))
+        motion, _, short = name.partition(".")
+        if motion not in [dof.name for dof in PLANAR.dofs] or not short:
+            raise codec.refusal(PARAMETERS, _unknown(name))
+        dof = DOFS[motion]
+        term = _library_term(dof, short, unread, codec)
+        terms.append(_cross(dof, short, unread.pop(name), codec) if term is None else term)
+    for place, dof in enumerate(PLANAR.dofs):
+        drags = {term.name: term.values[0] for term in terms if term.dof == place}
+        if drags.get("linear-drag", 0.0) < 0 and "quadratic-drag" not in drags:
+            name, value = dof.parameter("linear"), drags["linear-drag"]
+            raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected a drag of zero or more")
+    current = (water[0], water[1]) if water else None
+    model = YawModel(PLANAR, masses, tuple(terms), UNITS["moment_unit"], current)
+    (matrix,) = model.inertia_matrix(model.theta[None])
+    if np.linalg.eigvalsh(matrix)[0] <= 0:
+        entries = ", ".join(f"{name.partition('.')[2]} = {x:g}" for name, x in zip(model.parameter_names, masses))
+        raise codec.refusal(
+            PARAMETERS,
+            f"found an inertia of {entries}; expected a matrix that is positive definite (m_u, m_v and I_r above zero, "
+            "and couplings that are small beside them); check the signs of the added masses, which count as positive "
+            "where they add",
+        )
+    if file.covariance is not None:
+        fixed = tuple(name for name in model.parameter_names if name not in file.covariance.parameters)
+        model = replace(model, fixed=fixed)
     late = _command_delay(file.command_delay_s, codec)
-    return StoredPlanar(_model(values, codec).delayed(late), where, free, file.random, late)
+    models = {PLANAR.name: model.delayed(late)}
+    return StoredModels(models, PLANAR.name, late, where, random=file.random)
 
 
 def _command_delay(stored: Given | None, codec: Codec) -> float:
@@ -451,77 +490,17 @@ def _command_delay(stored: Given | None, codec: Codec) -> float:
     return late
 
 
-def units(model: planar.PlanarModel) -> dict[str, str]:
-    texts = [dof.unit_of("inertia", dof.units.forces[1]) for dof in PLANAR.dofs] + ["kg m", "kg m", "kg"]
-    for dof, terms in zip(PLANAR.dofs, (model.surge, model.sway, model.yaw)):
-        for term in terms:
-            texts += [dof.unit_in(p.unit, dof.units.forces[1]) for p in effects.get(term.name).parameters]
-    texts += [_derivative_unit(term.name) for term in model.cross]
-    return dict(zip(model.parameter_names, [*texts, *(["m/s"] * 2 if model.water else [])], strict=True))
-
-
-def _derivative_unit(name: str) -> str:
-    letter, _, along = name.partition("_")
-    metres = (letter == "N") - sum(axis != "r" for axis in along)
-    of_seconds = "s" if len(along) == 1 else "s²"
-    of_metres = {1: " m", 0: "", -1: "/m", -2: "/m²"}[metres]
-    return f"N m {of_seconds}" if metres == 1 else f"N {of_seconds}{of_metres}"
-
-
-def _model(values: Mapping[str, float], codec: Codec) -> planar.PlanarModel:
-    unread = dict(values)
-    inertia = _inertia(unread, codec)
-    water = [unread.pop(name) for name in CURRENT if name in unread]
-    if len(water) == 1:
-        lacking = next(name for name in CURRENT if name not in values)
-        raise codec.refusal(
-            PARAMETERS, f"key {format_value(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both"
-        )
-    terms: dict[str, list[Term]] = {dof.name: [] for dof in PLANAR.dofs}
-    cross: list[Term] = []
-    while unread:
-        name = next(iter(unread))
-        motion, _, short = name.partition(".")
-        if motion not in terms or not short:
-            raise codec.refusal(PARAMETERS, _unknown(name))
-        dof = DOFS[motion]
-        if (term := _library_term(dof, short, unread, codec)) is not None:
-            terms[motion].append(term)
-        else:
-            cross.append(Term(_cross(dof, short, name, codec), (unread.pop(name),)))
-    for dof in PLANAR.dofs:
-        drags = {term.name: term.values[0] for term in terms[dof.name] if term.values}
-        if drags.get("linear-drag", 0.0) < 0 and "quadratic-drag" not in drags:
-            name, value = dof.parameter("linear"), drags["linear-drag"]
-            raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected a drag of zero or more")
-    current = (water[0], water[1]) if water else None
-    surge, sway, yaw = (tuple(terms[dof.name]) for dof in PLANAR.dofs)
-    return planar.PlanarModel(inertia, surge, sway, yaw, tuple(cross), current)
-
-
-def _inertia(unread: dict[str, float], codec: Codec) -> planar.Inertia:
-    sizes = [dof.parameter("inertia") for dof in PLANAR.dofs]
-    for name in sizes:
-        if name not in unread:
-            raise codec.missing(PARAMETERS, name)
-        if (value := unread[name]) <= 0:
-            raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected an inertia above zero")
-    couplings = [f"{PLANAR.name}.{name}" for name in planar.inertia_names()[len(sizes) :]]
-    inertia = planar.Inertia(*(unread.pop(name) for name in sizes), *(unread.pop(name, 0.0) for name in couplings))
-    inertia.refuse_unless_positive(f"{codec.name}: {PARAMETERS[0]}")
-    return inertia
-
-
 def _library_term(dof: Dof, short: str, unread: dict[str, float], codec: Codec) -> Term | None:
     """The term of the library that a parameter belongs to, its parameters taken out of what is left; None for none."""
-    role = {symbol: role for role, symbol in dof.parameters.items()}.get(short)
-    name = planar.OF_ROLE.get(role or "", short.partition(".")[0])
+    role = {symbol: role for role, symbol in dof.parameters.items()}.get(short, "")
+    name = DRAG_OF_ROLE.get(role, short.partition(".")[0])
     if name not in effects.names():
         return None
     effect = effects.get(name)
     if not effect.acts_in(dof):
         raise codec.refusal((*PARAMETERS, f"{dof.name}.{short}"), f"{name} does not act in {dof.name}; leave it out")
-    keys = tuple(planar.parameters_of(dof, Term(name, ())))
+    base = DRAG_OF_ROLE.get(effect.role) == name
+    keys = (dof.parameter(effect.role),) if base else tuple(f"{dof.name}.{name}.{n}" for n in effect.names_in(dof))
     present = unread.keys() & set(keys)
     if f"{dof.name}.{short}" not in keys:
         raise codec.refusal(
@@ -534,26 +513,27 @@ def _library_term(dof: Dof, short: str, unread: dict[str, float], codec: Codec) 
     symbols = {key.partition(".")[2].removeprefix(f"{name}.") for key in present}
     if not effect.role and (lacking := effect.lacking(symbols, values, dof)):
         raise codec.missing(PARAMETERS, f"{dof.name}.{name}.{lacking}")
-    return Term(name, values)
+    return Term(name, values, base, PLANAR.index(dof))
 
 
-def _cross(dof: Dof, short: str, name: str, codec: Codec) -> str:
-    letter = planar.FORCES[PLANAR.index(dof)]
+def _cross(dof: Dof, short: str, value: float, codec: Codec) -> Term:
     try:
-        planar.derivative(short)
+        term = Term.cross(short, value)
     except ModelError:
-        raise codec.refusal(PARAMETERS, _unknown(name)) from None
-    if not short.startswith(letter):
-        raise codec.refusal((*PARAMETERS, name), f"{short} is no derivative of {letter}, the force of {dof.name}")
-    return short
+        raise codec.refusal(PARAMETERS, _unknown(f"{dof.name}.{short}")) from None
+    if term.dof != PLANAR.index(dof):
+        letter = FORCES[PLANAR.index(dof)]
+        wrong = f"{short} is no derivative of {letter}, the force of {dof.name}"
+        raise codec.refusal((*PARAMETERS, f"{dof.name}.{short}"), wrong)
+    return term
 
 
 def _unknown(name: str) -> str:
     parameters = [name for dof in PLANAR.dofs for name in map(dof.parameter, dof.parameters)]
-    names = [*parameters, *(f"{PLANAR.name}.{coupling}" for coupling in planar.inertia_names()[3:]), *CURRENT]
+    names = [*parameters, *(f"{PLANAR.name}.{coupling}" for coupling in INERTIA_COUPLINGS), *CURRENT]
     close = difflib.get_close_matches(name[:LONGEST], names, n=1, cutoff=0.8)
     hint = f"did you mean {format_value(close[0])}?" if close else (
         f"known are {', '.join(names)}, effects such as yaw.input-delay.t_d, and derivatives by the velocities "
-        f"{', '.join(planar.VELOCITIES)} of others, such as sway.Y_r"
+        f"{', '.join(VELOCITIES)} of others, such as sway.Y_r"
     )  # fmt: skip
     return f"unknown key {format_value(name)}; {hint}"

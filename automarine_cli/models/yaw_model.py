@@ -1,4 +1,14 @@
-"""`YawModel`: inertia and a tuple of effects with values; frozen, `with_...` returns a new one.
+"""`YawModel`: the motion of one vehicle; frozen, `with_...` returns a new one. Step responses in closed form.
+
+    M nu' + C(nu_r) nu_r = tau + forces of the terms,    nu_r = nu - R(psi)' (current north, east, 0)
+
+nu is one velocity, or (u, v, r) in the plane. M holds the rigid body and the added mass, both symmetric; C follows from
+M. In a constant current without rotation the equations hold for velocities through the water as they do for those over
+ground in still water, so that M serves both. Sources: SNAME (1950), Technical and Research Bulletin 1-5 (names of
+forces and derivatives); Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, second edition,
+chapters 3 (rigid body), 6 (manoeuvring models) and 10 (current). Signs are those of this tool: every drag counts as
+positive where it resists, every added mass where it adds, so that m_v = m - Y_v', m_vr = m x_g - Y_r' and Y_r stands
+for what Fossen writes -Y_r.
 
 Exact response of models 1, 2 and 3 to a constant moment, from rest.
 
@@ -13,8 +23,10 @@ heading ends on a line through eps = psi0 - sgn(tau) (I/k_rr) ln(1 + r_inf/r_2) 
 r_2 = (delta + b/2)/c is the size of the other root: equation 9 for k_r = 0, equation 7 for k_rr = 0.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +35,8 @@ from numpy.typing import ArrayLike
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
+from automarine_cli.effects import Effect, Place, State
 from automarine_cli.errors import ModelError
-from automarine_cli.models.allocation import Bound
 from automarine_cli.models.parameter import Parameter, Parameters
 from automarine_cli.quantities import Floats
 
@@ -57,49 +69,121 @@ def base_roles(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
     return ("inertia", *(effects.get(term).role for term in base_terms(number, dof, sided)))
 
 
+FORCES, VELOCITIES = "XYN", "uvr"
+INERTIA_COUPLINGS = {"m_vr": (1, 2, "kg m"), "m_ur": (0, 2, "kg m"), "m_uv": (0, 1, "kg")}
+"""Inertia that couples two motions of the plane, where it stands in the matrix, and its unit: zero of a vehicle alike
+fore and aft, the last two of one alike on both sides."""
+CURRENT = ("current.north", "current.east")
+MAX_CURRENT_M_S = 5.0  # no tidal current of a place where vehicles are tested is faster
+_DERIVATIVE = re.compile(rf"([{FORCES}])_([{VELOCITIES}]{{1,2}})")
+
+
+@dataclass(frozen=True)
+class CrossDrag(Effect):
+    """Resistance to one degree of freedom by the flow along others: -c b or -c |a| b, such as Y_r r or N_vr |v| r.
+
+    `along` is the place of b in the motion, `size` that of a; Fossen (2021), chapter 6. No effect of the library: one
+    motion alone knows no other's flow.
+    """
+
+    along: int
+    size: int | None
+    unit: str
+
+    name = "cross-drag"
+
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
+        (size,) = values
+        if self.size is not None:
+            size = size * np.abs(state.flow[self.size])
+        return -size * state.flow[self.along]
+
+    def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
+        return (False,)
+
+
+@lru_cache
+def derivative(name: str) -> tuple[int, CrossDrag]:
+    """Return what a derivative such as N_v or N_vr acts on, and the drag that it is. Raises ModelError."""
+    match = _DERIVATIVE.fullmatch(name)
+    place = FORCES.index(match[1]) if match else 0
+    if match is None or set(match[2]) == {VELOCITIES[place]}:
+        raise ModelError(f"{name!r} is no force by the velocities of other degrees of freedom, as Y_r and N_vr are")
+    *size, along = (VELOCITIES.index(letter) for letter in match[2])
+    metres = (match[1] == "N") - sum(letter != "r" for letter in match[2])
+    of_metres = {1: " m", 0: "", -1: "/m", -2: "/m²"}[metres]
+    of_seconds = "s²" if size else "s"
+    unit = f"N m {of_seconds}" if metres == 1 else f"N {of_seconds}{of_metres}"
+    return place, CrossDrag(along, size[0] if size else None, unit)
+
+
 @dataclass(frozen=True)
 class Term:
-    """One effect with the values of its parameters, in the effect's order; `base` where it belongs to the motion's own
-    equation, and was not added to it."""
+    """An effect that acts on the degree of freedom in place `dof` of a motion, with the values of its parameters, in
+    the effect's order; `base` where it belongs to the motion's own equation, and was not added to it.
+
+    In the plane it may be a drag by the velocities of others, `name` then being a derivative such as N_v.
+    """
 
     name: str
     values: tuple[float, ...]
     base: bool = False
+    dof: int = 0
+
+    @classmethod
+    def cross(cls, name: str, value: float = 0.0) -> "Term":
+        """Return a drag by the velocities of others. Raises ModelError for a derivative that is none."""
+        return cls(name, (value,), True, derivative(name)[0])
+
+    @property
+    def is_cross(self) -> bool:
+        return _DERIVATIVE.fullmatch(self.name) is not None
+
+    @property
+    def effect(self) -> Effect:
+        return derivative(self.name)[1] if self.is_cross else effects.get(self.name)
 
 
-def values_for(names: Sequence[str], theta: ArrayLike) -> Iterator[float]:
-    """The entries of theta one after the other. Raises ModelError unless there is one for each of `names`."""
-    values = [float(value) for value in np.asarray(theta)]
-    if len(values) != len(names):
-        raise ModelError(f"{len(values)} values given for the {len(names)} parameters {names}; give one for each")
-    return iter(values)
+@dataclass(frozen=True)
+class Bound:
+    """An effect that acts on the degree of freedom in place `dof`, with its parameters, each (P, 1)."""
+
+    dof: int
+    effect: Effect
+    values: tuple[Floats, ...]
+
+    def wide(self) -> tuple[Floats, ...]:
+        return tuple(value[..., None] for value in self.values)
 
 
-def delayed_terms(terms: tuple[Term, ...], seconds: float) -> tuple[Term, ...]:
-    """Return the terms with an input delay longer by `seconds`, without one where nothing is left of it."""
-    if not seconds:
-        return terms
-    values = {term.name: term.values for term in terms}.get(DELAY, (0.0, 0.0, 0.0))
-    others = tuple(term for term in terms if term.name != DELAY)
-    late = (values[0] + seconds, values[1], values[2] + seconds if values[1] else 0.0)
-    return (*others, Term(DELAY, late)) if late[0] or late[2] else others
-
-
-def with_values(terms: tuple[Term, ...], values: Iterator[float]) -> tuple[Term, ...]:
-    return tuple(replace(term, values=tuple(next(values) for _ in term.values)) for term in terms)
+def actuators(terms: Sequence[Bound]) -> list[Bound]:
+    """Return the terms that act on commands, in the order in which they do."""
+    acting = [term for term in terms if term.effect.place is Place.ACTUATOR]
+    return sorted(acting, key=lambda term: term.effect.stage)
 
 
 @dataclass(frozen=True)
 class YawModel:
-    """I_r r' = tau + moments of the terms; actuator, water and sensor effects are terms too. Of any motion (`dof`).
+    """A `motion` with its inertia and terms; what actuators, water and sensors do are terms too.
 
-    The parameter vector theta is (inertia, values of the first term, values of the second, ...).
+    `masses` are the inertia of each degree of freedom [force s² per unit] and, in the plane, the INERTIA_COUPLINGS;
+    `water` is the velocity north and east [m/s] of the water, None where it is still. Parameters called `fixed` are not
+    estimated, and `ties` say which is which other times a factor. theta is (masses, values of the first term, values of
+    the second, ..., current), in the plane term by term of surge, of sway, of yaw, then drags by others' velocities.
     """
 
-    inertia: float
+    motion: Motion
+    masses: tuple[float, ...]
     terms: tuple[Term, ...]
     moment_unit: str
-    dof: Dof
+    water: tuple[float, float] | None = None
+    fixed: tuple[str, ...] = ()
+    ties: tuple[tuple[str, str, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        last = len(self.motion.dofs)
+        ordered = sorted(self.terms, key=lambda term: last if term.is_cross else term.dof)
+        object.__setattr__(self, "terms", tuple(ordered))
 
     @classmethod
     def base(
@@ -109,19 +193,34 @@ class YawModel:
         sided = len(values) > len(base_terms(number, dof))
         names = base_terms(number, dof, sided)
         terms = tuple(Term(name, (float(value),), base=True) for name, value in zip(names, values, strict=True))
-        return cls(float(inertia), terms, moment_unit, dof)
+        return cls(alone(dof), (float(inertia),), terms, moment_unit)
+
+    @property
+    def dof(self) -> Dof:
+        """The degree of freedom; in the plane the heading's."""
+        return self.motion.dofs[-1]
+
+    @property
+    def inertia(self) -> float:
+        """Inertia of the only degree of freedom."""
+        (inertia,) = self.masses
+        return inertia
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Qualified names of the entries of theta: "yaw.I_r", "yaw.k_rr", and "input-delay.t_d" of what was added."""
-        names = [self.dof.parameter("inertia")]
-        for term in self.terms:
-            effect = effects.get(term.name)
-            if term.base:
-                names.append(self.dof.parameter(effect.role))
-            else:
-                names += [f"{term.name}.{name}" for name in effect.names_in(self.dof)]
-        return tuple(names)
+        """Qualified names of the entries of theta: "yaw.I_r", "yaw.k_rr", "input-delay.t_d" of what was added; in the
+        plane "planar.m_vr", "sway.Y_r", "yaw.input-delay.t_d", "current.north" too."""
+        return self.parameters().names
+
+    def names_of(self, term: Term) -> tuple[str, ...]:
+        """Return the qualified names of a term's parameters; by the letter of their role in the motion's equation."""
+        dof, effect = self.motion.dofs[term.dof], term.effect
+        if term.is_cross:
+            return (f"{dof.name}.{term.name}",)
+        if term.base:
+            return (dof.parameter(effect.role),)
+        prefix = f"{dof.name}." if self.motion.turns else ""
+        return tuple(f"{prefix}{term.name}.{name}" for name in effect.names_in(dof))
 
     @property
     def short_names(self) -> tuple[str, ...]:
@@ -133,54 +232,87 @@ class YawModel:
         return tuple(names)
 
     def index(self, name: str) -> int:
-        """Place in theta of a parameter by its qualified name; ModelError says what there is."""
+        """Return the place in theta of a parameter by its qualified name; ModelError says what there is."""
         if name not in self.parameter_names:
             raise ModelError(f"the model has no parameter {name!r}; it has {', '.join(self.parameter_names)}")
         return self.parameter_names.index(name)
 
     @property
-    def theta(self) -> Floats:
-        return np.array([self.inertia, *(value for term in self.terms for value in term.values)])
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that are neither fixed nor tied."""
+        held = {*self.fixed, *(name for name, _, _ in self.ties)}
+        return tuple(name for name in self.parameter_names if name not in held)
 
     def parameters(
         self,
-        largest: float = 1.0,
+        largest: ArrayLike = 1.0,
         *,
         log_drag: bool = False,
         signed_drag: bool = False,
         least_delay: float = -np.inf,
         longest_period: float = np.inf,
-        fixed: Collection[str] = (),
+        dropped: Collection[str] = (),
     ) -> Parameters:
-        """Give the entries of theta as a fit searches them; steps are for a `largest` moment.
+        """Give the entries of theta as a fit searches them; steps are for the `largest` moment, or that of each motion.
 
         If `log_drag` the drag that the model always has is on a logarithm; if `signed_drag` linear drag beside
         quadratic drag has either sign, as in Table 1. Effects that make all commands late do so by `least_delay` [s] or
-        more, what varies from run to run has periods up to `longest_period` [s], and the terms called `fixed` stay as
+        more, what varies from run to run has periods up to `longest_period` [s], and terms that were `dropped` stay as
         they are.
         """
-        base = [effects.get(term.name).role for term in self.terms if term.base]
+        base = [term.effect.role for term in self.terms if term.base]
         main = "quadratic" if "quadratic" in base else "linear"
         both = {term.name for term in self.terms} >= set(BASE_TERMS["2"])
-        names = iter(self.parameter_names)
-        entries = [Parameter(next(names), self.inertia, 0.0, log=True, role="inertia")]
+        dofs, entries = self.motion.dofs, list[Parameter]()
+        units = [dof.units.forces[1] if self.motion.turns else self.moment_unit for dof in dofs]
+        size = np.broadcast_to(np.asarray(largest, dtype=float), len(dofs)).tolist()
+        for dof, mass, unit in zip(dofs, self.masses, units):
+            name = dof.parameter("inertia")
+            entries.append(Parameter(name, mass, 0.0, log=True, role="inertia", unit=dof.unit_of("inertia", unit)))
+        for (name, (*_, unit)), mass in zip(INERTIA_COUPLINGS.items(), self.masses[len(dofs) :]):
+            entries.append(Parameter(f"{self.motion.name}.{name}", mass, step=0.1 * self.masses[2], unit=unit))
         for term in self.terms:
-            effect = effects.get(term.name)
-            for law, value, held in zip(effect.parameters, term.values, effect.held(term.values)):
+            effect, dof, names = term.effect, dofs[term.dof], self.names_of(term)
+            if isinstance(effect, CrossDrag):
+                step = 0.1 * size[term.dof]
+                entries.append(Parameter(names[0], term.values[0], step=step, unit=effect.unit))
+                continue
+            fixed = [term.name in dropped or held for held in effect.held(term.values)]
+            for name, law, value, stays in zip(names, effect.parameters, term.values, fixed):
                 lower, upper = max(law.lower, least_delay if effect.shifts(term.values) else -np.inf), law.upper
                 if law.scan and effect.varies(term.values):
                     upper = min(upper, longest_period)
                 if signed_drag and both and effect.role == "linear":
                     lower = -np.inf
-                log = law.log or (log_drag and term.base and effect.role == main)
-                step = max(law.scaled(law.start, largest), 1e-6)
-                entry = Parameter(next(names), value, lower, upper, log, step, effect.role)
-                entries.append(replace(entry.at(value), log=law.log) if held or term.name in fixed else entry)
+                log = law.log or (log_drag and term.base and effect.role == main and not stays)
+                step = max(law.scaled(law.start, size[term.dof]), 1e-6)
+                unit = dof.unit_in(law.unit, units[term.dof])
+                entry = Parameter(name, value, lower, upper, log, step, effect.role, unit)
+                entries.append(entry.at(value) if stays else entry)
+        for name, speed in zip(CURRENT, self.water or ()):
+            entries.append(Parameter(name, speed, -MAX_CURRENT_M_S, MAX_CURRENT_M_S, step=0.05, unit="m/s"))
+        entries = [p.at(p.value) if p.name in self.fixed else p for p in entries]
+        for name, source, factor in self.ties:
+            entries = [replace(p, log=False, tie=(source, factor)) if p.name == name else p for p in entries]
         return Parameters(tuple(entries))
 
+    @property
+    def theta(self) -> Floats:
+        return np.array([*self.masses, *(x for term in self.terms for x in term.values), *(self.water or ())])
+
     def with_theta(self, theta: ArrayLike) -> "YawModel":
-        values = values_for(self.parameter_names, theta)
-        return replace(self, inertia=next(values), terms=with_values(self.terms, values))
+        """Return the same terms with other values. Raises ModelError unless there is one for each parameter."""
+        numbers, names = [float(value) for value in np.asarray(theta)], self.parameter_names
+        if len(numbers) != len(names):
+            raise ModelError(f"{len(numbers)} values given for the {len(names)} parameters {names}; give one for each")
+        values = iter(numbers)
+        masses = tuple(next(values) for _ in self.masses)
+        terms = tuple(replace(term, values=tuple(next(values) for _ in term.values)) for term in self.terms)
+        water = None if self.water is None else (next(values), next(values))
+        return replace(self, masses=masses, terms=terms, water=water)
+
+    def with_term(self, term: Term) -> "YawModel":
+        return replace(self, terms=(*self.terms, term))
 
     def with_effect(self, name: str, values: Sequence[float] | Floats) -> "YawModel":
         """The same model with one more effect; laws, and what only they use, may be left out at the end."""
@@ -189,31 +321,40 @@ class YawModel:
         values = [*values, *(p.start for p in parameters[size:] if p.optional)]
         if len(values) != count:
             raise ModelError(f"effect {name!r} has {count} parameters, {size} values were given; give one for each")
-        return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
+        return self.with_term(Term(name, tuple(float(v) for v in values)))
 
     def delayed(self, seconds: float) -> "YawModel":
-        """The same model whose commands act later by `seconds`, by an input delay of its own."""
-        return replace(self, terms=delayed_terms(self.terms, seconds))
-
-    @property
-    def motion(self) -> Motion:
-        return alone(self.dof)
+        """Return the same model whose commands act later by `seconds`, by an input delay in each motion, without one
+        where nothing is left of it."""
+        if not seconds:
+            return self
+        terms = [term for term in self.terms if term.name != DELAY]
+        values = {term.dof: term.values for term in self.terms if term.name == DELAY}
+        for place in range(len(self.motion.dofs)):
+            before = values.get(place, (0.0, 0.0, 0.0))
+            late = (before[0] + seconds, before[1], before[2] + seconds if before[1] else 0.0)
+            if late[0] or late[2]:
+                terms.append(Term(DELAY, late, dof=place))
+        return replace(self, terms=tuple(terms))
 
     def inertia_matrix(self, theta: Floats) -> Floats:
-        return theta[:, :1, None]
+        """Return rigid and added inertia for theta (P, p): (P, D, D), symmetric."""
+        dofs = len(self.motion.dofs)
+        matrices = np.zeros((len(theta), dofs, dofs))
+        places = [*((i, i) for i in range(dofs)), *((i, j) for i, j, _ in INERTIA_COUPLINGS.values())]
+        for column, (i, j) in enumerate(places[: len(self.masses)]):
+            matrices[:, i, j] = matrices[:, j, i] = theta[:, column]
+        return matrices
 
     def forces(self, theta: Floats) -> list[Bound]:
-        column, bound = 1, []
-        for term in self.terms:
-            count = len(term.values)
-            values = tuple(theta[:, column + i, None] for i in range(count))
-            bound.append(Bound(0, effects.get(term.name), values))
-            column += count
-        return bound
+        """Return each effect with the degree of freedom on which it acts."""
+        columns = iter(theta.T[len(self.masses) :, :, None])
+        return [Bound(term.dof, term.effect, tuple(next(columns) for _ in term.values)) for term in self.terms]
 
-    def current(self, theta: Floats) -> None:
-        """Still water: one degree of freedom alone cannot tell a current from its start velocity."""
-        return
+    def current(self, theta: Floats) -> Floats | None:
+        """Return the velocity of the water north and east [m/s], (2, P, 1), constant and without swirl; None for still
+        water: one degree of freedom alone cannot tell a current from its start velocity."""
+        return None if self.water is None else theta[:, -2:].T[..., None]
 
     def fastest(self, moment: float) -> float:
         """Shortest time constant [s] on the way to the steady rate under |moment|, of the base drag alone."""

@@ -545,7 +545,7 @@ def make_plan(
     largest = _largest_moment(prior, limits, drive)
     records = load_thruster_logs(thruster_tests, names, progress=progress).records if thruster_tests else None
     per_test = int(names.defaults.get("thrusters_per_test", 1))
-    supply, source = _supply(limits, largest, prior.stored.moment_unit, drive, per_test, records)
+    supply, source = _supply(limits, largest, prior.stored.model.moment_unit, drive, per_test, records)
     if model is None:
         plan = first_campaign(prior, limits, largest, supply, seed)
     else:
@@ -566,7 +566,7 @@ def _drive(
     levered = map_and_arm(thrusters, arm, columns, YAW)
     if levered is None:
         return None
-    unit = 1.0 if prior.stored.moment_unit != "nu" else limits.thrusters.nu_in_Nm
+    unit = 1.0 if prior.stored.model.moment_unit != "nu" else limits.thrusters.nu_in_Nm
     if unit is None:
         raise SettingError(
             f"{prior.stored.source} is a model of normalised moments, the thruster map gives N m; say what one unit is "
@@ -577,7 +577,7 @@ def _drive(
 
 def _largest_moment(prior: PriorResults, limits: Limits, drive: Drive | None) -> float:
     """The largest moment of runs, in the model's unit. Raises SettingError where none is told or it is too large."""
-    largest, unit = limits.moments.largest, prior.stored.moment_unit
+    largest, unit = limits.moments.largest, prior.stored.model.moment_unit
     if drive is None:
         if largest is None and unit != "nu":
             raise SettingError(

@@ -144,9 +144,8 @@ class Fitting:
         """Set up the likelihood of the candidates' runs; theta ends with the command delay."""
         runs = [self.logger.run(candidate) for candidate in candidates]
         if self.fit == "diagnosis":
-            base = YawModel(self.base.inertia, self.base.terms, self.logger.unit, self.logger.dof)
             signals, channels = self.logger.signals, self.logger.channels
-            return DiagnosisProblem(tuple(runs), base, False, signals, channels=channels).problem(self.model)
+            return DiagnosisProblem(tuple(runs), self.base, False, signals, channels=channels).problem(self.model)
         largest = max(float(np.abs(run.command).max()) for run in runs)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.logger.channels)
         parameters = self.model.parameters(log_drag=True, signed_drag=True)
@@ -483,10 +482,10 @@ def _read_diagnosis(
         raise ModelError(
             f"{where}: expected what `automarine diagnose` writes of {stored.dof.name} runs, diagnosis.json"
         )
-    if file.force_unit != stored.moment_unit:
+    if file.force_unit != stored.model.moment_unit:
         raise ModelError(
             f"{where}: a diagnosis of {force}s in {format_value(file.force_unit)}, but {stored.source} is a model of "
-            f"{force}s in {stored.moment_unit}; give the diagnosis of this model"
+            f"{force}s in {stored.model.moment_unit}; give the diagnosis of this model"
         )
     values_by_effect, estimates, doubts = dict[str, tuple[float, ...]](), dict[str, Given | None](), []
     for i, entry in enumerate(file.effects):

@@ -15,10 +15,10 @@ from automarine_cli.fits.identify import DRAG, INERTIA, YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import DragFit, nested_test
-from automarine_cli.fits.planar_fit import PlanarFit
+from automarine_cli.fits.planar_fit import PlanarFit, structure_of
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit
-from automarine_cli.models.store import DRAG_LAWS, units
+from automarine_cli.models.store import DRAG_LAWS
 from automarine_cli.report.sections import Content, Drawing, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
@@ -313,8 +313,8 @@ def _(fit: PlanarFit) -> Sections:
 def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
     yield f"Commands act {interval(fit.found.delay)} s after the middle of the sample interval in which they changed."
-    yield from fit.prior.sentences(units(fit.model), fit.model.parameter_names)
-    yield from (f"Assumed: {assumption}." for assumption in fit.structure.assumptions)
+    yield from fit.prior.sentences({p.name: p.unit for p in fit.model.parameters()}, fit.model.parameter_names)
+    yield from (f"Assumed: {assumption}." for assumption in fit.observed.assumptions(fit.model))
     noises = fit.found.fit.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors used (noise in rad, m and seconds): {', '.join(channels)}."
@@ -354,9 +354,9 @@ def parameter_table(fit: PlanarFit) -> Table:
 
 
 def structure_table(fit: PlanarFit) -> Table:
-    best = fit.tried[0].estimated.criterion
+    best = fit.tried[0].criterion
     return Table.of("Structures", [
-        {"structure": str(t.structure), "parameters": len(t.estimated.model.free),
-         "log likelihood": number(t.estimated.fit.log_likelihood, 7), "BIC less the best": t.estimated.criterion - best}
+        {"structure": structure_of(t.model, fit.observed), "parameters": len(t.model.free),
+         "log likelihood": number(t.fit.log_likelihood, 7), "BIC less the best": t.criterion - best}
         for t in fit.tried
     ])  # fmt: skip

@@ -3,7 +3,6 @@
 from automarine_cli.comparison.validation import Overall, Validation
 from automarine_cli.fits.driven import worth_of
 from automarine_cli.fits.innovations import measured_noises, sensors_of, sentences_of
-from automarine_cli.models.store import StoredPlanar
 from automarine_cli.report.fit_report import forecast_cells
 from automarine_cli.report.sections import Content, Drawing, Sections, document, file_stems, forms_of, sections
 from automarine_cli.report.tables import MISSING, Table, number, with_band
@@ -22,7 +21,7 @@ def _(result: Validation) -> Sections:
     names = [f"validation_{stem}" for stem in file_stems([run.name for run in runs])]
     files: dict[str, Content] = {"validation.json": result.to_json()}
     figures: dict[str, Drawing] = {}
-    if isinstance(result.stored, StoredPlanar):
+    if result.stored.in_plane:
         table = planar_table(result)
         figures = {name: Drawing("runs.planar_figure", *of_run.values()) for name, of_run in zip(names, free)}
         files |= forms_of("validation", table)
@@ -47,7 +46,7 @@ def _answer(result: Validation, more: str) -> str:
     name, of = next(iter(result.models[result.best].overall.items()))  # the positions' root mean square stands first
     unit = result.dof.fill(result.scores[name].heading).rpartition(" ")[2]
     runs, position = plural(len(result.runs), "whole run"), result.dof.position
-    model = "the planar model" if isinstance(result.stored, StoredPlanar) else f"model {result.best}"
+    model = "the planar model" if result.stored.in_plane else f"model {result.best}"
     return f"Over {runs} the {position} of {model} is off by {with_band(of.value, of.ci95)} {unit}{more}."
 
 
@@ -170,7 +169,7 @@ def _notes(result: Validation) -> list[str]:
 
 def _expected(result: Validation) -> str:
     stored, dof = result.stored, result.dof
-    scatter = 0.0 if isinstance(stored, StoredPlanar) else stored.scatter or 0.0
+    scatter = stored.scatter or 0.0
     return (
         f"If the model were right, its restarted error would be about {number(result.expected, 2)} {dof.units.shown}: "
         f"the noise, and thrust that differs by {100 * scatter:.1f} % from run to run."

@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, SURGE, SWAY
 from automarine_cli.errors import SettingError
-from automarine_cli.models.allocation import Vehicle
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
@@ -107,9 +106,9 @@ def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: Specif
     return [same[i : i + chunk] for same in alike for i in range(0, len(same), chunk)]
 
 
-def _step(plan: Plan, model: Vehicle) -> float:
+def _step(plan: Plan, model: YawModel) -> float:
     """A power of two [s]: few different ones, and none depends on the other runs."""
-    if not isinstance(model, YawModel):
+    if model.motion.turns:
         return PLANAR_STEP
     largest = max((abs(moment) for (moment,) in plan.moments), default=0.0)
     return float(2.0 ** floor(log2(step_for(model, largest) / FINER)))
@@ -180,9 +179,8 @@ def _truth(
     for plan, run, clock in zip(plans, drawn, clocks):
         commands = commanded(clock, run)
         extras = {SURGE.command: commands[:, 0], SWAY.command: commands[:, 1]} if motion.turns else {}
-        unit = model.moment_unit if isinstance(model, YawModel) else "N m"
         time, zeros = plan.start + clock, np.zeros_like(clock)
-        runs.append(Run(plan.name, plan.file, time, zeros, commands[:, -1], unit, extras, dof=motion.dofs[-1]))
+        runs.append(Run(plan.name, plan.file, time, zeros, commands[:, -1], model.moment_unit, extras, dof=model.dof))
     batch = make_batch(runs, step, hold=False, motion=motion)
     size, last = len(motion.dofs), len(motion.dofs) - 1
     position = np.zeros((size, 1, len(plans)))
@@ -190,7 +188,7 @@ def _truth(
     start = Start(
         position,
         log_gain=np.array([[run.log_gain for run in drawn]]),
-        own=_own_phases(model, plans, seed) if isinstance(model, YawModel) else {},
+        own={} if motion.turns else _own_phases(model, plans, seed),
         disturbance=np.stack([run.disturbance for run in drawn], axis=1)[:, None],
     )
     result = simulate(model, batch, start=start)

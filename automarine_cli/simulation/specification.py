@@ -19,10 +19,9 @@ from scipy.special import ndtri
 
 from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR, Motion
+from automarine_cli.dofs.motion import PLANAR, Motion, alone
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.models.planar import PlanarModel
-from automarine_cli.models.store import PLANAR_MODEL, planar_from_json
+from automarine_cli.models.store import PLANAR_MODEL, models_of
 from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
 from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, key_of, keyed
 from automarine_cli.quantities import Floats
@@ -320,7 +319,7 @@ class Vehicle(Settings):
             "drag-asymmetry": self.difference,
         }  # fmt: skip
         terms = tuple(Term(name, (value,), base=True) for name, value in values.items() if value)
-        return YawModel(self.inertia, terms, self.force_unit, self.dof)
+        return YawModel(alone(self.dof), (self.inertia,), terms, self.force_unit)
 
 
 @dataclass(frozen=True)
@@ -543,26 +542,24 @@ class Specification(Settings):
             )
         return sensors
 
-    def model(self) -> YawModel | PlanarModel:
+    def model(self) -> YawModel:
         """Return the true model, with what is hidden. Raises SettingError."""
         if isinstance(self.vehicle, Vehicle):
-            alone = self.vehicle.model
+            model = self.vehicle.model
             for setting in self.effects:
-                alone = alone.with_effect(setting.name, setting.ordered)
-            return alone
+                model = model.with_effect(setting.name, setting.ordered)
+            return model
         parameters = {**self.vehicle.parameters, **self.hidden}
         try:
-            model = planar_from_json({"schema": PLANAR_MODEL.schema, "parameters": parameters}, "vehicle").model
+            model = models_of({"schema": PLANAR_MODEL.schema, "parameters": parameters}, "vehicle").model
         except ModelError as problem:
             raise SettingError(str(problem)) from None
-        for dof, terms in zip(PLANAR.dofs, (model.surge, model.sway, model.yaw)):
-            for term in terms:
-                effect = library.get(term.name)
-                if effect.needs or effect.varies(term.values):
-                    raise SettingError(
-                        f"{dof.name}.{term.name} cannot be simulated in the plane: it needs a column, or a coefficient "
-                        "of its own in each run; leave it out"
-                    )
+        for term in model.terms:
+            if not term.is_cross and (term.effect.needs or term.effect.varies(term.values)):
+                raise SettingError(
+                    f"{PLANAR.dofs[term.dof].name}.{term.name} cannot be simulated in the plane: it needs a column, or "
+                    "a coefficient of its own in each run; leave it out"
+                )
         return model
 
 

@@ -15,7 +15,6 @@ from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import AutomarineError, ModelError, RunError, SettingError
 from automarine_cli.estimate import Given
 from automarine_cli.logs import ColumnMap, Logs
-from automarine_cli.models.allocation import twin_forces
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Document, ResultKind, ResultRecord, Source, json_document, keyed, read_plain
 from automarine_cli.quantities import Floats
@@ -274,8 +273,9 @@ def driven_by(runs: Sequence[Run], drive: Callable[[Run], Run]) -> tuple[list[Ru
 
 def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
     """The run driven by two equal thrusters `arm` [m] off the centre line; raises as `thrust_of` does."""
-    ahead, abeam, moment = twin_forces(np.stack(thrust_of(run, thrusters, arm)), arm)
-    extras = {**run.extras, SURGE.command: ahead, SWAY.command: abeam}
+    port, starboard = thrust_of(run, thrusters, arm)
+    extras = {**run.extras, SURGE.command: port + starboard, SWAY.command: 0.0 * port}
+    moment = arm * port - arm * starboard
     commanded = thrusters.compared(YAW.thrusters, [run.extras[name] for name in YAW.thrusters])
     return replace(run.with_moment(moment, YAW.units.forces[1], commanded=commanded), extras=extras)
 

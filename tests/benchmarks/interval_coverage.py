@@ -116,7 +116,7 @@ def effect_trial(index: int, name: str) -> Trial:
         study.reference(each.reference) if each.reference else PLANTED[name].get(each.name, each.start)
         for each in effects.get(name).parameters
     )
-    model = YawModel(base.inertia, (*base.terms, Term(name, values)), base.moment_unit, base.dof)
+    model = base.with_term(Term(name, values))
     fit = study.fit(model, warm_start=study.fit(base))
     candidate = CandidateFit((name,), study.with_fitted_values(model, fit), fit, 0.0)
     truth = {key: value for key, value in PLANTED[name].items() if not key.endswith("_ref")}

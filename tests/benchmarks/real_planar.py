@@ -22,8 +22,7 @@ from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
 from automarine_cli.fits.driven import of_model_alone
-from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, search
-from automarine_cli.fits.planar_structure import observed
+from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, observed, search
 from automarine_cli.logs import ColumnMap
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
@@ -170,14 +169,14 @@ def judged(item: tuple[RealSet, str]) -> Row:
     tried = search(likelihood)
     fit = PlanarFit(tried, *likelihood.choose(tried), tuple(fitted), channels)
     learned, states = states_of(fitted), states_of(held_out)
-    start = {name.partition(".")[2]: value for name, value in zip(fit.found.model.free, fit.found.model.theta.tolist())}
+    start = {name.partition(".")[2]: value for name, value in fit.found.values.items() if name in fit.found.model.free}
     squares = [fit_plain(learned, start, h) for h in HORIZONS]
     least = [rms(ahead(values, states) - states.reached)[:, i] for i, values in enumerate(squares)]
     still = np.repeat(states.state[:, :3, None], len(HORIZONS), axis=2)
     going = still.copy()
     going[:, 0] += states.state[:, 3, None] * np.array(HORIZONS)
     row = {
-        "set": real_set.name, "half": half, "structure": str(fit.structure), "way": fit.way,
+        "set": real_set.name, "half": half, "structure": fit.structure, "way": fit.way,
         "parameters": {key: (estimate.value, *estimate.ci95) for key, estimate in fit.estimates.items()},
         "least_squares": squares[HORIZONS.index(5.0)],
         "tool": rms(tool_ahead(fit, held_out, states) - states.reached).tolist(),

@@ -6,22 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_planar import Craft, driven, solved
+from made_planar import Craft, driven, quadratic_drags, solved
 from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs, planar_start
 from automarine_cli.comparison.validation import PLANAR_SCORES, Scored, compare, planar_errors, pooled
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.store import StoredPlanar, planar_json
-from automarine_cli.models.yaw_model import Term
+from automarine_cli.models.store import StoredModels, planar_json
+from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.figures.runs import planar_figure
 from automarine_cli.report.validation_report import planar_table
 from automarine_cli.runs.run import Run
 
 CRAFT = Craft(np.diag([20.0, 32.0, 2.6]), linear=np.diag([8.0, 20.0, 3.0]))
-MODEL = PlanarModel(Inertia(20.0, 32.0, 2.6), *((Term("linear-drag", (size,)),) for size in (8.0, 20.0, 3.0)))  # type: ignore[misc]
+MODEL = quadratic_drags(20.0, 32.0, 2.6, drags=(8.0, 20.0, 3.0), name="linear-drag")
 NAMES = ("north", "east", "heading", "surge", "sway", "yaw_rate")
 
 
@@ -29,8 +28,8 @@ def scores_of(free: FreeRun) -> dict[str, float | None]:
     return {name: pooled([planar_errors(free)], score).value for name, score in PLANAR_SCORES.items()}
 
 
-def planar_scored(model: PlanarModel, runs: list[Run]) -> Scored:
-    return compare(StoredPlanar(model, "planar_model.json"), runs).models["planar"]
+def planar_scored(model: YawModel, runs: list[Run]) -> Scored:
+    return compare(StoredModels({"planar": model}, "planar", 0.0, "planar_model.json"), runs).models["planar"]
 
 
 def logged(seed: int = 0, side: float = 1.0, moving: bool = False, noise: float = 0.0) -> Run:
@@ -62,9 +61,8 @@ def test_the_true_model_makes_no_error(side: float, moving: bool) -> None:
 
 def test_the_error_is_the_noise_and_a_wrong_model_s_is_more() -> None:
     runs = [logged(seed, noise=0.02) for seed in range(3)]
-    truth, wrong = (
-        planar_scored(candidate, runs).overall for candidate in (MODEL, replace(MODEL, inertia=Inertia(20, 20, 2.6)))
-    )
+    lighter = replace(MODEL, masses=(20.0, 20.0, 2.6, 0.0, 0.0, 0.0))
+    truth, wrong = (planar_scored(candidate, runs).overall for candidate in (MODEL, lighter))
     for name in ("surge_rmse_m_s", "sway_rmse_m_s"):
         assert truth[name].value == pytest.approx(0.02, rel=0.15)
         low, high = truth[name].ci95  # type: ignore[misc]
@@ -97,8 +95,8 @@ def test_channels_that_are_not_logged_have_no_score() -> None:
 
 
 def test_a_model_that_runs_away_is_said_to() -> None:
-    driving = replace(MODEL, surge=(Term("linear-drag", (-80.0,)),))
-    result = compare(StoredPlanar(driving, ""), [logged(0)])
+    driving = MODEL.with_theta([*MODEL.masses, -80.0, 20.0, 3.0])
+    result = compare(StoredModels({"planar": driving}, "planar", 0.0, ""), [logged(0)])
     scored = result.models["planar"]
     assert scored.free[0].diverged and planar_table(result).rows[0][2] == "diverged"
     assert {score.value for score in scored.overall.values()} == {None}

@@ -24,7 +24,7 @@ from automarine_cli.comparison.simulated_runs import (
 from automarine_cli.comparison.validation import SCORES, Validation, compare, pooled, rate_error
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Parameter, Place
-from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.models.store import StoredModels, read_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import parts_of
@@ -35,7 +35,7 @@ TRUE = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
 
 @pytest.fixture
 def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredModels:
-    return load_yaw_models(model_file(tmp_path_factory.mktemp("model") / "yaw_model.json"))
+    return read_model(model_file(tmp_path_factory.mktemp("model") / "yaw_model.json"))
 
 
 def noisy(count: int, noise_deg: float = 1.0) -> list[Run]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_planar import HIDDEN, campaign
+from made_planar import HIDDEN, campaign, quadratic_drags
 
 from automarine_cli.diagnosis.planar import (
     FittedCandidate,
@@ -18,16 +18,20 @@ from automarine_cli.diagnosis.planar import (
     forecasts,
 )
 from automarine_cli.diagnosis.residual_regions import Region
-from automarine_cli.fits.planar_fit import PlanarLikelihood
-from automarine_cli.fits.planar_structure import Observed, observed
-from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.store import StoredPlanar
-from automarine_cli.models.yaw_model import Term
+from automarine_cli.fits.planar_fit import Observed, PlanarLikelihood, observed
+from automarine_cli.models.store import StoredModels
+from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import planar_verdict
 from automarine_cli.report.figures.diagnosis import where_figure
 
-GIVEN = PlanarModel(Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)))
+GIVEN = quadratic_drags(18.0, 18.0, 2.2, drags=(15.0, 50.0, 3.0))
 """About the bare craft, as somebody would write it down."""
+
+
+def stored(model: YawModel) -> StoredModels:
+    return StoredModels({"planar": model}, "planar", 0.0, "by hand")
+
+
 SPEEDS = ("heading", "surge", "sway")
 
 
@@ -36,7 +40,7 @@ def searched(kind: str, seed: int = 1, mirror: bool = False) -> PlanarDiagnosis:
     """Three short runs are fitted, one is held out."""
     channels = ("heading", "north", "east") if kind == "current" else SPEEDS
     runs = campaign(HIDDEN[kind], seed, 4, 6.0, channels, mirror)
-    return find_missing(StoredPlanar(GIVEN, "by hand"), runs[:3], runs[3:], observed(runs))
+    return find_missing(stored(GIVEN), runs[:3], runs[3:], observed(runs))
 
 
 @pytest.mark.parametrize(
@@ -55,7 +59,7 @@ def test_what_is_hidden_is_named(kind: str, added: str, truth: float) -> None:
     step = found.rounds[0]
     assert len(found.named) == 1
     assert found.named[0].candidate.added[0] == added and not step.rivals
-    assert found.after.known[added] == pytest.approx(truth, rel=0.1)
+    assert found.after.values[added] == pytest.approx(truth, rel=0.1)
 
 
 def test_nothing_hidden_nothing_named_and_a_gap_without_a_name_is_unexplained() -> None:
@@ -79,14 +83,14 @@ def test_the_mirrored_campaign_has_the_mirrored_verdict() -> None:
     one, other = (searched("N_v", mirror=mirror) for mirror in (False, True))
     assert [one.candidate.added for one in other.named] == [("yaw.N_v",)]
     assert other.named[0].surplus == pytest.approx(one.named[0].surplus, rel=1e-2)
-    assert other.after.known["yaw.N_v"] == pytest.approx(one.after.known["yaw.N_v"], rel=1e-3)
+    assert other.after.values["yaw.N_v"] == pytest.approx(one.after.values["yaw.N_v"], rel=1e-3)
 
 
 @pytest.mark.slow
 def test_a_missing_moment_stands_out_against_sway() -> None:
     """The filter needs -N_v v beside a model without it."""
     every = PlanarLikelihood(tuple(campaign(HIDDEN["N_v"], 3, 6, 30.0, SPEEDS)), Observed(SPEEDS))
-    bare = StoredPlanar(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]), "by hand")
+    bare = stored(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]))
     before = every.estimate(base_of(bare, every.observed), {"yaw.disturbance": 0.5}, 6)
     search = PlanarDiagnosis(before, (), every, 6, (forecasts(every, before),) * 2, (np.zeros(6),) * 2)
     where = find_planar_where(search, 0)

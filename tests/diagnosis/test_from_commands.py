@@ -13,7 +13,7 @@ from few_candidates import few_candidates
 from automarine_cli.comparison.validation import compare
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
-from automarine_cli.models.store import DIAGNOSIS, StoredModels, load_yaw_models
+from automarine_cli.models.store import DIAGNOSIS, StoredModels, read_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import ERRORS, verdict_sentence
 from automarine_cli.report.sections import sections
@@ -67,8 +67,8 @@ def test_the_numbers_are_those_of_validate(found: Mapping[float, Diagnosis]) -> 
     delay = diagnosis.study.command_delay(diagnosis.result.base.fit)
     first = YawModel.base("3", inertia, (drag,), BASE.moment_unit, YAW).delayed(delay)
     files = {
-        "before": StoredModels({"3": first}, "3", BASE.moment_unit, 0.0, "", YAW),
-        "after": load_yaw_models(diagnosis.document("extended_model")),
+        "before": StoredModels({"3": first}, "3", 0.0, ""),
+        "after": read_model(diagnosis.document("extended_model")),
     }
     for word, stored in files.items():
         validation = compare(stored, diagnosis.held_out.runs, SEED)

@@ -14,7 +14,7 @@ from test_export_motions import LINEAR, MASS, OWN, QUADRATIC, written
 
 from automarine_cli.commands.export import export
 from automarine_cli.dofs import YAW
-from automarine_cli.models.store import load_yaw_models
+from automarine_cli.models.store import read_model
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -72,7 +72,7 @@ def test_mujoco_moves_the_file_as_we_do(tmp_path: Path, case: str, frame: str, s
     theirs = turn * in_mujoco(text, turn * halves, step / 2)[::2]
     time = step * np.arange(len(moments) + 1)
     run = Run("run", "", time, 0 * time, np.append(moments, moments[-1]), "N m", dof=YAW)
-    own = simulate(load_yaw_models(path).models["2"], make_batch([run], 0.01), start=Start()).position[0, 0]
+    own = simulate(read_model(path).models["2"], make_batch([run], 0.01), start=Start()).position[0, 0]
     assert np.ptp(np.rad2deg(own)) > 60
     assert np.abs(np.rad2deg(theirs - own)).max() < 0.1
 

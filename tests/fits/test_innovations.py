@@ -24,7 +24,7 @@ from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, whole_run_problem
-from automarine_cli.models.store import load_yaw_models
+from automarine_cli.models.store import read_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.fit_report import tables
 from automarine_cli.report.sections import sections
@@ -195,7 +195,7 @@ def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[...
 
 
 def test_validate_of_quiet_runs_is_as_it_was(tmp_path: Path) -> None:
-    stored = load_yaw_models(model_file(tmp_path / "model.json"))
+    stored = read_model(model_file(tmp_path / "model.json"))
     quiet = [sequence_run(noise_deg=1.0, seed=seed) for seed in range(2)]
     assert predictions_of(stored, quiet, None) == {}
 

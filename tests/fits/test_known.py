@@ -21,8 +21,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import fit_driven
 from automarine_cli.fits.known import Known, names_in
-from automarine_cli.fits.planar_fit import PlanarLikelihood
-from automarine_cli.fits.planar_structure import OWN, Structure, observed, rough_sizes
+from automarine_cli.fits.planar_fit import OWN, PlanarLikelihood, observed, rough_sizes
 from automarine_cli.fits.steps import data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_whole_runs, rough_model
 from automarine_cli.models.parameter import Prior
@@ -123,16 +122,15 @@ def test_the_interval_holds_the_error_of_what_was_known() -> None:
 def test_the_plane_takes_what_is_known() -> None:
     runs = tuple(planar_campaign(BARE, 1, 1, 8.0, ("heading", "surge", "sway")))
     seen = observed(runs)
-    structure = Structure.simplest(seen)
-    known = Known.of("I_r=2.0,m_u=20±0.001").named(structure.names, sorted({*structure.names.values()} - {*OWN}))
-    model = structure.model(rough_sizes(runs))
+    names = seen.names()
+    known = Known.of("I_r=2.0,m_u=20±0.001").named(names, sorted({*names.values()} - {*OWN}))
+    model = seen.simplest(rough_sizes(runs))
     found = PlanarLikelihood(runs, seen, known.parameters).estimate(model)
-    values = dict(zip(model.free, found.model.theta))
-    assert values["yaw.I_r"] == 2.0
-    assert values["surge.m_u"] == pytest.approx(20.0, abs=0.005)
+    assert found.values["yaw.I_r"] == 2.0
+    assert found.values["surge.m_u"] == pytest.approx(20.0, abs=0.005)
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.001, rel=0.1)
     with pytest.raises(SettingError, match="'X_uuu' is no parameter of this fit"):
-        Known.of("X_uuu=3").named(structure.names)
+        Known.of("X_uuu=3").named(names)
 
 
 def test_the_command_tells_it_everywhere(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def test_the_errors_of_all_five_runs_follow_from_the_parameters() -> None:
     # the page leaves out the command delay of the first fit, 0.6 deg in a step
     *runs, over_all = columns("error [deg]").items()
     logs = [SAMPLE_RUNS / "hidden_one" / f"{name.strip('`')}.csv" for name, _ in runs]
-    validation = compare(StoredModels(models, "true", "nu", 0.0, "", YAW), load_runs(logs, dof=YAW).runs)
+    validation = compare(StoredModels(models, "true", 0.0, ""), load_runs(logs, dof=YAW).runs)
     for i, scored in enumerate(validation.models.values()):
         assert [of["rmse"] for of in scored.values] == pytest.approx(
             [errors[i] for _, errors in runs], rel=0.03, abs=0.1 if i else 0.6

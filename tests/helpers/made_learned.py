@@ -16,8 +16,7 @@ from automarine_cli.diagnosis.study import elsewhere, learned_term
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.learned import KNOTS, basis
-from automarine_cli.models.allocation import Bound
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import Bound, YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import YAW
-from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.yaw_model import Term
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.models.store import DRAG_OF_ROLE
+from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -152,8 +153,28 @@ def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
     return path
 
 
-FULL = PlanarModel(
-    Inertia(20.0, 32.0, 2.6, m_vr=1.5, m_ur=-0.7, m_uv=0.9),
+Terms = tuple[Term, ...]
+
+
+def planar_model(
+    *masses: float, surge: Terms = (), sway: Terms = (), yaw: Terms = (), cross: Terms = (),
+    water: tuple[float, float] | None = None,
+) -> YawModel:  # fmt: skip
+    """A model of the plane: m_u, m_v, I_r, then what couples them, m_vr, m_ur and m_uv."""
+    letters = DRAG_OF_ROLE.values()
+    terms = [replace(t, dof=i, base=t.name in letters) for i, own in enumerate((surge, sway, yaw)) for t in own]
+    terms += [Term.cross(term.name, *term.values) for term in cross]
+    return YawModel(PLANAR, (*masses, 0.0, 0.0, 0.0)[:6], tuple(terms), "N m", water)
+
+
+def quadratic_drags(*masses: float, drags: Sequence[float], name: str = "quadratic-drag") -> YawModel:
+    """A model of one kind of drag in each motion."""
+    surge, sway, yaw = ((Term(name, (drag,)),) for drag in drags)
+    return planar_model(*masses, surge=surge, sway=sway, yaw=yaw)
+
+
+FULL = planar_model(
+    20.0, 32.0, 2.6, 1.5, -0.7, 0.9,
     surge=(Term("linear-drag", (3.0,)), Term("quadratic-drag", (18.0,))),
     sway=(Term("quadratic-drag", (40.0,)), Term("linear-drag", (5.0,))),
     yaw=(

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_planar import FULL
+from made_planar import FULL, planar_model
 
 from automarine_cli.errors import ModelError
-from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.store import PLANAR_MODEL, load_planar_model, planar_from_json, planar_json, units
+from automarine_cli.models.store import PLANAR_MODEL, models_of, planar_json, read_model
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import schema_in
 
@@ -24,12 +23,12 @@ def data() -> dict[str, Any]:
 def test_a_model_is_read_as_it_was_written(tmp_path: Path, data: dict[str, Any]) -> None:
     path = tmp_path / "planar_model.json"
     path.write_text(json.dumps(data))
-    stored = load_planar_model(path)
+    stored = read_model(path)
     assert stored.model == FULL and stored.source == "planar_model.json" and schema_in(path) == PLANAR_MODEL.schema
-    assert (stored.free, stored.random) == ((), {}) and pickle.loads(pickle.dumps(stored)) == stored
+    assert (stored.model.fixed, stored.random) == ((), {}) and pickle.loads(pickle.dumps(stored)) == stored
     path.write_text('{"schema": "automarine/yaw-model/1"}')
     assert schema_in(path) != PLANAR_MODEL.schema and schema_in(tmp_path / "none.json") == ""
-    assert units(FULL) == {
+    assert {parameter.name: parameter.unit for parameter in FULL.parameters()} == {
         "surge.m_u": "kg", "sway.m_v": "kg", "yaw.I_r": "N m s²", "planar.m_vr": "kg m", "planar.m_ur": "kg m",
         "planar.m_uv": "kg", "surge.X_u": "N s/m", "surge.X_uu": "N s²/m²", "sway.Y_vv": "N s²/m²",
         "sway.Y_v": "N s/m", "yaw.k_r": "N m s", "yaw.k_rr": "N m s²", "yaw.constant_force": "N m",
@@ -44,13 +43,16 @@ def test_estimates_orders_and_few_parameters_are_read(data: dict[str, Any]) -> N
     estimate = {"value": 21.5, "stderr": 0.5, "ci95": [20.5, 22.5], "unit": "kg"}
     written = planar_json(FULL, {"surge.m_u": estimate})
     assert written["parameters"]["surge.m_u"] == estimate  # type: ignore[index]
-    assert planar_from_json(written).model.inertia.m_u == 21.5
+    assert models_of(written, "").model.masses[0] == 21.5
     others = {name: value for name, value in data["parameters"].items() if "Y_v" not in name}
     turned = data | {"parameters": {"sway.Y_v": 5.0, "sway.Y_vv": 40.0} | others}
-    assert [term.name for term in planar_from_json(turned).model.sway] == ["linear-drag", "quadratic-drag"]
+    assert [term.name for term in models_of(turned, "").model.terms if term.dof == 1 and not term.is_cross] == [
+        "linear-drag",
+        "quadratic-drag",
+    ]
     least = {"surge.m_u": 20, "sway.m_v": 30.0, "yaw.I_r": {"value": 2}}
-    stored = planar_from_json({"schema": "automarine/planar-model/1", "parameters": least})
-    assert stored.model == PlanarModel(Inertia(20.0, 30.0, 2.0))
+    stored = models_of({"schema": "automarine/planar-model/1", "parameters": least}, "")
+    assert stored.model == planar_model(20.0, 30.0, 2.0)
 
 
 def put(name: str, value: object) -> Callable[[dict[str, Any]], None]:
@@ -82,13 +84,14 @@ def put(name: str, value: object) -> Callable[[dict[str, Any]], None]:
 def test_refusals(data: dict[str, Any], change: Callable[[dict[str, Any]], Any], says: str) -> None:
     change(data)
     with pytest.raises(ModelError) as refusal:
-        planar_from_json(data, "planar_model.json")
+        PLANAR_MODEL.of(data, "planar_model.json")
+        models_of(data, "planar_model.json")
     assert str(refusal.value).startswith("planar_model.json: ") and says in str(refusal.value)
 
 
 def test_linear_drag_drives_only_beside_a_quadratic_one(data: dict[str, Any]) -> None:
     put("surge.X_u", -1.0)(data)
-    assert planar_from_json(data).model.surge[0] == Term("linear-drag", (-1.0,))
+    assert models_of(data, "").model.terms[0] == Term("linear-drag", (-1.0,), base=True)
     put("surge.X_uu", put)(data)
     with pytest.raises(ModelError, match=r"surge\.X_u: found -1, expected a drag of zero or more"):
-        planar_from_json(data)
+        models_of(data, "")

@@ -12,7 +12,7 @@ from made_runs import INERTIA, K_RR
 from made_sequences import model_file
 
 from automarine_cli.errors import ModelError
-from automarine_cli.models.store import file_and_models, load_yaw_models
+from automarine_cli.models.store import file_and_models, read_model
 from automarine_cli.models.yaw_model import Term
 
 
@@ -22,9 +22,9 @@ def data(tmp_path: Path) -> dict[str, Any]:
 
 
 def test_models_are_read(tmp_path: Path, data: dict[str, Any]) -> None:
-    stored = load_yaw_models(model_file(tmp_path / "yaw_model.json", command_delay_s={"value": 0.2}))
+    stored = read_model(model_file(tmp_path / "yaw_model.json", command_delay_s={"value": 0.2}))
     assert list(stored.models) == ["1", "2", "3"]
-    assert (stored.preferred, stored.moment_unit, stored.command_delay) == ("3", "nu", 0.2)
+    assert (stored.preferred, stored.model.moment_unit, stored.command_delay) == ("3", "nu", 0.2)
     assert (stored.source, stored.effects) == ("yaw_model.json", ())
     assert stored.models["3"].inertia == INERTIA
     assert [model.drag() for model in stored.models.values()] == [(0.9961, 0.0), (0.03, K_RR - 0.03), (0.0, K_RR)]
@@ -36,7 +36,7 @@ def test_models_are_read(tmp_path: Path, data: dict[str, Any]) -> None:
     del data["moment_unit"], data["effects"]
     data["models"] = {"3": {"I_r": {"value": 2, "unit": "N m s²"}, "k_rr": 3, "k_r": None}, "1": None}
     stored = file_and_models(data, "yaw model")[1]
-    assert stored.moment_unit == "N m" and list(stored.models) == ["3"]
+    assert stored.model.moment_unit == "N m" and list(stored.models) == ["3"]
     assert stored.models["3"].theta.tolist() == [2.0, 3.0]
 
 

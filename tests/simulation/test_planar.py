@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_planar import Craft, driven, planar_run, solved
+from made_planar import Craft, driven, planar_model, planar_run, solved
 from made_runs import INERTIA, mirrored, step_run
 from made_sequences import sequence_run
 from numpy.typing import NDArray
@@ -12,15 +12,13 @@ from tolerances import assert_close
 
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import ModelError, RunError
-from automarine_cli.models.allocation import twin_forces
-from automarine_cli.models.planar import PLACES, Inertia, PlanarModel
+from automarine_cli.errors import RunError
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate
 
 Floats = NDArray[np.float64]
-BODY = Inertia(20.0, 32.0, 2.6, m_vr=1.5, m_ur=-0.7, m_uv=0.9)
+BODY = (20.0, 32.0, 2.6, 1.5, -0.7, 0.9)
 POSITION, VELOCITY = (2.0, -1.0, 0.7), (0.4, -0.3, 0.5)
 
 
@@ -32,10 +30,10 @@ def column(values: object) -> Floats:
 START = Start(column(POSITION), column(VELOCITY))
 
 
-def resisted(water: tuple[float, float] | None = (0.25, -0.15)) -> PlanarModel:
+def resisted(water: tuple[float, float] | None = (0.25, -0.15)) -> YawModel:
     """A vehicle with every kind of drag, alike on no side."""
-    return PlanarModel(
-        BODY,
+    return planar_model(
+        *BODY,
         surge=(Term("linear-drag", (3.0,)), Term("quadratic-drag", (18.0,))),
         sway=(Term("quadratic-drag", (40.0,)), Term("linear-drag", (5.0,))),
         yaw=(Term("linear-drag", (0.6,)), Term("quadratic-drag", (2.5,))),
@@ -60,16 +58,16 @@ RESISTED = Craft(
 def invariants(trajectory: Trajectory) -> Floats:
     """Kinetic energy, momentum north and east, angular momentum about the earth's origin, (4, N)."""
     nu, (north, east, psi) = trajectory.velocities[0, 0], trajectory.positions[0, 0].T
-    along, abeam, turning = (nu @ BODY.matrix).T
+    along, abeam, turning = (nu @ RESISTED.inertia).T
     p_north, p_east = np.cos(psi) * along - np.sin(psi) * abeam, np.sin(psi) * along + np.cos(psi) * abeam
-    energy = 0.5 * np.einsum("ni,ij,nj->n", nu, BODY.matrix, nu)
+    energy = 0.5 * np.einsum("ni,ij,nj->n", nu, RESISTED.inertia, nu)
     return np.stack([energy, p_north, p_east, turning + north * p_east - east * p_north])
 
 
 def test_energy_and_momentum_stay_without_drag_and_force() -> None:
     time = np.arange(0, 6.1, 0.8)
     batch = make_batch([planar_run(time, *np.zeros((3, len(time))))], 0.01, motion=PLANAR)
-    free = simulate(PlanarModel(BODY), batch, start=Start(column(POSITION), column((0.8, -0.5, 0.9))))
+    free = simulate(planar_model(*BODY), batch, start=Start(column(POSITION), column((0.8, -0.5, 0.9))))
     amounts = invariants(free)
     np.testing.assert_allclose(amounts, np.broadcast_to(amounts[:, :1], amounts.shape), rtol=1e-8, atol=1e-8)
     assert np.ptp(free.velocities[0, 0], axis=0).min() > 0.1  # the velocities themselves do not
@@ -89,8 +87,8 @@ def test_port_and_starboard_are_alike() -> None:
     model, run, sides = resisted(), driven(5), np.array([1.0, -1.0, -1.0])
     other = replace(
         model,
-        inertia=replace(BODY, m_ur=-BODY.m_ur, m_uv=-BODY.m_uv),
-        cross=tuple(replace(t, values=(-t.values[0],)) if t.name == "X_v" else t for t in model.cross),
+        masses=(*BODY[:4], -BODY[4], -BODY[5]),
+        terms=tuple(replace(t, values=(-t.values[0],)) if t.name == "X_v" else t for t in model.terms),
         water=(0.25, 0.15),
     )
     flipped = planar_run(run.time, run.extras["force_X"], -run.extras["force_Y"], -run.command)
@@ -103,15 +101,11 @@ def test_port_and_starboard_are_alike() -> None:
     assert_close(back.positions[0, 0], exact, "rollout")
 
 
-def test_more_to_port_turns_clockwise() -> None:
-    np.testing.assert_allclose(twin_forces([[5.0, 2.0], [3.0, 2.0]], 0.3), [[8, 4], [0, 0], [0.6, 0]], atol=1e-15)
-
-
 def test_yaw_alone_is_the_limit() -> None:
     alone = YawModel.base("2", INERTIA, (0.8, 0.3), "nu", YAW).with_effect("thruster-lag", (0.3,))
     alone = alone.with_effect("heading-moment", (0.05, -0.03)).with_effect("water-swirl", (0.2, 8.0))
     alone = alone.with_effect("compass-deviation", (0.06, -0.04, 0.03, 0.02))
-    together = PlanarModel(Inertia(20.0, 30.0, INERTIA), surge=(Term("quadratic-drag", (9.0,)),), yaw=alone.terms)
+    together = planar_model(20.0, 30.0, INERTIA, surge=(Term("quadratic-drag", (9.0,)),), yaw=alone.terms)
     runs = [step_run(0.5), mirrored(step_run(0.9)), sequence_run()]
     batch = make_batch(runs, 0.05)
     extras = (dict.fromkeys(("force_X", "force_Y"), 0.0 * run.time) for run in runs)
@@ -139,7 +133,7 @@ def test_drag_is_against_the_water_and_friction_against_the_ground() -> None:
     np.testing.assert_allclose(drift, (0.3, 0.4, 0.0), atol=2e-3)
     np.testing.assert_allclose(drifting.velocities[0, 0, 0], 0.0, atol=1e-15)  # it began at rest over ground
     surge = (Term("linear-drag", (3.0,)), Term("coulomb-drag", (5.0, 0.0, 0.0, 0.1)))
-    braked = simulate(PlanarModel(BODY, surge=surge, water=(0.3, 0.0)), batch)
+    braked = simulate(planar_model(*BODY, surge=surge, water=(0.3, 0.0)), batch)
     assert abs(braked.velocities[0, 0, -1, 0]) < 0.02  # 3 N s/m at 0.3 m/s are less than 5 N
 
 
@@ -183,9 +177,7 @@ def test_channels_of_all_three() -> None:
 
 
 def test_the_inertia_is_symmetric_and_positive() -> None:
-    model = PlanarModel(Inertia(11.0, 16.0, 1.2, m_vr=2.4))
-    np.testing.assert_array_equal(model.inertia.matrix, [[11, 0, 0], [0, 16, 2.4], [0, 2.4, 1.2]])
-    for i, j in PLACES:
-        assert model.inertia_matrix(model.theta[None])[0, i, j] == model.inertia.matrix[j, i]
-    with pytest.raises(ModelError, match=r"m_v = -2.*positive definite"):
-        Inertia(11.0, -2.0, 0.8).refuse_unless_positive("model")
+    model = planar_model(11.0, 16.0, 1.2, 2.4)
+    (matrix,) = model.inertia_matrix(model.theta[None])
+    np.testing.assert_array_equal(matrix, [[11, 0, 0], [0, 16, 2.4], [0, 2.4, 1.2]])
+    np.testing.assert_array_equal(resisted().inertia_matrix(resisted().theta[None])[0], RESISTED.inertia)

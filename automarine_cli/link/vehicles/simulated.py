@@ -44,10 +44,10 @@ class Simulated:
         if stored.dof is not YAW:
             raise ModelError(f"{stored.source} is a model of {stored.dof.name}; give a yaw model to the vehicle")
         if full is None:
-            fitted = file.force_range or ()
-            full = max((abs(end) for end in (*fitted, *((1.0,) if stored.moment_unit == "nu" else ()))), default=None)
+            normalised = (1.0,) if stored.model.moment_unit == "nu" else ()
+            full = max((abs(end) for end in (*(file.force_range or ()), *normalised)), default=None)
         if full is None:
-            unknown = f"how large moments in {stored.moment_unit} may be"
+            unknown = f"how large moments in {stored.model.moment_unit} may be"
             raise SettingError(f"{stored.source} does not say {unknown}; give --full")
         return cls(stored.models[stored.preferred], speed, full)
 

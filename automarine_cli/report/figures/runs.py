@@ -14,7 +14,7 @@ from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.fits.driven import COMPARED, Judgement
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
-from automarine_cli.fits.planar_structure import PLACES
+from automarine_cli.fits.planar_fit import PLACES
 from automarine_cli.fits.steps import StepData
 from automarine_cli.models.store import DRAG_LAWS, StoredModels, named_model
 from automarine_cli.models.yaw_model import response, steady_rate
