@@ -2,7 +2,7 @@
 what a person must know before trusting it: said in sentences, from the fit itself."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 
@@ -368,7 +368,6 @@ class YawFit(Shown):
                 list(fit.estimates), fit.mixed.theta, fit.mixed.parameters.log, fit.covariance
             ),
             "converged": fit.mixed.converged,
-            **({"estimator": fit.estimator} if fit.estimator else {}),
         }
         if added := effect_estimates(fit):
             content["effects"] = effects_json(added)
@@ -604,7 +603,9 @@ def _fit_whole(
         ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], "predicting runs left out")))
         preference = prefer_driven(fits, ahead, dof) or prefer(fits)
         number = preference.number
-        [(fits[number], proposed)] = map_jobs(partial(driven.widened, course), [fits[number]], "widening intervals")
+        [(fits[number], proposed)] = map_jobs(
+            partial(driven.inflate_for_missing, course), [fits[number]], "widening intervals"
+        )
         fit, worth = fits[number], {dof.position: driven.worth_of(ahead[number])}
         large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
         use = driven.Judgement(worth, len(moving), ahead[number], course, proposed, large)
@@ -620,8 +621,6 @@ def _fit_whole(
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
-    if estimator := fits[preference.number].estimator:
-        preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     listed = (*design_cautions(levels.tolist(), unit, dof), *fit_cautions(fits))
     warnings = (

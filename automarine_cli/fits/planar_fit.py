@@ -1,7 +1,6 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -11,7 +10,6 @@ import numpy as np
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits.driven import (
@@ -23,7 +21,6 @@ from automarine_cli.fits.driven import (
     starts_near,
     worth_of,
 )
-from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import ITERATIONS, DrivenProblem, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import bounded_solution
@@ -38,12 +35,12 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 
 
-def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = False) -> Judgement:
+def forecasts_of(problem: DrivenProblem, fit: InnovationsFit) -> Judgement:
     """Predictions of each run by the parameters that the other runs give, of all that is judged."""
     at = {channel.quantity: c for c, channel in enumerate(problem.course.channels)}
     placed = set(PLACES) <= at.keys()
     names = [YAW.position, *(PLACES if placed else [n for n in (SURGE.velocity, SWAY.velocity) if n in at])]
-    heading, *remaining = left_out_predictions(problem, fit, [at[name] for name in names], thinned=True, alone=alone)
+    heading, *remaining = left_out_predictions(problem, fit, [at[name] for name in names], thinned=True)
     with np.errstate(over="ignore", invalid="ignore"):  # where predictions run away
         worth = {name: worth_of(predicted) for name, predicted in zip(names[1:], remaining)}
         if placed:
@@ -68,14 +65,13 @@ def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastSc
 
 
 FULLY = 3  # neighbours of a structure that are fitted, at most
-LIKELIHOOD, FORECASTS = "innovations", "forecasts"
-WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts over 5 s"}  # how a structure is fitted
+HOW = "by the innovations of a filter"
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """What a `fit` by innovations or to forecasts found for one model: values in `model`, `covariance` (f, f) of its
-    free parameters with the run as the unit."""
+    """What a `fit` found for one model: values in `model`, `covariance` (f, f) of its free parameters with the run as
+    the unit."""
 
     model: Tied
     covariance: Floats = field(repr=False)
@@ -181,15 +177,14 @@ def _promising(
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The structures that were `tried` on `runs`, the likeliest one first, and the `best`: with its estimate, which of
-    the WAYS that was made, of what `use` it is, and the sentence that says why (`way_because`); what was set aside;
-    sentences on what thrusters at their `limits` did not give; the `prior`: what was known beforehand."""
+    """The structures that were `tried` on `runs`, the likeliest one first, and the `best`: of what `use` it is, and the
+    sentence that says why (`fitted_because`); what was set aside; sentences on what thrusters at their `limits` did not
+    give; the `prior`: what was known beforehand."""
 
     tried: tuple[Tried, ...]
     best: Tried
-    way: str
     use: Judgement
-    way_because: str
+    fitted_because: str
     runs: tuple[Run, ...]
     observed: Observed
     set_aside: tuple[ExcludedRun, ...] = ()
@@ -249,8 +244,8 @@ class PlanarFit(Shown):
             "fitted_to": "whole runs",
             "structure": str(self.structure),
             "structure_because": self.because,
-            "estimated": WAYS[self.way],
-            "estimated_because": self.way_because,
+            "estimated": HOW,
+            "estimated_because": self.fitted_because,
             "assumptions": [asdict(assumption) for assumption in self.structure.assumptions],
             "channels": list(self.observed.channels),
             "random": {name: size for name, size in self.found.random.items() if name != COMMAND_DELAY},
@@ -345,32 +340,26 @@ class PlanarLikelihood:
         starts, brief = self.starts(problem, random), iterations < ITERATIONS
         return _estimated(model, fit_innovations(problem, starts, iterations, brief))
 
-    def by_forecasts(self, neighbour: Estimated) -> Estimated:
-        """The model of an estimate fitted to forecasts over seconds, from states that are smoothed by it. Raises
-        FitError where no run is long enough."""
-        problem = self.problem(neighbour.model)
-        starts = np.concatenate([neighbour.fit.theta[None], self.starts(problem, None)])
-        return _estimated(neighbour.model, with_chance(problem, fit_forecasts(problem, neighbour.fit.phi, starts)))
-
-    def choose(self, tried: Sequence[Tried]) -> tuple[Tried, str, Judgement, str]:
-        """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
-        left out best. The best structure by innovations is left for what predicts better by a share of WORTH_IT.
+    def choose(self, tried: Sequence[Tried]) -> tuple[Tried, Judgement, str]:
+        """The best structure, or the simplest one where that predicts runs left out better by a share of WORTH_IT, with
+        its predictions, and why.
 
         Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
         simplest = next((trial for trial in tried if trial.structure == Structure.simplest(self.observed)), tried[0])
-        fitted: list[tuple[Tried, str, Judgement]] = []
-        for trial in (tried[0], *([simplest] if simplest is not tried[0] else [])):
-            for way in WAYS:
-                with suppress(FitError):
-                    estimated = trial.estimated if way == LIKELIHOOD else self.by_forecasts(trial.estimated)
-                    judged = forecasts_of(self.problem(estimated.model), estimated.fit, way == FORECASTS)
-                    if np.isfinite(judged.score) or not fitted:
-                        fitted.append((replace(trial, estimated=estimated), way, judged))
-        best = min(fitted, key=lambda candidate: candidate[2].score)
-        chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
-        return (*chosen, _because(chosen, fitted))
+        chosen, rival = (
+            (trial, forecasts_of(self.problem(trial.estimated.model), trial.estimated.fit))
+            for trial in (tried[0], simplest)
+        )
+        if chosen[1].score - rival[1].score >= WORTH_IT:
+            chosen, rival = rival, chosen
+        scores = chosen[1].score, rival[1].score
+        if simplest is tried[0] or not chosen[1].worth[YAW.position] or not np.isfinite(scores[1]):
+            return (*chosen, f"Fitted {HOW}.")
+        share = float(np.expm1(scores[1] - scores[0]))
+        misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"
+        return (*chosen, f"Fitted {HOW}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}.")
 
     def promises(self, wide: Tied, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
@@ -421,15 +410,6 @@ def _estimated(model: Tied, fit: InnovationsFit) -> Estimated:
     slopes = np.where(fit.parameters.log[of_model], fit.theta[of_model], 1.0)
     covariance = run_covariance(fit)[of_model, of_model] * np.outer(slopes, slopes)
     return Estimated(model.with_theta(fit.of_model), covariance, fit)
-
-
-def _because(chosen: tuple[Tried, str, Judgement], fitted: Sequence[tuple[Tried, str, Judgement]]) -> str:
-    how, scores = f"Fitted {WAYS[chosen[1]]}", [judged.score for _, _, judged in fitted if judged is not chosen[2]]
-    if not scores or not chosen[2].worth[YAW.position]:
-        return f"{how}."
-    share = float(np.expm1(min(scores) - chosen[2].score))
-    misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"
-    return f"{how}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}."
 
 
 def _usual(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:

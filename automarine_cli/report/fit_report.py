@@ -298,7 +298,7 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
 def _(fit: PlanarFit) -> Sections:
     warnings = [line for line in fit.warnings if line not in fit.use.warnings(YAW)]
     disturbed = [f"Warning: {fit.use.large}"] if fit.use.large else []
-    first = [fit.use.sentence(YAW), *disturbed, fit.way_because, *warnings]
+    first = [fit.use.sentence(YAW), *disturbed, fit.fitted_because, *warnings]
     details = list(planar_sentences(fit))
     tables = [parameter_table(fit), prediction_table(fit.use), structure_table(fit)]
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]

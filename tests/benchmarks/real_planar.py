@@ -21,8 +21,7 @@ from real_library import predictions
 from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
-from automarine_cli.fits.driven import of_model_alone
-from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, search
+from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, search
 from automarine_cli.fits.planar_structure import observed
 from automarine_cli.logs import ColumnMap
 from automarine_cli.report.tables import Table
@@ -148,8 +147,6 @@ def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     problem, estimate = likelihood.problem(fit.found.model), fit.found.fit
     course = likelihood.course
     followed = problem.follow(estimate.phi[None], keep=True)
-    if fit.way == FORECASTS:
-        followed = of_model_alone(followed)
     channels = [next(each for each in course.channels if each.quantity == name) for name in UNITS]
     noises = problem.noises(estimate.theta[None])
     at = predictions(problem.model, course, estimate.of_model, noises, followed, channels, states.run, states.time)
@@ -177,7 +174,7 @@ def judged(item: tuple[RealSet, str]) -> Row:
     going = still.copy()
     going[:, 0] += states.state[:, 3, None] * np.array(HORIZONS)
     row = {
-        "set": real_set.name, "half": half, "structure": str(fit.structure), "way": fit.way,
+        "set": real_set.name, "half": half, "structure": str(fit.structure),
         "parameters": {key: (estimate.value, *estimate.ci95) for key, estimate in fit.estimates.items()},
         "least_squares": squares[HORIZONS.index(5.0)],
         "tool": rms(tool_ahead(fit, held_out, states) - states.reached).tolist(),
@@ -192,7 +189,7 @@ def judged(item: tuple[RealSet, str]) -> Row:
 def table(rows: Sequence[Row]) -> Table:
     columns = {"now": "tool", "least squares": "least", "better constant": "constant"}
     lines = [
-        {"data set": row["set"], "fitted half": row["half"], "fitted to": row["way"], "of": f"{name}, {unit}",
+        {"data set": row["set"], "fitted half": row["half"], "of": f"{name}, {unit}",
          **{column: " / ".join(f"{x:.3g}" for x in row[key][i]) for column, key in columns.items()},
          "5 s: now / least squares": f"{row['tool'][i][1] / row['least'][i][1]:.2f}"}
         for row in rows

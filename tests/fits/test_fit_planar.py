@@ -17,16 +17,7 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits import planar_fit
 from automarine_cli.fits.driven import ForecastScore, Judgement
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.planar_fit import (
-    FORECASTS,
-    LIKELIHOOD,
-    Estimated,
-    PlanarFit,
-    PlanarLikelihood,
-    Promise,
-    Tried,
-    search,
-)
+from automarine_cli.fits.planar_fit import Estimated, PlanarFit, PlanarLikelihood, Promise, Tried, search
 from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes
 from automarine_cli.fits.whole_runs import run_covariance
 from automarine_cli.logs import ColumnMap
@@ -90,7 +81,7 @@ def use_of(**errors: float) -> Judgement:
 
 
 def fit_to(runs: Sequence[Run], observed: Observed, *tried: Tried) -> PlanarFit:
-    return PlanarFit(tried, tried[0], LIKELIHOOD, use_of(heading=0.5), "", tuple(runs), observed)
+    return PlanarFit(tried, tried[0], use_of(heading=0.5), "", tuple(runs), observed)
 
 
 class Scripted:
@@ -322,13 +313,12 @@ def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
     runs = tuple(smoothed_run(seed, 25.0, 0.1) for seed in range(2))
     likelihood = PlanarLikelihood(runs, observed(runs))
     likely = likelihood.estimate(Structure.simplest(likelihood.observed).model(rough_sizes(runs)))
-    for estimated in (likely, likelihood.by_forecasts(likely)):
-        values = dict(zip(estimated.model.free, estimated.model.theta))
-        assert 14.0 < values["surge.m_u"] < 29.0 and 14.0 < values["sway.m_v"] < 29.0
+    values = dict(zip(likely.model.free, likely.model.theta))
+    assert 14.0 < values["surge.m_u"] < 29.0 and 14.0 < values["sway.m_v"] < 29.0
 
 
-def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[Structure, str, str]:
-    """What is preferred of the best structure by both ways and the simplest one by both, which miss by `errors`."""
+def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[Structure, str]:
+    """What is preferred of the best structure and the simplest one, which miss by `errors`."""
     runs = (smoothed_run(0, 5.0, 0.1),)
     seen = observed(runs)
     simplest = Structure.simplest(seen)
@@ -339,17 +329,15 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[St
         tried.append(Tried(each, Estimated(model, np.eye(len(model.free)), fit_of(model))))
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
-    monkeypatch.setattr(PlanarLikelihood, "by_forecasts", lambda self, near: replace(near))
-    best, way, _, because = PlanarLikelihood(runs, seen).choose(tried)
-    return best.structure, way, because
+    best, _, because = PlanarLikelihood(runs, seen).choose(tried)
+    return best.structure, because
 
 
 def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
-    structure, way, because = chosen(monkeypatch, (0.5, 0.4, 0.6, float("nan")))
-    assert way == FORECASTS and structure.couplings == ("Y_r",)
-    assert "the next best fit misses by 25 % more" in because
-    assert chosen(monkeypatch, (0.5, 0.495, 0.6, 0.6))[1] == LIKELIHOOD  # too little to leave it
-    assert not chosen(monkeypatch, (0.5, 0.6, 0.7, 0.4))[0].couplings
+    structure, because = chosen(monkeypatch, (0.5, 0.4))
+    assert not structure.couplings and "the next best fit misses by 25 % more" in because
+    for errors in ((0.5, 0.495), (0.5, float("nan"))):  # too little to leave it
+        assert chosen(monkeypatch, errors)[0].couplings == ("Y_r",)
 
 
 def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None:
