@@ -87,6 +87,7 @@ def _fit(
     from automarine_cli.logs import given_columns
     from automarine_cli.models.yaw_model import COMMAND_DELAY
     from automarine_cli.pipeline.parallel import ordered_map
+    from automarine_cli.report.fit_report import warnings_of
     from automarine_cli.runs.half_turn import half_turns
     from automarine_cli.runs.load import append_exclusions, load_runs, require_usable
     from automarine_cli.runs.run import command_warnings
@@ -119,7 +120,7 @@ def _fit(
             beforehand, fit_models, channels, tail_start, names,
         )  # fmt: skip
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
-    warnings = [*command_warnings(runs), *limits, *fit.warnings]
+    warnings = [*command_warnings(runs), *limits, *warnings_of(fit)]
     fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=tuple(warnings))
     require_usable(runs, fit.set_aside, len(campaign.inputs), strict)
     return fit

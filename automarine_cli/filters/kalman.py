@@ -301,18 +301,8 @@ class FilterResult:
         )
 
 
-def follow(
-    model: YawModel,
-    course: Course,
-    theta: Floats,
-    noises: Noises,
-    keep: bool = False,
-    trace: list[tuple[Floats, ...]] | None = None,
-) -> FilterResult:
-    """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too.
-
-    A `trace` gets mean and covariance of every node, and what the next step made of them with its Jacobian.
-    """
+def follow(model: YawModel, course: Course, theta: Floats, noises: Noises, keep: bool = False) -> FilterResult:
+    """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too."""
     step = Step(model, course, theta, noises.late)
     places = step.places
     sets, runs, nodes = len(theta), len(course.names), course.length.shape[1] + 1
@@ -336,7 +326,6 @@ def follow(
             if m == nodes - 1:
                 break
             force = delivered[..., m]
-            before = (mean, covariance)
             mean, slopes = step.advance(m, mean, covariance, ramp[..., m])
             bumps = slopes[:, of_push].transpose(2, 3, 0, 1)  # (P, R, dynamic, D): of constant accelerations
             slopes = slopes.transpose(2, 3, 0, 1).copy()
@@ -351,26 +340,7 @@ def follow(
             unsteady = thrusty * np.abs(force) * (np.exp(mean[places.gain]) / root[:, m])
             blown = bumps @ (inverse[:, None] * unsteady.transpose(1, 2, 0)[:, :, None])
             covariance[..., :dynamic, :dynamic] += blown @ blown.swapaxes(2, 3)
-            if trace is not None:
-                trace.append((*before, mean.copy(), covariance.copy(), jacobian))
     return FilterResult(innovation, variance, states, places)
-
-
-def smoothed(model: YawModel, course: Course, theta: Floats, noises: Noises) -> FilterResult:
-    """What the filter makes of the runs under one parameter set theta (p,), with states given later readings too.
-
-    Rauch, Tung and Striebel (1965), AIAA Journal 3:1445.
-    """
-    trace: list[tuple[Floats, ...]] = []
-    followed = follow(model, course, theta[None], noises, keep=True, trace=trace)
-    assert followed.states is not None
-    states = followed.states[:, 0].copy()
-    for m in range(len(trace) - 1, -1, -1):
-        mean, covariance, ahead, spread, jacobian = (part[:, 0] if part.ndim == 3 else part[0] for part in trace[m])
-        moved = (states[..., m + 1] - ahead).T[..., None]
-        back = covariance @ jacobian.swapaxes(1, 2) @ np.linalg.pinv(spread, hermitian=True) @ moved
-        states[..., m] = mean + back[..., 0].T
-    return replace(followed, states=states[:, None])
 
 
 def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Floats, Floats]:

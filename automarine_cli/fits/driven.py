@@ -7,26 +7,16 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import FilterResult, Predicted, predict
-from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
+from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.paper import MODELS
-from automarine_cli.fits.whole_runs import (
-    OutputErrorFit,
-    directional_drag,
-    estimate_of,
-    fit_by_direction,
-    rough_model,
-    run_covariance,
-    run_dof,
-)
+from automarine_cli.fits.whole_runs import OutputErrorFit, estimate_of, fit_by_direction, rough_model, run_covariance
 from automarine_cli.models.parameter import Parameters, Prior
 from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
@@ -126,9 +116,7 @@ SLOWEST, QUICKEST = 600.0, 1e-3
 command."""
 HEAD_START = 10.0  # deviance, beyond the penalty of its parameters, that an effect has to gain before it is proposed
 BRIEF = 10  # iterations of a fit of gains and noise alone
-COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
-"""Seconds ahead over which estimators are compared, and the shares by which the second one has to be better, or may be
-worse."""
+COMPARISON_HORIZONS_S = (2.0, 5.0)  # ahead, over which models are compared
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
 
 
@@ -195,53 +183,6 @@ def with_delay(fit: OutputErrorFit) -> OutputErrorFit:
     return replace(fit, delay=estimate_of(fit.mixed, fit.covariance, place, "s"))
 
 
-def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
-    """The better one of two estimates of the same model: the `likely` one by innovations, or that of least squares of
-    forecasts.
-
-    Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least squares
-    over long horizons and biases them, innovations not. So least squares have to be better by CLEARLY over each of
-    COMPARED, or at least as good but for LEVEL with an inertia that survives leaving runs out better; the square of the
-    difference of both is then added to the covariance.
-    """
-    innovations, dof = likely.mixed, likely.model.dof
-    problem = driven_problem(likely.model, course).informed(innovations.parameters.known)
-    starts = np.concatenate([innovations.theta[None], base_starts(problem)])
-    try:
-        plain = with_chance(problem, fit_forecasts(problem, innovations.phi, starts))
-        _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
-    except FitError:
-        return likely
-    squares, likelihood = (
-        [p.rmse() for p in left_out_predictions(problem, fit)[0] if p.horizon in COMPARED and len(p.error)]
-        for fit in (plain, innovations)
-    )
-    if not squares or not all(np.isfinite(squares)):
-        return likely
-    better = all(a < (1.0 - CLEARLY) * b for a, b in zip(squares, likelihood))
-    level = all(a < (1.0 + LEVEL) * b for a, b in zip(squares, likelihood))
-    better = better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))
-    sides = [("least squares of forecasts", plain, squares), ("innovations", innovations, likelihood)]
-    (name, fit, errors), (rival, other, misses) = sides if better else sides[::-1]
-    ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])
-    first, second = (" and ".join(f"{dof.shown(x):.3g}" for x in sizes) for sizes in (errors, misses))
-    says = (
-        f"by {name}: runs left out are predicted {ahead} s ahead to {first} {dof.units.shown}, by {rival} to {second} "
-        f"({dof.parameters['inertia']} is {fit.theta[0]:.3g} by the first and {other.theta[0]:.3g} by the second)"
-    )
-    if not better:
-        return replace(likely, estimator=says)
-    covariance, count = run_covariance(plain).copy(), len(plain.of_model)
-    quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:count]]
-    bias = (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
-    covariance[:count, :count] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
-    model = likely.model.with_theta(plain.of_model)
-    best = with_delay(
-        replace(likely, model=model, mixed=plain, covariance=covariance, estimator=says, by_forecasts=True)
-    )
-    return replace(best, ways=directional_drag(best)) if "difference" in best.roles else best
-
-
 def _start(name: str, course: Course) -> list[float]:
     """Values from which the fit of an effect starts; what others refer to is that of the logs."""
     parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded).max()) or 1.0
@@ -273,19 +214,17 @@ def _refuse_runaways(model: YawModel, fit: Fit, course: Course) -> None:
 
 
 def left_out_predictions(
-    problem: DrivenProblem, fit: Fit, channels: Sequence[int] = (0,), *, thinned: bool = False, alone: bool = False
+    problem: DrivenProblem, fit: Fit, channels: Sequence[int] = (0,), *, thinned: bool = False
 ) -> list[tuple[Predicted, ...]]:
     """Predictions of each run by the parameters that the other runs give, of each channel over each horizon.
 
-    States follow all readings, or those that are `thinned`; of the model `alone` neither the disturbance nor the run's
-    gain that the filter takes for true is carried on.
+    States follow all readings, or those that are `thinned`.
     """
     by_run = []
     for r in range(len(problem.course.names)):
         phi, course = fit.left_out[r], problem.course.some(np.arange(len(problem.course.names)) == r)
         theta = problem.parameters.natural(phi)
         followed = problem.follow(phi[None], True, course if thinned else course.unthinned)
-        followed = of_model_alone(followed) if alone else followed
         model, noises = theta[: len(fit.of_model)], problem.noises(theta[None])
         by_run.append([predict(problem.model, course, model, noises, channel=c, followed=followed) for c in channels])
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
@@ -294,14 +233,6 @@ def left_out_predictions(
 def predictions_of(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
     """The predictions of each run by a fit to the others, see `left_out_predictions`."""
     return left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0]
-
-
-def of_model_alone(followed: FilterResult) -> FilterResult:
-    """States without disturbances and with gains of one, as fits to forecasts take them."""
-    assert followed.states is not None
-    states = followed.states.copy()
-    states[[*followed.places.pushed, followed.places.gain]] = 0.0
-    return replace(followed, states=states)
 
 
 def _joined(pieces: Sequence[Predicted]) -> Predicted:
@@ -335,17 +266,14 @@ def worth_of(predictions: Sequence[Predicted]) -> tuple[ForecastScore, ...]:
     )
 
 
-def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[str, float]]:
+def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[str, float]]:
     """The fit with intervals that allow for what it lacks, and the deviance gained by each of PROPOSED that the
     evidence asks for.
 
     The square of the shift by which the best of them moves the parameters is added to their covariance.
     """
     narrow = fit.mixed
-    problem = driven_problem(fit.model, course).informed(narrow.parameters.known)
-    likelihood, count = narrow.log_likelihood, len(fit.model.theta)
-    if fit.by_forecasts:
-        likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
+    count = len(fit.model.theta)
     have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
     for name in PROPOSED:
         if name in have:
@@ -354,10 +282,9 @@ def widened(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[s
         wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.known)
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
-        gain = 2.0 * (wide.log_likelihood - likelihood)
+        gain = 2.0 * (wide.log_likelihood - narrow.log_likelihood)
         if gain > HEAD_START + np.log(max(len(course.names), 2)):
-            phi = fit_forecasts(wider, wide.phi, wide.theta[None]).phi if fit.by_forecasts else wide.phi
-            gains[name], shifts[name] = gain, phi[:count] - narrow.phi[:count]
+            gains[name], shifts[name] = gain, wide.phi[:count] - narrow.phi[:count]
     if not gains:
         return fit, {}
     covariance = fit.covariance.copy()
@@ -406,7 +333,7 @@ def _fit_driven_model(
         return fit_driven(course, rough_model(number, batch, sided), number, with_effects, priors)
 
     try:
-        return beside_forecasts(course, fit_by_direction(fit, batch.dof, two_way)), ""
+        return fit_by_direction(fit, batch.dof, two_way), ""
     except FitError as error:
         return None, str(error)
 

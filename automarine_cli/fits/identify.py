@@ -1,10 +1,8 @@
-"""From runs to a yaw fit: which runs serve for what, then both estimators, the preferred model, and
-what a person must know before trusting it: said in sentences, from the fit itself."""
+"""From runs to a yaw fit: which runs serve for what, then both estimators, and the preferred model."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +15,10 @@ from automarine_cli.filters.course import averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
-from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.fits.paper import BIAS_LIMIT, MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
+from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
 from automarine_cli.fits.preference import Preference, prefer, prefer_driven
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
-from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.store import effects_json, model_head
 from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel, steady_rate
 from automarine_cli.pipeline.parallel import Each, alone
@@ -64,194 +60,6 @@ def valid_range(moments: Iterable[float], model: YawModel) -> dict[str, object] 
     }
 
 
-CORRELATED = 0.95  # correlation of two estimates from which on only a combination of them is known
-INERTIA, DRAG = "inertia", ("quadratic", "linear")
-EVERY = (INERTIA, *DRAG)
-REMEDY = {
-    "inertia": "add runs from rest, logged faster",
-    "quadratic": "add runs at larger {forces}, each held until the {speed} is steady",
-    "linear": "add runs at smaller {forces}, each held until the {speed} is steady",
-}
-"""What shows a parameter, by what it is."""
-
-
-@dataclass(frozen=True)
-class Caution:
-    """A sentence on `parameters` (by what they are) of one model ("" for every model): on drag it stands below Table 1,
-    on inertia below Table 2. `grave` is one that a person must hear of even where another model is preferred."""
-
-    model: str
-    parameters: tuple[str, ...]
-    sentence: str
-    grave: bool = False
-
-
-def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> Iterator[Caution]:
-    for number, fit in sorted(fits.items()):
-        if not fit.mixed.converged:
-            after = f"had not converged after {fit.mixed.iterations} iterations"
-            says = f"Model {number} {after}; its numbers are rough: do not use them, or add runs."
-            yield Caution(number, EVERY, says, grave=True)
-        dof = fit.model.dof
-        for role in EVERY:
-            estimate = fit.estimates.get(dof.parameters[role])
-            if estimate is not None and not estimate.known:
-                stuck = _stuck(fit, role)
-                if sentence := stuck or _odd(role, estimate, dof):
-                    yield Caution(number, (role,), f"Model {number}: {sentence}", grave=bool(stuck))
-        yield from _correlations(fit)
-
-
-def _stuck(fit: OutputErrorFit, role: str) -> str:
-    """A parameter at its bound, or one that the runs never moved."""
-    dof = fit.model.dof
-    name, remedy = dof.parameters[role], dof.fill(REMEDY[role])
-    i = list(fit.estimates).index(name)
-    if i in fit.mixed.at_bound:
-        return f"{name} stands at a bound of its range, so its interval is meaningless; {remedy}."
-    if fit.covariance[i, i] <= 0.0:
-        value = float(fit.mixed.theta[i])
-        return f"{name} never moved from its start, {value:.3g}: these runs hold no information on it; {remedy}."
-    return ""
-
-
-def _odd(role: str, estimate: Estimate, dof: Dof) -> str:
-    """A negative parameter, or one whose interval is wider than its value."""
-    (low, high), remedy = estimate.ci95, dof.fill(REMEDY[role])
-    value = f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}]"
-    if estimate.value < 0:
-        why = f"a negative {dof.words.inertia}" if role == INERTIA else "a drag that drives the vehicle"
-        mend = "something else acts on these runs: look for it with `automarine diagnose`"
-        mend = f"the interval holds zero: take a model without it, or {remedy}" if high >= 0 else mend
-        return f"{value}, {why}, which no vehicle has; {mend}."
-    if high - low > estimate.value:
-        return f"{value}, an interval wider than the value; these runs hold little information on it: {remedy}."
-    return ""
-
-
-def _correlations(fit: OutputErrorFit) -> list[Caution]:
-    """Pairs of parameters of which the runs show a combination only; two drags that are one take the inertia along,
-    and stand alone. By the likelihood's covariance: that of a few runs left out scatters by itself."""
-    dof, cautions = fit.model.dof, []
-    roles = {name: role for role, name in dof.parameters.items()}
-    names = list(fit.estimates)
-    covariance = fit.mixed.covariance
-    deviation = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    for i, j in combinations(range(len(names)), 2):
-        product = deviation[i] * deviation[j]
-        share = float(covariance[i, j] / product) if product > 0 else 0.0
-        pair = (roles[names[i]], roles[names[j]])
-        if abs(share) > CORRELATED and set(pair) <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound):
-            says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
-            cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
-    joint = [caution for caution in cautions if caution.parameters == DRAG]
-    return joint or cautions
-
-
-def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
-    force, speed = dof.words.force, dof.words.speed
-    if set(pair) == set(DRAG):
-        return f"these runs determine only their total drag: add runs at much smaller and much larger {force}s."
-    if share > 0:
-        return "only their ratio is well determined: the thrust scatters; add runs, or measure thrust or voltage."
-    more = dof.fill(REMEDY[pair[0]])
-    return f"these runs hardly separate them: hold each {force} until the {speed} is steady, and {more}."
-
-
-def design_cautions(levels: Sequence[float], unit: str, dof: Dof) -> Iterator[Caution]:
-    """What the moments of a campaign, `levels`, cannot show."""
-    sides = {float(np.sign(level)) for level in levels if level}
-    sizes = sorted({round(abs(level), 9) for level in levels if level})
-    words, force, speed = dof.words, dof.words.force, dof.words.speed
-    if len(sides) == 1:
-        way, opposite = words.to_ways if sides == {1.0} else words.to_ways[::-1]
-        says = (
-            f"Every run {words.moves} {way}: a {force} that always acts, or thrusters that push less one way, would "
-            f"bias {words.inertia} and drag unnoticed; add runs {opposite} at the same {force}s."
-        )
-        yield Caution("", EVERY, says)
-    if len(sizes) == 1:
-        says = (
-            f"Every run commands the same size of {force}, {sizes[0]:g} {unit}: how drag grows with the {speed} shows "
-            f"only in how each {words.move} begins; add runs at {0.5 * sizes[0]:.3g} and {2.0 * sizes[0]:.3g} {unit}, "
-            "or as much as the thrusters give."
-        )
-        yield Caution("", DRAG, says)
-
-
-UNEXPLAINED = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
-DECIDES = 0.8  # share of the spread over fits without one run from which on that run decides alone
-WILD_GAIN = 0.25  # scatter of the thrust from run to run beyond what batteries and water do
-SURE = 3.0  # standard errors
-
-
-def warned_of(cautions: Sequence[Caution], preference: Preference) -> list[str]:
-    """The cautions that are warnings: grave ones, and those on every model or on the preferred one; the others only
-    stand below the tables."""
-    return [caution.sentence for caution in cautions if caution.grave or caution.model in ("", preference.number)]
-
-
-def fit_warnings(
-    fits: Mapping[str, OutputErrorFit],
-    preference: Preference,
-    names_of_runs: Sequence[str],
-    position_noise: float | None = None,
-) -> list[str]:
-    """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
-    `position_noise` [rad] that the headings have by themselves."""
-    fit = fits[preference.number]
-    dof = fit.model.dof
-    words, mark, base = dof.words, dof.units.mark, dof.units.base
-    sentences = _one_run_that_decides(fit, names_of_runs)
-    if fit.gain_scatter.value > WILD_GAIN:
-        gains = np.exp(fit.mixed.own(GAIN)[:, 0])
-        gains = gains / np.median(gains)
-        odd = int(np.argmax(np.abs(np.log(gains))))
-        sentences.append(
-            f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
-            f"{names_of_runs[odd]} has {gains[odd]:.2g} times the gain of the others: check its {words.force} and its "
-            "unit."
-        )
-    if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
-        sentences.append(
-            f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained; "
-            f"they scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves. An effect is missing, perhaps "
-            "a delay: `automarine diagnose` looks for it."
-        )
-    turn = fit.inertial_turn_angle or (fits["3"].inertial_turn_angle if "3" in fits else None)
-    low, high = dof.limits.plausible
-    if turn is not None and not low <= turn.value <= high:
-        sentences.append(
-            f"The {words.inertial_length} of {turn.value:.3g} {base} lies outside {low:g} to {high:g} {base}, where "
-            f"small vehicles are: check the units of time and {words.position}, and whether the thrusters or the log "
-            "lag."
-        )
-    early = fit.mixed.names.index(COMMAND_DELAY) in fit.mixed.at_bound and fit.delay.value < 0.0
-    if early and COMMAND_DELAY not in fit.mixed.parameters.known:
-        says = "The {force} seems to act half a sample interval or more before the log shows it. Check the clocks of "
-        sentences.append(dof.fill(says + "{position} and command."))
-    return sentences
-
-
-def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
-    """A sentence where leaving one run out moves a parameter by more than all other runs together, and by much."""
-    mixed = fit.mixed
-    if len(names_of_runs) < 4:
-        return []
-    moved = (mixed.left_out - mixed.phi)[:, : len(fit.estimates)]
-    total = np.maximum((moved**2).sum(axis=0), 1e-300)
-    likely = np.sqrt(np.diagonal(mixed.covariance))[: len(fit.estimates)]
-    decides = (moved**2 > DECIDES * total) & (np.abs(moved) > SURE * likely) & (likely > 0)
-    if not decides.any():
-        return []
-    run, i = (int(k) for k in np.argwhere(decides)[0])
-    name, estimate = list(fit.estimates.items())[i]
-    without = np.exp(mixed.left_out[run, i]) if mixed.parameters.log[i] else mixed.left_out[run, i]
-    changes = f"{name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} {estimate.unit}"
-    check = f"check its log, and whether its {fit.model.dof.words.position} jumps"
-    return [f"{names_of_runs[run]} alone changes {changes}, more than all other runs together: {check}."]
-
-
 GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 
 
@@ -261,9 +69,9 @@ class YawFit(Shown):
 
     `turns` are the half-turns used and `data` what was fitted of these steps: all of it if `whole_steps`, and
     `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `output_error` and
-    `seed_method` the two estimators by model, `why_no_seed_method` a sentence where there is none; `cautions` are on
-    single parameters, of which those that matter are `warnings` as well; `channels` are the sensors that count; `use`
-    is what the model predicts, of whole runs; `prior` is what was known beforehand.
+    `seed_method` the two estimators by model, `why_no_seed_method` a sentence where there is none, `refused` why models
+    could not be fitted; `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `prior`
+    is what was known beforehand. `warnings` are what a report says of all that.
     """
 
     moment_unit: str
@@ -275,14 +83,14 @@ class YawFit(Shown):
     why_no_seed_method: str
     preference: Preference
     set_aside: tuple[ExcludedRun, ...]
-    warnings: tuple[str, ...]
-    cautions: tuple[Caution, ...]
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     use: driven.Judgement | None = None
     prior: Known = NOTHING_KNOWN
     consistency: Consistency | None = None
     whole_steps: bool = False
+    refused: Mapping[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     @property
     def preferred(self) -> whole_runs.OutputErrorFit:
@@ -330,15 +138,6 @@ class YawFit(Shown):
         return "whole steps" if self.whole_steps and self.dof.wraps else f"{self.dof.words.step}s"
 
     @property
-    def told_of_known(self) -> tuple[str, ...]:
-        dof = self.dof
-        units = {dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *DRAG, "constant")}
-        units[COMMAND_DELAY] = "s"
-        sentences = self.prior.sentences(units, self.preferred.mixed.names)
-        paper = ("The velocity errors of the paper do not use it.",) if sentences and self.seed_method else ()
-        return (*sentences, *paper)
-
-    @property
     def buoyancy(self) -> "Buoyancy | None":
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
@@ -368,7 +167,6 @@ class YawFit(Shown):
                 list(fit.estimates), fit.mixed.theta, fit.mixed.parameters.log, fit.covariance
             ),
             "converged": fit.mixed.converged,
-            **({"estimator": fit.estimator} if fit.estimator else {}),
         }
         if added := effect_estimates(fit):
             content["effects"] = effects_json(added)
@@ -526,22 +324,9 @@ def _fit_steps(
         answer = fit_whole_or_half(whole, half, starts, unit, prior, two_way, map_jobs)
     fits, preference = answer.fits, answer.preference
     seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, unit, tail=tail)
-    noise = float(np.median([turn.step.run.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
-    listed = (*design_cautions([turn.moment for turn in turns], unit, dof), *fit_cautions(fits))
-    unsteady = (
-        f"{dof.words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
-        f"{100 * BIAS_LIMIT:.1f} %. The one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on is biased by "
-        f"{100 * np.abs(seed.expected.bias).max():.1f} %, which was removed with a rough model. Trust the maximum "
-        "likelihood, which needs no tail."
-    )
-    warnings = (
-        *([] if seed.steady else [unsteady]),
-        *fit_warnings(fits, preference, half.names, noise),
-        *warned_of(listed, preference),
-    )
     return YawFit(
-        unit, turns, answer.data, (), fits, seed, "", preference, set_aside, warnings, listed, dof, chosen,
-        prior=prior, consistency=answer.consistency, whole_steps=answer.data is not half,
+        unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, prior=prior,
+        consistency=answer.consistency, whole_steps=answer.data is not half,
     )  # fmt: skip
 
 
@@ -604,7 +389,9 @@ def _fit_whole(
         ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], "predicting runs left out")))
         preference = prefer_driven(fits, ahead, dof) or prefer(fits)
         number = preference.number
-        [(fits[number], proposed)] = map_jobs(partial(driven.widened, course), [fits[number]], "widening intervals")
+        [(fits[number], proposed)] = map_jobs(
+            partial(driven.inflate_for_missing, course), [fits[number]], "widening intervals"
+        )
         fit, worth = fits[number], {dof.position: driven.worth_of(ahead[number])}
         large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
         use = driven.Judgement(worth, len(moving), ahead[number], course, proposed, large)
@@ -620,17 +407,10 @@ def _fit_whole(
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
-    if estimator := fits[preference.number].estimator:
-        preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
-    unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
-    listed = (*design_cautions(levels.tolist(), unit, dof), *fit_cautions(fits))
-    warnings = (
-        *use.warnings(dof),
-        *(f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items()),
-        *fit_warnings(fits, preference, [run.name for run in moving]),
-        *warned_of(listed, preference),
-    )
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, listed, dof, chosen, use, prior)
+    return YawFit(
+        moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, prior,
+        refused=refused,
+    )  # fmt: skip
 
 
 def _too_little(run: Run) -> str:

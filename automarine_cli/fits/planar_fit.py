@@ -1,7 +1,6 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
@@ -22,7 +21,6 @@ from automarine_cli.fits.driven import (
     starts_near,
     worth_of,
 )
-from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import ITERATIONS, DrivenProblem, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import bounded_solution
@@ -261,12 +259,12 @@ def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
     return sizes
 
 
-def forecasts_of(problem: DrivenProblem, fit: InnovationsFit, alone: bool = False) -> Judgement:
+def forecasts_of(problem: DrivenProblem, fit: InnovationsFit) -> Judgement:
     """Predictions of each run by the parameters that the other runs give, of all that is judged."""
     at = {channel.quantity: c for c, channel in enumerate(problem.course.channels)}
     placed = set(PLACES) <= at.keys()
     names = [YAW.position, *(PLACES if placed else [n for n in (SURGE.velocity, SWAY.velocity) if n in at])]
-    heading, *remaining = left_out_predictions(problem, fit, [at[name] for name in names], thinned=True, alone=alone)
+    heading, *remaining = left_out_predictions(problem, fit, [at[name] for name in names], thinned=True)
     with np.errstate(over="ignore", invalid="ignore"):  # where predictions run away
         worth = {name: worth_of(predicted) for name, predicted in zip(names[1:], remaining)}
         if placed:
@@ -291,13 +289,12 @@ def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastSc
 
 
 FULLY = 3  # neighbours of a structure that are fitted, at most
-LIKELIHOOD, FORECASTS = "innovations", "forecasts"
-WAYS = {LIKELIHOOD: "by the innovations of a filter", FORECASTS: "to forecasts over 5 s"}  # how a structure is fitted
+HOW = "by the innovations of a filter"
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """A `model` with the values that a `fit` by innovations or to forecasts gives it."""
+    """A `model` with the values that a `fit` gives it."""
 
     model: YawModel
     fit: InnovationsFit = field(repr=False)
@@ -407,15 +404,14 @@ def search(likelihood: "PlanarLikelihood") -> tuple[Estimated, ...]:
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The models that were `tried` on `runs`, the likeliest one first, and the one that was `found` best: which of
-    the WAYS that was made, of what `use` it is, and the sentence that says why (`way_because`); what was set aside;
-    sentences on what thrusters at their `limits` did not give; the `prior`: what was known beforehand."""
+    """The models that were `tried` on `runs`, the likeliest one first, and the `best`: of what `use` it is, and the
+    sentence that says why (`fitted_because`); what was set aside; sentences on what thrusters at their `limits` did not
+    give; the `prior`: what was known beforehand."""
 
     tried: tuple[Estimated, ...]
-    found: Estimated
-    way: str
+    best: Estimated
     use: Judgement
-    way_because: str
+    fitted_because: str
     runs: tuple[Run, ...]
     observed: Observed
     set_aside: tuple[ExcludedRun, ...] = ()
@@ -428,11 +424,11 @@ class PlanarFit(Shown):
 
     @property
     def model(self) -> YawModel:
-        return self.found.model
+        return self.best.model
 
     @property
     def estimates(self) -> dict[str, Estimate]:
-        return self.found.estimates
+        return self.best.estimates
 
     @property
     def because(self) -> str:
@@ -464,19 +460,19 @@ class PlanarFit(Shown):
 
     def to_json(self) -> dict[str, object]:
         return {
-            **self.found.to_json(),
-            COMMAND_DELAY: self.found.delay.to_json(),
+            **self.best.to_json(),
+            COMMAND_DELAY: self.best.delay.to_json(),
             "fitted_to": "whole runs",
             "structure": self.structure,
             "structure_because": self.because,
-            "estimated": WAYS[self.way],
-            "estimated_because": self.way_because,
+            "estimated": HOW,
+            "estimated_because": self.fitted_because,
             "assumptions": [asdict(assumption) for assumption in self.observed.assumptions(self.model)],
             "channels": list(self.observed.channels),
-            "random": {name: size for name, size in self.found.fit.of_chance.items() if name != COMMAND_DELAY},
+            "random": {name: size for name, size in self.best.fit.of_chance.items() if name != COMMAND_DELAY},
             "prediction": self.use.to_json(YAW),
-            "log_likelihood": self.found.fit.log_likelihood,
-            "covariance": self.found.covariance_json(),
+            "log_likelihood": self.best.fit.log_likelihood,
+            "covariance": self.best.covariance_json(),
             "valid_range": self.valid_range,
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.runs), self.set_aside, self.runs),
@@ -485,7 +481,7 @@ class PlanarFit(Shown):
     @property
     def warnings(self) -> tuple[str, ...]:
         sentences = [*self.use.warnings(YAW)]
-        if not self.found.fit.converged:
+        if not self.best.fit.converged:
             sentences.append("The fit did not converge; give more or longer runs.")
         loose = [
             name
@@ -569,34 +565,24 @@ class PlanarLikelihood:
         fit = fit_innovations(problem, starts, iterations, brief)
         return Estimated(model.with_theta(fit.of_model), fit)
 
-    def by_forecasts(self, neighbour: Estimated) -> Estimated:
-        """The model of an estimate fitted to forecasts over seconds, from states that are smoothed by it. Raises
-        FitError where no run is long enough."""
-        problem = self.problem(neighbour.model)
-        starts = np.concatenate([neighbour.fit.theta[None], self.starts(problem, None)])
-        fit = with_chance(problem, fit_forecasts(problem, neighbour.fit.phi, starts))
-        return Estimated(neighbour.model.with_theta(fit.of_model), fit)
-
-    def choose(self, tried: Sequence[Estimated]) -> tuple[Estimated, str, Judgement, str]:
-        """The best structure and the simplest one, by innovations and by forecasts over seconds: what predicts runs
-        left out best. The best structure by innovations is left for what predicts better by a share of WORTH_IT.
+    def choose(self, tried: Sequence[Estimated]) -> tuple[Estimated, Judgement, str]:
+        """The best structure, or the simplest one where that predicts runs left out better by a share of WORTH_IT, with
+        its predictions, and why.
 
         Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
         plain = self.structure_of(self.observed.simplest(self.rough))
-        simplest = next((likely for likely in tried if self.structure_of(likely.model) == plain), tried[0])
-        fitted: list[tuple[Estimated, str, Judgement]] = []
-        for likely in (tried[0], *([simplest] if simplest is not tried[0] else [])):
-            for way in WAYS:
-                with suppress(FitError):
-                    estimated = likely if way == LIKELIHOOD else self.by_forecasts(likely)
-                    judged = forecasts_of(self.problem(estimated.model), estimated.fit, way == FORECASTS)
-                    if np.isfinite(judged.score) or not fitted:
-                        fitted.append((estimated, way, judged))
-        best = min(fitted, key=lambda candidate: candidate[2].score)
-        chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
-        return (*chosen, _because(chosen, fitted))
+        simplest = next((trial for trial in tried if self.structure_of(trial.model) == plain), tried[0])
+        chosen, rival = ((trial, forecasts_of(self.problem(trial.model), trial.fit)) for trial in (tried[0], simplest))
+        if chosen[1].score - rival[1].score >= WORTH_IT:
+            chosen, rival = rival, chosen
+        scores = chosen[1].score, rival[1].score
+        if simplest is tried[0] or not chosen[1].worth[YAW.position] or not np.isfinite(scores[1]):
+            return (*chosen, f"Fitted {HOW}.")
+        share = float(np.expm1(scores[1] - scores[0]))
+        misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"
+        return (*chosen, f"Fitted {HOW}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}.")
 
     def promises(self, wide: YawModel, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
@@ -656,15 +642,6 @@ class PlanarLikelihood:
         chances = randomness(self.course, pushes.tolist(), (), quiet=False)
         unread = tuple(f"{dof.name}." for dof in PLANAR.dofs if dof not in self.observed.dofs)
         return tuple(replace(c, upper=c.lower) if c.name.startswith(unread) else c for c in chances)
-
-
-def _because(chosen: tuple[Estimated, str, Judgement], fitted: Sequence[tuple[Estimated, str, Judgement]]) -> str:
-    how, scores = f"Fitted {WAYS[chosen[1]]}", [judged.score for _, _, judged in fitted if judged is not chosen[2]]
-    if not scores or not chosen[2].worth[YAW.position]:
-        return f"{how}."
-    share = float(np.expm1(min(scores) - chosen[2].score))
-    misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"
-    return f"{how}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}."
 
 
 def _usual(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:

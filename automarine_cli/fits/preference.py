@@ -7,7 +7,7 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.filters.kalman import Predicted
-from automarine_cli.fits.driven import COMPARED
+from automarine_cli.fits.driven import COMPARISON_HORIZONS_S
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.quantities import Floats
 
@@ -69,13 +69,15 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
 def prefer_driven(
     fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
 ) -> Preference | None:
-    """Choose the model by predictions of runs left out of its fit over COMPARED seconds. None where the runs are too
-    short, or one alone, to tell.
+    """Choose the model by predictions of runs left out of its fit over COMPARISON_HORIZONS_S. None where the runs are
+    too short, or one alone, to tell.
 
     Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
     not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
     """
-    judged = {number: [p for p in predicted if p.horizon in COMPARED] for number, predicted in ahead.items()}
+    judged = {
+        number: [p for p in predicted if p.horizon in COMPARISON_HORIZONS_S] for number, predicted in ahead.items()
+    }
     runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
     if runs < 2 or any(not len(p.error) for predicted in judged.values() for p in predicted):
         return None
@@ -93,5 +95,5 @@ def prefer_driven(
     listed = ", ".join([f"{errors[chosen]} {dof.units.shown}", *rivals])
     best = min(losses.values(), key=np.sum) is losses[chosen]
     how = "best" if best else "as well as any with more parameters"
-    over = " and ".join(f"{horizon:g}" for horizon in COMPARED)
+    over = " and ".join(f"{horizon:g}" for horizon in COMPARISON_HORIZONS_S)
     return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")

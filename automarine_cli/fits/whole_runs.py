@@ -334,11 +334,11 @@ MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs 
 
 @dataclass(frozen=True)
 class OutputErrorFit:
-    """One model, with its values, fitted to positions by maximum likelihood, or to forecasts where `by_forecasts` says.
+    """One model, with its values, fitted by maximum likelihood.
 
     `covariance` (p, p) is that of phi with the run as the unit, `delay` that of the command [s], after the middle of
     the sample interval in which it changed, `scatters` whether the thrust may from run to run; `ways` the drag of each
-    way where that was asked. `estimator` says by what the parameters of driven runs were estimated and why.
+    way where that was asked.
     """
 
     number: str
@@ -348,8 +348,6 @@ class OutputErrorFit:
     delay: Estimate = NO_DELAY
     scatters: bool = True
     ways: Ways | None = None
-    estimator: str = ""
-    by_forecasts: bool = False
 
     @property
     def answering(self) -> YawModel:

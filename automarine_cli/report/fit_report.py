@@ -2,6 +2,8 @@
 figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import pyarrow as pa
@@ -11,17 +13,229 @@ from automarine_cli import effects
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
-from automarine_cli.fits.identify import DRAG, INERTIA, YawFit, effect_estimates
+from automarine_cli.fits.identify import YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
-from automarine_cli.fits.paper import DragFit, nested_test
+from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit, structure_of
+from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.store import DRAG_LAWS
+from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.report.sections import Content, Drawing, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
+
+CORRELATED = 0.95  # correlation of two estimates from which on only a combination of them is known
+INERTIA, DRAG = "inertia", ("quadratic", "linear")  # what parameters are
+EVERY = (INERTIA, *DRAG)
+REMEDY = {
+    "inertia": "add runs from rest, logged faster",
+    "quadratic": "add runs at larger {forces}, each held until the {speed} is steady",
+    "linear": "add runs at smaller {forces}, each held until the {speed} is steady",
+}
+"""What shows a parameter, by what it is."""
+
+
+@dataclass(frozen=True)
+class Caution:
+    """A sentence on `parameters` (by what they are) of one model ("" for every model): on drag it stands below Table 1,
+    on inertia below Table 2. `grave` is one that a person must hear of even where another model is preferred."""
+
+    model: str
+    parameters: tuple[str, ...]
+    sentence: str
+    grave: bool = False
+
+
+def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> Iterator[Caution]:
+    for model, fit in sorted(fits.items()):
+        if not fit.mixed.converged:
+            after = f"had not converged after {fit.mixed.iterations} iterations"
+            says = f"Model {model} {after}; its numbers are rough: do not use them, or add runs."
+            yield Caution(model, EVERY, says, grave=True)
+        dof = fit.model.dof
+        for role in EVERY:
+            estimate = fit.estimates.get(dof.parameters[role])
+            if estimate is not None and not estimate.known:
+                stuck = _stuck(fit, role)
+                if sentence := stuck or _odd(role, estimate, dof):
+                    yield Caution(model, (role,), f"Model {model}: {sentence}", grave=bool(stuck))
+        yield from _correlations(fit)
+
+
+def _stuck(fit: OutputErrorFit, role: str) -> str:
+    """A parameter at its bound, or one that the runs never moved."""
+    dof = fit.model.dof
+    name, remedy = dof.parameters[role], dof.fill(REMEDY[role])
+    i = list(fit.estimates).index(name)
+    if i in fit.mixed.at_bound:
+        return f"{name} stands at a bound of its range, so its interval is meaningless; {remedy}."
+    if fit.covariance[i, i] <= 0.0:
+        value = float(fit.mixed.theta[i])
+        return f"{name} never moved from its start, {value:.3g}: these runs hold no information on it; {remedy}."
+    return ""
+
+
+def _odd(role: str, estimate: Estimate, dof: Dof) -> str:
+    """A negative parameter, or one whose interval is wider than its value."""
+    (low, high), remedy = estimate.ci95, dof.fill(REMEDY[role])
+    value = f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}]"
+    if estimate.value < 0:
+        why = f"a negative {dof.words.inertia}" if role == INERTIA else "a drag that drives the vehicle"
+        mend = "something else acts on these runs: look for it with `automarine diagnose`"
+        mend = f"the interval holds zero: take a model without it, or {remedy}" if high >= 0 else mend
+        return f"{value}, {why}, which no vehicle has; {mend}."
+    if high - low > estimate.value:
+        return f"{value}, an interval wider than the value; these runs hold little information on it: {remedy}."
+    return ""
+
+
+def _correlations(fit: OutputErrorFit) -> list[Caution]:
+    """Pairs of parameters of which the runs show a combination only; two drags that are one take the inertia along,
+    and stand alone. By the likelihood's covariance: that of a few runs left out scatters by itself."""
+    dof, cautions = fit.model.dof, []
+    roles = {name: role for role, name in dof.parameters.items()}
+    names = list(fit.estimates)
+    covariance = fit.mixed.covariance
+    deviation = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    for i, j in combinations(range(len(names)), 2):
+        product = deviation[i] * deviation[j]
+        share = float(covariance[i, j] / product) if product > 0 else 0.0
+        pair = (roles[names[i]], roles[names[j]])
+        if abs(share) > CORRELATED and set(pair) <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound):
+            says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
+            cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
+    joint = [caution for caution in cautions if caution.parameters == DRAG]
+    return joint or cautions
+
+
+def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
+    force, speed = dof.words.force, dof.words.speed
+    if set(pair) == set(DRAG):
+        return f"these runs determine only their total drag: add runs at much smaller and much larger {force}s."
+    if share > 0:
+        return "only their ratio is well determined: the thrust scatters; add runs, or measure thrust or voltage."
+    more = dof.fill(REMEDY[pair[0]])
+    return f"these runs hardly separate them: hold each {force} until the {speed} is steady, and {more}."
+
+
+def design_cautions(levels: Sequence[float], unit: str, dof: Dof) -> Iterator[Caution]:
+    """What the moments of a campaign, `levels`, cannot show."""
+    sides = {float(np.sign(level)) for level in levels if level}
+    sizes = sorted({round(abs(level), 9) for level in levels if level})
+    words, force, speed = dof.words, dof.words.force, dof.words.speed
+    if len(sides) == 1:
+        way, opposite = words.to_ways if sides == {1.0} else words.to_ways[::-1]
+        says = (
+            f"Every run {words.moves} {way}: a {force} that always acts, or thrusters that push less one way, would "
+            f"bias {words.inertia} and drag unnoticed; add runs {opposite} at the same {force}s."
+        )
+        yield Caution("", EVERY, says)
+    if len(sizes) == 1:
+        says = (
+            f"Every run commands the same size of {force}, {sizes[0]:g} {unit}: how drag grows with the {speed} shows "
+            f"only in how each {words.move} begins; add runs at {0.5 * sizes[0]:.3g} and {2.0 * sizes[0]:.3g} {unit}, "
+            "or as much as the thrusters give."
+        )
+        yield Caution("", DRAG, says)
+
+
+UNEXPLAINED = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
+DECIDES = 0.8  # share of the spread over fits without one run from which on that run decides alone
+WILD_GAIN = 0.25  # scatter of the thrust from run to run beyond what batteries and water do
+SURE = 3.0  # standard errors
+
+
+def cautions_of(fit: YawFit) -> tuple[Caution, ...]:
+    """List what the runs and the fits of their models cannot show."""
+    levels = [turn.moment for turn in fit.turns] or [float(level) for run in fit.runs for level in run.command]
+    return (*design_cautions(levels, fit.moment_unit, fit.dof), *fit_cautions(fit.output_error))
+
+
+def warnings_of(fit: YawFit) -> tuple[str, ...]:
+    """List what a person must know before trusting a fit. Cautions are warnings that are grave, and those on every
+    model or on the preferred one; the others only stand below the tables."""
+    preference, dof, seed = fit.preference, fit.dof, fit.seed_method
+    warnings = [] if fit.use is None else [*fit.use.warnings(dof)]
+    warnings += [f"Model {absent} could not be fitted: {reason}." for absent, reason in fit.refused.items()]
+    noise = None
+    if seed is not None:
+        noise = float(np.median([run.noise for run in fit.read if not run.summed_up] or [0.0]))
+        if not seed.steady:
+            tail, bias = dof.shown(seed.tail_from), 100 * np.abs(seed.expected.bias).max()
+            warnings.append(
+                f"{dof.words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
+                f"{100 * BIAS_LIMIT:.1f} %. The one from {tail:.0f} {dof.units.shown} on is biased by {bias:.1f} %, "
+                "which was removed with a rough model. Trust the maximum likelihood, which needs no tail."
+            )
+    names = [turn.name for turn in fit.turns] or [run.name for run in fit.runs]
+    warnings += fit_warnings(fit.output_error, preference, names, noise)
+    grave = [c.sentence for c in cautions_of(fit) if c.grave or c.model in ("", preference.number)]
+    return (*warnings, *grave)
+
+
+def fit_warnings(
+    fits: Mapping[str, OutputErrorFit],
+    preference: Preference,
+    names_of_runs: Sequence[str],
+    position_noise: float | None = None,
+) -> list[str]:
+    """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
+    `position_noise` [rad] that the headings have by themselves."""
+    fit = fits[preference.number]
+    dof = fit.model.dof
+    words, mark, base = dof.words, dof.units.mark, dof.units.base
+    sentences = _one_run_that_decides(fit, names_of_runs)
+    if fit.gain_scatter.value > WILD_GAIN:
+        gains = np.exp(fit.mixed.own(GAIN)[:, 0])
+        gains = gains / np.median(gains)
+        odd = int(np.argmax(np.abs(np.log(gains))))
+        sentences.append(
+            f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
+            f"{names_of_runs[odd]} has {gains[odd]:.2g} times the gain of the others: check its {words.force} and its "
+            "unit."
+        )
+    if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
+        sentences.append(
+            f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained; "
+            f"they scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves. An effect is missing, perhaps "
+            "a delay: `automarine diagnose` looks for it."
+        )
+    turn = fit.inertial_turn_angle or (fits["3"].inertial_turn_angle if "3" in fits else None)
+    low, high = dof.limits.plausible
+    if turn is not None and not low <= turn.value <= high:
+        sentences.append(
+            f"The {words.inertial_length} of {turn.value:.3g} {base} lies outside {low:g} to {high:g} {base}, where "
+            f"small vehicles are: check the units of time and {words.position}, and whether the thrusters or the log "
+            "lag."
+        )
+    early = fit.mixed.names.index(COMMAND_DELAY) in fit.mixed.at_bound and fit.delay.value < 0.0
+    if early and COMMAND_DELAY not in fit.mixed.parameters.known:
+        says = "The {force} seems to act half a sample interval or more before the log shows it. Check the clocks of "
+        sentences.append(dof.fill(says + "{position} and command."))
+    return sentences
+
+
+def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
+    """A sentence where leaving one run out moves a parameter by more than all other runs together, and by much."""
+    mixed = fit.mixed
+    if len(names_of_runs) < 4:
+        return []
+    moved = (mixed.left_out - mixed.phi)[:, : len(fit.estimates)]
+    total = np.maximum((moved**2).sum(axis=0), 1e-300)
+    likely = np.sqrt(np.diagonal(mixed.covariance))[: len(fit.estimates)]
+    decides = (moved**2 > DECIDES * total) & (np.abs(moved) > SURE * likely) & (likely > 0)
+    if not decides.any():
+        return []
+    run, i = (int(k) for k in np.argwhere(decides)[0])
+    name, estimate = list(fit.estimates.items())[i]
+    without = np.exp(mixed.left_out[run, i]) if mixed.parameters.log[i] else mixed.left_out[run, i]
+    changes = f"{name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} {estimate.unit}"
+    check = f"check its log, and whether its {fit.model.dof.words.position} jumps"
+    return [f"{names_of_runs[run]} alone changes {changes}, more than all other runs together: {check}."]
+
 
 LIKELIEST = ", maximum likelihood"
 WORDS = {
@@ -133,8 +347,9 @@ def tables(fit: YawFit) -> tuple[Table, Table]:
     """Make tables 1 and 2, each sentence that must be known of their parameters below one of them."""
     seed = fit.seed_method
     why = f"{fit.why_no_seed_method}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
-    drag = [caution.sentence for caution in fit.cautions if set(DRAG) & set(caution.parameters)]
-    inertia = (caution.sentence for caution in fit.cautions if INERTIA in caution.parameters)
+    cautions = cautions_of(fit)
+    drag = [caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters)]
+    inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)
     return drag_table(fit, (why, *drag)), inertia_table(fit, tuple(line for line in inertia if line not in drag))
 
 
@@ -157,7 +372,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     derived |= {f"drag {way}": e for way, e in preferred.ways.drag.items()} if preferred.ways else {}
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
         lines.append(f"{text}.")
-    lines += [fit.preference.because, *fit.told_of_known]
+    lines += [fit.preference.because, *_known(fit)]
     noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
     if preferred.noise is not None:
         bound = " (at its bound)" * channel_noises(mixed, dof)[dof.position].at_bound
@@ -178,6 +393,15 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines += [f"Read: {note}." for note in shared_readings(fit.read)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
+
+
+def _known(fit: YawFit) -> tuple[str, ...]:
+    """Say what was known beforehand, and by whom it was not used."""
+    dof = fit.dof
+    units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY, "constant")}
+    sentences = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, fit.preferred.mixed.names)
+    paper = ("The velocity errors of the paper do not use it.",) if sentences and fit.seed_method else ()
+    return (*sentences, *paper)
 
 
 LOOK = "An effect is missing: look for it with `automarine diagnose`."
@@ -298,13 +522,13 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
 def _(fit: PlanarFit) -> Sections:
     warnings = [line for line in fit.warnings if line not in fit.use.warnings(YAW)]
     disturbed = [f"Warning: {fit.use.large}"] if fit.use.large else []
-    first = [fit.use.sentence(YAW), *disturbed, fit.way_because, *warnings]
+    first = [fit.use.sentence(YAW), *disturbed, fit.fitted_because, *warnings]
     details = list(planar_sentences(fit))
     tables = [parameter_table(fit), prediction_table(fit.use), structure_table(fit)]
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
     files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
     files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
-    noise = fit.found.fit.noise_of.get(YAW.position, 0.0)
+    noise = fit.best.fit.noise_of.get(YAW.position, 0.0)
     drawings = {"planar_runs": Drawing("runs.driven_runs_figure", fit.runs, fit.use, noise)}
     listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
     return Sections([*first, tables[0]], files, drawings, listed, rows, details=[*tables[1:], *details])
@@ -312,10 +536,10 @@ def _(fit: PlanarFit) -> Sections:
 
 def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
-    yield f"Commands act {interval(fit.found.delay)} s after the middle of the sample interval in which they changed."
+    yield f"Commands act {interval(fit.best.delay)} s after the middle of the sample interval in which they changed."
     yield from fit.prior.sentences({p.name: p.unit for p in fit.model.parameters()}, fit.model.parameter_names)
     yield from (f"Assumed: {assumption}." for assumption in fit.observed.assumptions(fit.model))
-    noises = fit.found.fit.noise_of
+    noises = fit.best.fit.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors used (noise in rad, m and seconds): {', '.join(channels)}."
 

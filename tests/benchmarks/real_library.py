@@ -42,10 +42,10 @@ def tool_fits(runs: Sequence[Run]) -> tuple[dict[str, Fitted], str]:
     """The paper's models by number, fitted as `fit-yaw` and its kin fit such logs, and the number preferred. Raises
     FitError, RunError."""
     result = identify(runs, fit_to="whole-runs")
-    models = {
-        number: Fitted(each.answering, each.mixed if isinstance(each.mixed, InnovationsFit) else None)
-        for number, each in result.output_error.items()
-    }
+    models = {}
+    for number, each in result.output_error.items():
+        driven = each.mixed if isinstance(each.mixed, InnovationsFit) else None  # which has the delay itself
+        models[number] = Fitted(each.model if driven else each.answering, driven)
     return models, result.preference.number
 
 

@@ -21,8 +21,7 @@ from real_library import predictions
 from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
-from automarine_cli.fits.driven import of_model_alone
-from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, PlanarLikelihood, observed, search
+from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, observed, search
 from automarine_cli.logs import ColumnMap
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
@@ -144,11 +143,9 @@ def rms(errors: Floats) -> Floats:
 def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     """What the library predicts at the horizons from its filtered states, (A, 3, H)."""
     likelihood = PlanarLikelihood(tuple(runs), fit.observed)
-    problem, estimate = likelihood.problem(fit.found.model), fit.found.fit
+    problem, estimate = likelihood.problem(fit.best.model), fit.best.fit
     course = likelihood.course
     followed = problem.follow(estimate.phi[None], keep=True)
-    if fit.way == FORECASTS:
-        followed = of_model_alone(followed)
     channels = [next(each for each in course.channels if each.quantity == name) for name in UNITS]
     noises = problem.noises(estimate.theta[None])
     at = predictions(problem.model, course, estimate.of_model, noises, followed, channels, states.run, states.time)
@@ -169,14 +166,14 @@ def judged(item: tuple[RealSet, str]) -> Row:
     tried = search(likelihood)
     fit = PlanarFit(tried, *likelihood.choose(tried), tuple(fitted), channels)
     learned, states = states_of(fitted), states_of(held_out)
-    start = {name.partition(".")[2]: value for name, value in fit.found.values.items() if name in fit.found.model.free}
+    start = {name.partition(".")[2]: value for name, value in fit.best.values.items() if name in fit.best.model.free}
     squares = [fit_plain(learned, start, h) for h in HORIZONS]
     least = [rms(ahead(values, states) - states.reached)[:, i] for i, values in enumerate(squares)]
     still = np.repeat(states.state[:, :3, None], len(HORIZONS), axis=2)
     going = still.copy()
     going[:, 0] += states.state[:, 3, None] * np.array(HORIZONS)
     row = {
-        "set": real_set.name, "half": half, "structure": fit.structure, "way": fit.way,
+        "set": real_set.name, "half": half, "structure": fit.structure,
         "parameters": {key: (estimate.value, *estimate.ci95) for key, estimate in fit.estimates.items()},
         "least_squares": squares[HORIZONS.index(5.0)],
         "tool": rms(tool_ahead(fit, held_out, states) - states.reached).tolist(),
@@ -191,7 +188,7 @@ def judged(item: tuple[RealSet, str]) -> Row:
 def table(rows: Sequence[Row]) -> Table:
     columns = {"now": "tool", "least squares": "least", "better constant": "constant"}
     lines = [
-        {"data set": row["set"], "fitted half": row["half"], "fitted to": row["way"], "of": f"{name}, {unit}",
+        {"data set": row["set"], "fitted half": row["half"], "of": f"{name}, {unit}",
          **{column: " / ".join(f"{x:.3g}" for x in row[key][i]) for column, key in columns.items()},
          "5 s: now / least squares": f"{row['tool'][i][1] / row['least'][i][1]:.2f}"}
         for row in rows

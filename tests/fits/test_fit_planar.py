@@ -19,8 +19,6 @@ from automarine_cli.fits import planar_fit
 from automarine_cli.fits.driven import ForecastScore, Judgement
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import (
-    FORECASTS,
-    LIKELIHOOD,
     Estimated,
     Observed,
     PlanarFit,
@@ -91,7 +89,7 @@ def use_of(**errors: float) -> Judgement:
 
 
 def fit_to(runs: Sequence[Run], observed: Observed, *tried: Estimated) -> PlanarFit:
-    return PlanarFit(tried, tried[0], LIKELIHOOD, use_of(heading=0.5), "", tuple(runs), observed)
+    return PlanarFit(tried, tried[0], use_of(heading=0.5), "", tuple(runs), observed)
 
 
 def model_of(runs: Sequence[Run], *added: str) -> YawModel:
@@ -153,7 +151,7 @@ def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
     data = json.loads(json.dumps(fit.to_json()))
     assert models_of(data, "").undelayed == fit.model
     assert data["parameters"]["surge.m_u"]["unit"] == "kg" and data["parameters"]["planar.m_vr"] == 0.0
-    assert data["covariance"]["parameters"] == list(fit.found.model.free)
+    assert data["covariance"]["parameters"] == list(fit.best.model.free)
     assert [each["parameter"] for each in data["assumptions"]] == ["planar.m_vr", "planar.m_ur, planar.m_uv"]
     low, high = data["valid_range"]["surge_m_s"]
     assert -2 < low < 0 < high < 2 and data["valid_range"]["force_X_N"][1] <= 30
@@ -325,13 +323,11 @@ def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
     runs = tuple(smoothed_run(seed, 25.0, 0.1) for seed in range(2))
     likelihood = PlanarLikelihood(runs, observed(runs))
     likely = likelihood.estimate(model_of(runs))
-    for estimated in (likely, likelihood.by_forecasts(likely)):
-        values = estimated.values
-        assert 14.0 < values["surge.m_u"] < 29.0 and 14.0 < values["sway.m_v"] < 29.0
+    assert 14.0 < likely.values["surge.m_u"] < 29.0 and 14.0 < likely.values["sway.m_v"] < 29.0
 
 
-def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[str, str, str]:
-    """What is preferred of the best structure by both ways and the simplest one by both, which miss by `errors`."""
+def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[str, str]:
+    """What is preferred of the best structure and the simplest one, which miss by `errors`."""
     runs = (smoothed_run(0, 5.0, 0.1),)
     seen = observed(runs)
     tried, missed = [], iter(errors)
@@ -339,17 +335,15 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[st
         tried.append(Estimated(model, fit_of(model)))
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
-    monkeypatch.setattr(PlanarLikelihood, "by_forecasts", lambda self, near: replace(near))
-    best, way, _, because = PlanarLikelihood(runs, seen).choose(tried)
-    return structure_of(best.model, seen), way, because
+    best, _, because = PlanarLikelihood(runs, seen).choose(tried)
+    return structure_of(best.model, seen), because
 
 
 def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
-    structure, way, because = chosen(monkeypatch, (0.5, 0.4, 0.6, float("nan")))
-    assert way == FORECASTS and structure.endswith(", Y_r")
-    assert "the next best fit misses by 25 % more" in because
-    assert chosen(monkeypatch, (0.5, 0.495, 0.6, 0.6))[1] == LIKELIHOOD  # too little to leave it
-    assert chosen(monkeypatch, (0.5, 0.6, 0.7, 0.4))[0].endswith("yaw drag quadratic")
+    structure, because = chosen(monkeypatch, (0.5, 0.4))
+    assert structure.endswith("yaw drag quadratic") and "the next best fit misses by 25 % more" in because
+    for errors in ((0.5, 0.495), (0.5, float("nan"))):  # too little to leave it
+        assert chosen(monkeypatch, errors)[0].endswith(", Y_r")
 
 
 def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None:

@@ -17,7 +17,7 @@ from step_fits import fitted_steps
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.identify import YawFit, fit_warnings
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.innovations import channel_noises, channels_json
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_model import jackknife
@@ -25,6 +25,7 @@ from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.logs.find import find_logs
+from automarine_cli.report.fit_report import fit_warnings
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run

@@ -12,10 +12,11 @@ from made_campaigns import Vehicle, both_ways, campaign
 from made_runs import mirrored
 
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.identify import Caution, YawFit, fit_cautions, warned_of
+from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.report import fit_report
+from automarine_cli.report.fit_report import Caution, cautions_of, fit_cautions, warnings_of
 
 SIZES = (0.3, 0.5, 0.7, 0.9)
 TO_ONE_SIDE, ALIKE = [0.2, 0.4, 0.6, 0.8, 1.0], [0.5, -0.5, 0.5, -0.5]
@@ -23,7 +24,7 @@ TO_ONE_SIDE, ALIKE = [0.2, 0.4, 0.6, 0.8, 1.0], [0.5, -0.5, 0.5, -0.5]
 
 def says(fit: YawFit, *parts: str) -> bool:
     """Whether one caution holds all the parts, be it a warning or only a note below a table."""
-    sentences = [*fit.warnings, *(caution.sentence for caution in fit.cautions)]
+    sentences = [*fit.warnings, *(caution.sentence for caution in cautions_of(fit))]
     return any(all(part in sentence for part in parts) for sentence in sentences)
 
 
@@ -69,7 +70,7 @@ def test_the_runs_to_add(moments: Sequence[float], how: dict[str, Any], cautions
 
 def test_a_sound_campaign_is_told_nothing_on_the_preferred_model() -> None:
     assert sound().preference.number == "3" and sound().warnings == ()
-    assert not [caution for caution in sound().cautions if caution.model in ("", "3")]
+    assert not [caution for caution in cautions_of(sound()) if caution.model in ("", "3")]
 
 
 def test_a_drag_that_drives_is_told_as_none_that_a_vehicle_has() -> None:
@@ -103,7 +104,8 @@ def test_a_parameter_at_its_bound_or_that_never_moved_is_told_of_every_model(i: 
     ):
         (caution,) = fit_cautions({"3": stuck})
         assert caution.sentence.startswith(f"Model 3: {sentence}") and caution.grave
-        assert warned_of([caution], Preference("1", "")) == [caution.sentence]
+        other = replace(sound(), output_error={**sound().output_error, "3": stuck}, preference=Preference("1", ""))
+        assert caution.sentence in warnings_of(other)
 
 
 def test_parameters_that_only_act_together_are_told() -> None:
@@ -114,12 +116,13 @@ def test_parameters_that_only_act_together_are_told() -> None:
     assert "correlated by -0.960" in caution.sentence and "until the rate is steady" in caution.sentence
 
 
-def test_cautions_stand_below_the_table_of_their_parameter_and_warnings_on_the_terminal() -> None:
+def test_cautions_stand_below_the_table_of_their_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
     drag, inertia = Caution("2", ("linear",), "On drag."), Caution("3", ("inertia",), "On inertia.")
     both = Caution("", ("inertia", "quadratic", "linear"), "On both.", grave=True)
-    fit = replace(sound(), cautions=(drag, inertia, both), warnings=("On both.",))
-    first, second = fit_report.tables(fit)
+    monkeypatch.setattr(fit_report, "cautions_of", lambda _: (drag, inertia, both))
+    first, second = fit_report.tables(sound())
     assert first.notes[-2:] == ("On drag.", "On both.") and second.notes[-1] == "On inertia."
     for form in ("to_markdown", "to_latex", "to_text"):
         assert "On drag." in getattr(first, form)() and "On drag." not in getattr(second, form)()
-    assert fit.to_json()["warnings"] == ["On both."] and "Warning: On both." in fit_report.sentences(fit)
+    fit = replace(sound(), warnings=warnings_of(sound()))
+    assert fit.to_json()["warnings"] == ["On inertia.", "On both."] and "Warning: On both." in fit_report.sentences(fit)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
 from automarine_cli.dofs import SURGE, SWAY, YAW
-from automarine_cli.fits.driven import COMPARED, Judgement
+from automarine_cli.fits.driven import COMPARISON_HORIZONS_S, Judgement
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.planar_fit import PLACES
@@ -134,7 +134,7 @@ def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Fig
     `noise` of the position's sensor."""
     assert use.course is not None
     dof, time, residuals = runs[0].dof, use.course.time, list[style.Residuals]()
-    ahead = sorted((p for p in use.predictions if p.horizon in COMPARED), key=lambda p: -p.horizon)
+    ahead = sorted((p for p in use.predictions if p.horizon in COMPARISON_HORIZONS_S), key=lambda p: -p.horizon)
     for i, run in enumerate(runs):
         lines = [(time[i][p.target[p.run == i]], np.asarray(dof.shown(p.error[p.run == i]))) for p in ahead]
         residuals.append((run.name, lines))
