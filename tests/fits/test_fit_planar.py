@@ -184,18 +184,6 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
         observed([made(0, ("heading",))])
 
 
-def test_places_show_both_and_allow_a_current() -> None:
-    seen = observed([made(0, ("heading", "north", "east"))])
-    assert seen.dofs == PLANAR.dofs and seen.over_ground
-    simplest = Structure.simplest(seen)
-    near = list(simplest.neighbours())
-    assert len({str(each) for each in near}) == len(near) == 3 * 2 + 4 + 2
-    drifting = next(each for each in near if each.current).model(rough_sizes([made(0)]))
-    assert drifting.free[-2:] == ("current.north", "current.east")
-    both = replace(simplest, laws={**simplest.laws, "surge": LAWS[2]})
-    assert not any("surge drag" in str(each) and each.laws["surge"] != LAWS[2] for each in both.neighbours())
-
-
 def test_a_force_that_no_log_holds_is_none_and_one_that_is_never_there_is_refused(tmp_path: Path) -> None:
     path = log(made(0), tmp_path, force_Y_N=None)
     (run,) = load_planar([path], columns=ColumnMap()).runs
