@@ -97,18 +97,6 @@ def test_runs_come_back_as_they_were_in_the_log(tmp_path: Path, run: Callable[..
         assert [piece["from_s"], piece["to_s"]] == [part.columns["time"][0], part.columns["time"][-1]]
 
 
-def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
-    odd = {"depth, m": np.linspace(1, 2, 60), "mode": ["A"] * 60, "heading_rad": [0.1] * 60, "run": ["x"] * 60}
-    table(tmp_path, day([(0.5, 60)], **odd).drop(columns="heading_deg"))
-    am.slice_log(tmp_path / "day.csv", by="mode", out=tmp_path / "out")
-    (file,) = find_logs([tmp_path / "out/runs"])
-    back = read_log(file, dof=YAW)
-    assert file.path.name == "day_x_1_A.csv" and back.run is None
-    np.testing.assert_array_equal(back.extras["depth, m"], odd["depth, m"])
-    np.testing.assert_allclose(back.columns["heading"], 0.1, rtol=1e-9)
-    assert back.labels["mode"].names == ("A",)
-
-
 def test_a_log_that_does_not_tell_is_refused(tmp_path: Path, run: Callable[..., Result]) -> None:
     log = table(tmp_path, day([(0.5, 60)]))
     with pytest.raises(LogError, match=r'no mode; found the columns time_s, heading_deg, tau; .* mode = "NAME"'):
@@ -122,3 +110,15 @@ def test_a_log_that_does_not_tell_is_refused(tmp_path: Path, run: Callable[..., 
     mixed = json.loads(run("slice", tmp_path, "--by", "moment", "--json").stdout)
     assert mixed["runs"]["used"] == 1 and "no time" in mixed["runs"]["set_aside"][0]["why"]
     assert run("slice", tmp_path, "--by", "moment", "--strict").exit_code == 1
+
+
+def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
+    odd = {"depth, m": np.linspace(1, 2, 60), "mode": ["A"] * 60, "heading_rad": [0.1] * 60, "run": ["x"] * 60}
+    table(tmp_path, day([(0.5, 60)], **odd).drop(columns="heading_deg"))
+    am.slice_log(tmp_path / "day.csv", by="mode", out=tmp_path / "out")
+    (file,) = find_logs([tmp_path / "out/runs"])
+    back = read_log(file, dof=YAW)
+    assert file.path.name == "day_x_1_A.csv" and back.run is None
+    np.testing.assert_array_equal(back.extras["depth, m"], odd["depth, m"])
+    np.testing.assert_allclose(back.columns["heading"], 0.1, rtol=1e-9)
+    assert back.labels["mode"].names == ("A",)
