@@ -17,7 +17,7 @@ from pathlib import Path, PurePath, PurePosixPath
 from typing import NamedTuple
 
 from automarine_cli import __version__
-from automarine_cli.errors import Attempt, OutputError, Result, SettingError, one_sentence
+from automarine_cli.errors import OutputError, SettingError, one_sentence
 from automarine_cli.pipeline.records import Codec, Source, json_text, plain, read_mapping, schema_in
 
 try:
@@ -144,10 +144,9 @@ class ResultFolder:
             (self._new / name).write_bytes(data)
         self.hashes[name] = hashlib.sha256(data).hexdigest()
 
-    def taken(self, attempt: Attempt[Result]) -> Result | None:
-        """Return what was `attempted`; where nothing was made None, and the warning is in the manifest."""
-        self.warnings += filter(None, attempt[1:])
-        return attempt[0]
+    def warn(self, sentence: str) -> None:
+        """Say in the manifest what could not be made."""
+        self.warnings.append(sentence)
 
 
 @contextlib.contextmanager

@@ -99,7 +99,7 @@ class Sections:
         for name, content in self.files.items():
             folder.write(name, content() if callable(content) else content)
         for warning in self.warnings:
-            folder.taken((None, warning))
+            folder.warn(warning)
         if formats and self.figures:
             from automarine_cli.report.figures.style import write_figures
 

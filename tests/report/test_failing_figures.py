@@ -13,8 +13,8 @@ from click.testing import Result
 from repository import SAMPLE_RUNS, tree
 
 import automarine_cli as am
-from automarine_cli.errors import SettingError, attempted
-from automarine_cli.report.figures.style import FORMATS
+from automarine_cli.errors import SettingError
+from automarine_cli.report.figures.style import FORMATS, drawn
 
 Run = Callable[..., Result]
 SENTENCE = "The figure {} could not be drawn (RuntimeError: no ink); everything else was written."
@@ -80,9 +80,10 @@ def test_what_an_exception_says_stands_on_one_line(problem: BaseException, words
 
     if words is None:
         with pytest.raises(type(problem)):
-            attempted("It failed", fail)
+            drawn(("png",), ("drag", fail))  # type: ignore[arg-type]
     else:
-        assert attempted("It failed", fail)[1] == f"It failed ({words}); everything else was written."
+        sentence = f"The figure drag could not be drawn ({words}); everything else was written."
+        assert drawn(("png",), ("drag", fail)) == sentence  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("command", "settings"), [(am.fit_yaw, {}), (am.validate, {"model": "none.json"})])

@@ -19,11 +19,12 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from automarine_cli.errors import Attempt, attempted
+from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.quantities import Floats
 from automarine_cli.report.sections import Drawing, figure_file
+from automarine_cli.text import printable
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
@@ -188,19 +189,26 @@ def write_figures(
     folder: ResultFolder, figures: Mapping[str, Drawing], formats: Sequence[str], each: Each | None = None
 ) -> None:
     """Write each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
-    draw = partial(_drawn, formats)
-    for figure in map(draw, figures.items()) if each is None else each(draw, list(figures.items()), "drawing figures"):
-        for name, content in folder.taken(figure) or ():
+    draw, drawings = partial(drawn, formats), list(figures.items())
+    for pages in map(draw, drawings) if each is None else each(draw, drawings, "drawing figures"):
+        if isinstance(pages, str):
+            folder.warn(pages)
+            continue
+        for name, content in pages.items():
             folder.write(name, content)
 
 
-def _drawn(formats: Sequence[str], drawing: tuple[str, Drawing]) -> Attempt[tuple[tuple[str, bytes], ...]]:
+def drawn(formats: Sequence[str], drawing: tuple[str, Drawing]) -> dict[str, bytes] | str:
+    """Draw a figure into files by name; return a sentence that says why there is none where that fails."""
     name, draw = drawing
-
-    def work() -> tuple[tuple[str, bytes], ...]:
+    try:
         pages = [kind for kind in formats if kind != "slides"]
         figures = dict.fromkeys(pages, draw() if pages else None)
         figures |= {kind: as_slide(draw()) for kind in formats if kind not in pages}
-        return tuple((figure_file(name, kind), FORMATS[kind](figure)) for kind, figure in figures.items() if figure)
-
-    return attempted(f"The figure {name} could not be drawn", work)
+        return {figure_file(name, kind): FORMATS[kind](figure) for kind, figure in figures.items() if figure}
+    except MemoryError:
+        raise
+    except Exception as problem:
+        error = str(problem) if isinstance(problem, AutomarineError) else f"{type(problem).__name__}: {problem}"
+        why = printable(" ".join(error.split()).removesuffix(":"))
+        return f"The figure {name} could not be drawn ({why}); everything else was written."
