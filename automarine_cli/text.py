@@ -32,7 +32,7 @@ def listed(names: Iterable[str], most: int = MAX_SHOWN) -> str:
 
 
 def plural(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def in_words(place: Place) -> str:

@@ -356,9 +356,9 @@ class ResultKind(Generic[Kind]):
         if isinstance(data, Mapping) and (schema := data.get("schema")) != self.schema:
             parts = str(schema).split("/")
             other = parts[1].replace("-", " ") if len(parts) == 3 and parts[1] != self.name else ""
-            expected = f"expected {format_value(self.schema)}; " + f"this is a {printable(other)}; " * bool(other)
-            files = f"give the {self.file} that `automarine {self.writer}` writes"
-            raise codec.refusal(("schema",), f"found {format_value(schema)}, {expected}{files}")
+            this = f"this is a {printable(other)}; " if other else ""
+            why = f"found {format_value(schema)}, expected {format_value(self.schema)}; {this}give the {self.file}"
+            raise codec.refusal(("schema",), f"{why} that `automarine {self.writer}` writes")
         return codec.read(self.record, data)
 
     def codec(self, data: object, name: str, refuse: type[AutomarineError] = ModelError) -> Codec:

@@ -94,7 +94,7 @@ def _diagnosis(file: DiagnosisFile | None) -> tuple[str, str]:
         return "not diagnosed", ""
     rivals = sum(len(effect.rivals) for effect in file.effects)
     names = ", ".join(effect.name for effect in file.effects)
-    value = file.verdict.replace("-", " ") + f": {names}" * bool(names)
+    value = file.verdict.replace("-", " ") + (f": {names}" if names else "")
     verdict = DIAGNOSED.get(file.verdict, CLOSER)
     if file.verdict == NAMED and rivals:
         return f"{value}, {plural(rivals, 'rival')} not excluded", CLOSER

@@ -203,7 +203,7 @@ def interval(estimate: Estimate | None) -> str:
     was known before the fit; a value at its bound has no interval."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
-    (low, high), mark = estimate.ci95, " (known)" * estimate.known
+    (low, high), mark = estimate.ci95, " (known)" if estimate.known else ""
     if estimate.at_bound and not mark:
         return f"{number(estimate.value)} (at its bound)"
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):

@@ -327,7 +327,7 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
             why += f"; if the {words.position} column is in radians, name it {dof.column(dof.position, 'rad')}"
         return why
     if not step.from_rest:
-        rest = f"rest{f' at zero {force}' * (not dof.has_constant)} before each step"
+        rest = "rest before each step" if dof.has_constant else f"rest at zero {force} before each step"
         pace = f"{dof.shown(step.start_rate):.3g} {words.units}/s"
         return f"not from rest: {at} begins at {pace}. Let the vehicle come to {rest}"
     if turn.turned * turn.moment < 0 and not dof.has_constant:

@@ -435,7 +435,7 @@ def require_usable(usable: Sized, aside: Sequence[ExcludedRun], logs: int, stric
     if not usable:
         files = {run.why: run.file for run in reversed(aside)}
         reasons = [f"{file}: {why}" for why, file in reversed(files.items())][:MAX_REASONS]
-        more = f" (and {len(aside) - len(reasons)} more)" * (len(aside) > len(reasons))
+        more = f" (and {len(aside) - len(reasons)} more)" if len(aside) > len(reasons) else ""
         raise RunError(f"no usable run in {plural(logs, 'log')}: {'; '.join(reasons)}{more}")
 
 
@@ -447,9 +447,11 @@ def append_exclusions(aside: Sequence[ExcludedRun]) -> Iterator[None]:
     except (FitError, RunError) as refusal:
         if not aside:
             raise
-        count = f"{len(aside)} runs were" if len(aside) > 1 else "1 run was"
-        first = f"{', the first' * (len(aside) > 1)}: {aside[0].file}, run {aside[0].run!r}: {aside[0].why}"
-        raise type(refusal)(f"{refusal} ({count} set aside before{first})") from None
+        why = f"{aside[0].file}, run {aside[0].run!r}: {aside[0].why}"
+        before = f"1 run was set aside before: {why}"
+        if len(aside) > 1:
+            before = f"{len(aside)} runs were set aside before, the first: {why}"
+        raise type(refusal)(f"{refusal} ({before})") from None
 
 
 def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> OfOneLog:

@@ -221,12 +221,13 @@ class Run:
         """Commanded moment or force of any degree of freedom, (N,). Raises RunError where the log has none."""
         command = self.moment if dof is self.dof else self.extras.get(dof.command)
         if command is None:
-            arm = " and --arm METRES" * dof.levered + f' (in a campaign {dof.command} = "thrusters")'
-            thrusters = f"give --thrusters MAP.json{arm} for {' and '.join(dof.thrusters)}, or " * bool(dof.thrusters)
-            raise RunError(
-                f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in "
-                f"the log; {thrusters}name the {dof.words.force}'s column with --columns"
-            )
+            remedy = f"name the {dof.words.force}'s column with --columns"
+            if dof.thrusters:
+                options = "--thrusters MAP.json and --arm METRES" if dof.levered else "--thrusters MAP.json"
+                campaign = f'(in a campaign {dof.command} = "thrusters")'
+                remedy = f"give {options} {campaign} for {' and '.join(dof.thrusters)}, or {remedy}"
+            what = f"no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in the log"
+            raise RunError(f"{self.source}, run {self.name!r}: {what}; {remedy}")
         return command
 
     def channel(self, quantity: str) -> Floats | None:

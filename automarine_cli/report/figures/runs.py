@@ -40,7 +40,7 @@ TIME = "Time from the start of the run [s]"
 def validation_figure(free: Mapping[str, FreeRun], stored: StoredModels, floor: float) -> Figure:
     """Draw one run: `free` holds its free run under each model, `floor` is the noise of its position [deg or cm]. The
     scales are those of the model that the `stored` ones prefer."""
-    preferred, added = stored.preferred, f" with {' and '.join(stored.effects)}" * bool(stored.effects)
+    preferred, added = stored.preferred, f" with {' and '.join(stored.effects)}" if stored.effects else ""
     run = next(iter(free.values())).run
     dof, letters, unit, measured = run.dof, run.dof.symbols, run.dof.units.shown, run.dof.shown(run.position)
     figure, axes = style.new_figure(3, 1, style.PAGE_IN, 6.0, sharex=True, height_ratios=(2.0, 1.3, 0.9))
@@ -107,9 +107,10 @@ def planar_figure(free: FreeRun) -> Figure:
         label = f"{dof.words.full_force} [{dof.units.forces[1]}]"
         commands.step(time, run.command_of(dof), where="mid", color=style.COLOURS[colour], label=label)
     commands.set(ylabel="Command [N, N m]", xlabel=TIME)
-    error, title = None if free.diverged else free.error_of(YAW.position), style.shortened(run.name, LONGEST_TITLE)
-    title += ": the simulation diverges" * free.diverged
-    if error is not None:
+    title = style.shortened(run.name, LONGEST_TITLE)
+    if free.diverged:
+        title += ": the simulation diverges"
+    elif (error := free.error_of(YAW.position)) is not None:
         title += f": by the commands alone the heading drifts up to {number(np.nanmax(np.abs(error)) * DEGREES, 2)} deg"
     figure.suptitle(title, parse_math=False)
     style.legend_below(figure, axes[0, 0], commands)
@@ -139,7 +140,7 @@ def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Fig
         lines = [(time[i][p.target[p.run == i]], np.asarray(dof.shown(p.error[p.run == i]))) for p in ahead]
         residuals.append((run.name, lines))
     labels = [f"predicted {p.horizon:g} s ahead" for p in ahead]
-    title = f"{dof.words.position.capitalize()} error" + " of runs held out" * (use.runs > 1)
+    title = f"{dof.words.position.capitalize()} error{' of runs held out' if use.runs > 1 else ''}"
     return style.residuals_figure(residuals, labels, dof.units.shown, float(dof.shown(noise)), title)
 
 
@@ -264,7 +265,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     grid = np.linspace(0.0, float(time.max(initial=0.0)), 400)
     alike = dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0])
     top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label=named_model("3"))
-    rms, ways = number(float(np.sqrt(np.mean(off**2))), 2), ", each way with its own drag" * bool(difference)
+    rms, ways = number(float(np.sqrt(np.mean(off**2))), 2), ", each way with its own drag" if difference else ""
     scatter = f"thrust scatters by {100 * fit.preferred.gain_scatter.value:.1f} %"
     top.set_title(f"All runs on one curve{ways}: {rms} {unit} off it\n({scatter})", loc="left")
     top.legend(loc="upper left")
