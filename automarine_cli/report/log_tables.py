@@ -13,7 +13,7 @@ from automarine_cli.runs.run import ExcludedRun, runs_json
 from automarine_cli.text import plural
 
 MAX_RUNS_OF_NOTE = 3  # that are named
-MAX_LEVELS = 6  # written out
+MAX_LEVELS_WRITTEN = 6  # written out
 RUNS, MOVING = "runs", "moving"  # folders of what was cut
 
 
@@ -94,7 +94,7 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
 
 
 def _levels(levels: Sequence[float] | None) -> str | None:
-    if levels and len(levels) > MAX_LEVELS:
+    if levels and len(levels) > MAX_LEVELS_WRITTEN:
         return f"{len(levels)} from {number(min(levels), 3)} to {number(max(levels), 3)}"
     return ", ".join(number(level, 3) for level in levels or ()) or None
 

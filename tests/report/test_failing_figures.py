@@ -14,7 +14,7 @@ from repository import SAMPLE_RUNS, tree
 
 import automarine_cli as am
 from automarine_cli.errors import SettingError
-from automarine_cli.report.figures.style import FORMATS, drawn
+from automarine_cli.report.figures.style import FIGURE_WRITERS, drawn
 
 Run = Callable[..., Result]
 SENTENCE = "The figure {} could not be drawn (RuntimeError: no ink); everything else was written."
@@ -43,7 +43,7 @@ def test_a_figure_that_fails_warns(small_day: Path, run: Run, monkeypatch: pytes
     assert {name: data for name, data in tree(bad).items() if name != "manifest.json"} == expected
     assert run("verify", bad).exit_code == 0
 
-    monkeypatch.setitem(FORMATS, "png", boom)  # type: ignore[arg-type]
+    monkeypatch.setitem(FIGURE_WRITERS, "png", boom)  # type: ignore[arg-type]
     result = run("fit-yaw", steps, "-o", tmp_path / "out", "-q")
     assert warning_lines(result) == [SENTENCE.format(name) for name in ("half_turns", "drag", "inertia", "collapse")]
     assert result.exit_code == 0 and not list((tmp_path / "out").rglob("*.png"))

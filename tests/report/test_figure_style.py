@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from automarine_cli.report.figures.style import FORMATS, house_style, model_look, new_figure
+from automarine_cli.report.figures.style import FIGURE_WRITERS, house_style, model_look, new_figure
 
-png, svg, pdf = (FORMATS[kind] for kind in ("png", "svg", "pdf"))
+png, svg, pdf = (FIGURE_WRITERS[kind] for kind in ("png", "svg", "pdf"))
 pytestmark = pytest.mark.usefixtures("drawn_figures")
 
 
@@ -56,7 +56,7 @@ def test_files_hold_no_date_and_no_program() -> None:
 
 
 def test_letters_that_a_font_lacks_are_no_warning() -> None:
-    for save in FORMATS.values():
+    for save in FIGURE_WRITERS.values():
         figure, axes = new_figure()
         axes[0, 0].set_title("Größe_タンク $\\frac{ \\x1b", parse_math=False)
         assert len(save(figure)) > 1000

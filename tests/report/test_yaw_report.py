@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.report import fit_report  # noqa: F401  registers what a fit shows
 from automarine_cli.report.figures import runs as figures
-from automarine_cli.report.figures.style import FORMATS
+from automarine_cli.report.figures.style import FIGURE_WRITERS
 from automarine_cli.report.sections import sections
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -30,7 +30,7 @@ def is_complete(figure: Figure) -> None:
     assert labels and all(re.search(r"\[.+\]", label) for label in labels), labels
     for line in (line for ax in panels for line in ax.lines):
         assert np.isfinite(np.asarray(line.get_xydata(), float)).all()
-    assert FORMATS["png"](figure).startswith(b"\x89PNG")
+    assert FIGURE_WRITERS["png"](figure).startswith(b"\x89PNG")
 
 
 def test_whole_runs_stand_with_their_fit_the_worst_first(whole: YawFit) -> None:

@@ -21,7 +21,7 @@ from automarine_cli.report.tables import number
 STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey", "not fitted": "yellow"}
 """Colours of what became of candidates; the bars of those that were not fitted are promises."""
 BEFORE_AFTER = ("before", "after")
-MAX_VARIABLES, LONGEST_LINE = 6, 104
+MAX_VARIABLES, MAX_TITLE_LINE = 6, 104
 
 
 @style.house_style
@@ -37,7 +37,7 @@ def where_figure(where: ResidualRegions) -> Figure:
     names = dict.fromkeys(variable.column.name for variable in out)
     rest = dict.fromkeys(variable.column.name for variable in variables if variable.column.name not in names)
     finding = f"The gap depends on {', '.join(names) or 'nothing beyond chance'}"
-    lines = (fill(line, LONGEST_LINE) for line in (finding, f"Within chance: {', '.join(rest) or 'none'}"))
+    lines = (fill(line, MAX_TITLE_LINE) for line in (finding, f"Within chance: {', '.join(rest) or 'none'}"))
     figure.suptitle("\n".join(lines), parse_math=False)
     return figure
 
