@@ -6,16 +6,9 @@ is a clause that begins with a verb; for a value that a person wrote, what was e
 
 import contextlib
 import errno
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
-
-from automarine_cli.text import printable
-
-Result = TypeVar("Result")
-Attempt = tuple[Result | None, str]
-"""The result; or None, and a sentence that says why."""
 
 
 class AutomarineError(Exception):
@@ -57,18 +50,6 @@ class ExcludedRun:
     file: str
     run: str
     why: str
-
-
-def attempted(failure: str, work: Callable[[], Result]) -> Attempt[Result]:
-    """Do what results can do without; `failure` begins the sentence on why there is none."""
-    try:
-        return work(), ""
-    except MemoryError:
-        raise
-    except Exception as problem:
-        kind = "" if isinstance(problem, AutomarineError) else f"{type(problem).__name__}: "
-        why = printable(" ".join(f"{kind}{problem}".split()).removesuffix(":"))
-        return None, f"{failure} ({why}); everything else was written."
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable, Mapping
 
 MAX_SHOWN = 12  # names listed in a message; a log may have thousands of columns
-LONGEST = 60  # characters of one name or cell shown
+MAX_NAME_LETTERS = 60  # characters of one name or cell shown
 Place = tuple[object, ...]  # keys and numbers of list entries, from the outside in
 
 
@@ -21,25 +21,25 @@ def _escaped(letter: str) -> str:
 
 def quoted(text: str) -> str:
     text = printable(text)
-    return f"'{text}'" if len(text) <= LONGEST else f"'{text[:LONGEST]}...'"
+    return f"'{text}'" if len(text) <= MAX_NAME_LETTERS else f"'{text[:MAX_NAME_LETTERS]}...'"
 
 
 def listed(names: Iterable[str], most: int = MAX_SHOWN) -> str:
     """Names separated by commas; a long list ends with how many more there are."""
-    shown = [printable(name)[:LONGEST] for name in names]
+    shown = [printable(name)[:MAX_NAME_LETTERS] for name in names]
     more = len(shown) - most
     return ", ".join(shown[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def plural(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def in_words(place: Place) -> str:
     """Return `models.3.k_rr: `, or nothing at the top; a long path is shortened."""
-    parts = [f"[{part}]" if isinstance(part, int) else f".{printable(str(part)[:LONGEST])}" for part in place]
+    parts = [f"[{part}]" if isinstance(part, int) else f".{printable(str(part)[:MAX_NAME_LETTERS])}" for part in place]
     text = "".join(parts).removeprefix(".")
-    return f"{text if len(text) <= 2 * LONGEST else text[: 2 * LONGEST] + '...'}: " if text else ""
+    return f"{text if len(text) <= 2 * MAX_NAME_LETTERS else text[: 2 * MAX_NAME_LETTERS] + '...'}: " if text else ""
 
 
 def format_value(value: object) -> str:
@@ -49,4 +49,4 @@ def format_value(value: object) -> str:
     if isinstance(value, list | tuple):
         return f"a list of {len(value)}"
     text = printable(json.dumps(value, ensure_ascii=False, default=str))
-    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+    return text if len(text) <= MAX_NAME_LETTERS else text[: MAX_NAME_LETTERS - 3] + "..."

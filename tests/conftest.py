@@ -28,7 +28,6 @@ from small_campaign import make_small_campaign
 
 from automarine_cli.commands import automarine
 from automarine_cli.commands.run import run_campaign
-from automarine_cli.errors import Attempt
 from automarine_cli.pipeline.results_folder import ResultFolder
 
 # The same examples on every machine, no clock, and no folder of examples beside the repository.
@@ -38,7 +37,7 @@ settings.register_profile(
 )  # fmt: skip
 settings.load_profile("house")
 
-TAKEN = ResultFolder.taken
+WARN = ResultFolder.warn
 DEAREST = {
     "test_ardusub_circle", "test_ardusub_processes", "test_base_drag", "test_cluster", "test_diagnose_planted",
     "test_effects", "test_effects_laws", "test_fit_planar", "test_fits_output_error",
@@ -65,12 +64,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def strict_figures() -> Iterator[None]:
     """A figure that cannot be made is a warning to a user, and here fails whatever asked for it; see `figures.py`."""
 
-    def taken(folder: ResultFolder, attempt: Attempt[object]) -> object:
-        assert not attempt[1], attempt[1]
-        return attempt[0]
+    def refuse(folder: ResultFolder, sentence: str) -> None:
+        raise AssertionError(sentence)
 
     with figures.empty(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ResultFolder, "taken", taken)
+        patch.setattr(ResultFolder, "warn", refuse)
         yield
 
 
@@ -91,7 +89,7 @@ def small_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def lenient_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests of what becomes of a result whose figure cannot be drawn."""
-    monkeypatch.setattr(ResultFolder, "taken", TAKEN)
+    monkeypatch.setattr(ResultFolder, "warn", WARN)
 
 
 @pytest.fixture

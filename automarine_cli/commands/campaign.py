@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from automarine_cli.commands import load
 from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import LogError, SettingError
+from automarine_cli.errors import AutomarineError, LogError, SettingError
 from automarine_cli.pipeline.records import read_mapping
 from automarine_cli.text import format_value, listed, printable
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from automarine_cli.pipeline.records import Source
     from automarine_cli.report.campaign import Step
 
-KINDS = {
+LOG_KINDS = {
     "thrusters": "thruster tests", "steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs",
     "runs": "runs",
 }  # fmt: skip
@@ -47,20 +47,22 @@ GIVEN = {"logs", "hold_out", "model", "extended", "columns", "thrusters", "thrus
          "check", "reference"}  # fmt: skip
 """Settings that the campaign as a whole gives its commands."""
 
-UNNAMED = "no effect was named: the fitted model is the final one"
+
+class NothingToDoError(AutomarineError):
+    """A step of a campaign that has nothing to do, and why."""
 
 
-def _is_text(value: object) -> bool:
-    return isinstance(value, str)
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)
 
 
-def _is_length(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+def _is_length(value: Any) -> bool:
+    return isinstance(value, int | float) and value is not True and math.isfinite(value) and value > 0
 
 
 EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
-    **dict.fromkeys(("schema", "title", "name", "map"), ("a text", _is_text)),
-    **dict.fromkeys(KINDS, ("a list of texts", lambda value: isinstance(value, list) and all(map(_is_text, value)))),
+    **dict.fromkeys(("schema", "title", "name", "map"), ("a text", lambda value: isinstance(value, str))),
+    **dict.fromkeys(LOG_KINDS, ("a list of texts", _are_texts)),
     **dict.fromkeys(("moment", "force"), ('"logged" or "thrusters"', lambda value: value in ("logged", "thrusters"))),
     **dict.fromkeys(("arm_m", "supply_V"), ("a number above 0", _is_length)),
     **dict.fromkeys(("columns", "can"), ("a table", lambda value: isinstance(value, Mapping))),
@@ -97,7 +99,7 @@ class Campaign:
 
     def every_log(self) -> "list[LogFile]":
         sections = ("logs", *TRANSLATIONS, PLANAR.name)
-        return [log for section in sections for log in self.logs(section, *KINDS)]
+        return [log for section in sections for log in self.logs(section, *LOG_KINDS)]
 
     def logs(self, section: str, *kinds: str) -> "list[LogFile]":
         """List the logs of these kinds together. Raises SettingError with the key for logs that are not there."""
@@ -119,8 +121,8 @@ class Campaign:
             return str(place)
         return str(Path(glob.escape(base), entry))
 
-    def plan(self, step: "Step", out: Path) -> dict[str, Any] | str:
-        """Complete the settings of a step's command, with results in `out`; or say why it has nothing to do."""
+    def plan(self, step: "Step", out: Path) -> dict[str, Any]:
+        """Complete the settings of a step's command, with results in `out`. Raises NothingToDoError."""
         from automarine_cli.diagnosis.diagnose import NAMED
         from automarine_cli.models.store import DIAGNOSIS
 
@@ -136,21 +138,22 @@ class Campaign:
             key = "logs" if step.section in ("thrusters", YAW.name) else step.section
             logs = next((logs for kinds in step.logs if (logs := self.logs(key, *kinds))), None)
             if logs is None:
-                kinds = " and no ".join(KINDS[kind] for alternative in step.logs for kind in alternative)
-                return f"the campaign names no {kinds}" + (f" of {motion} motion" if key == motion else "")
+                kinds = " and no ".join(LOG_KINDS[kind] for alternative in step.logs for kind in alternative)
+                of_motion = f" of {motion} motion" if key == motion else ""
+                raise NothingToDoError(f"the campaign names no {kinds}{of_motion}")
             settings |= {"logs": logs, "columns": self.columns, "hold_out": self.logs(key, "validation")}
         if step.models:
             model = next((place for name in step.models if (place := out / name).is_file()), None)
+            if step.final and (model is None or DIAGNOSIS.read(model.with_name(DIAGNOSIS.file)).verdict != NAMED):
+                raise NothingToDoError("no effect was named: the fitted model is the final one")
             if model is None:
-                return UNNAMED if step.final else f"it needs the {motion} model, and fit-{motion} gave none"
-            if step.final and DIAGNOSIS.read(model.with_name(DIAGNOSIS.file)).verdict != NAMED:
-                return UNNAMED
+                raise NothingToDoError(f"it needs the {motion} model, and fit-{motion} gave none")
             settings["model"] = model
         if section.get("moment", section.get("force")) == "thrusters" or section.get("thrusters") is True:
             fitted = out / "thrusters" / "thrusters.json"
             settings["thrusters"] = self.beside.get("thrusters", fitted if fitted.is_file() else None)
             if settings["thrusters"] is None:
-                return "it needs the thruster map, and fit-thrusters gave none"
+                raise NothingToDoError("it needs the thruster map, and fit-thrusters gave none")
             if motion not in TRANSLATIONS:
                 settings["arm"] = self.sections["vehicle"].get("arm_m")
         return work.settings({key: value for key, value in settings.items() if key in work.names})
@@ -212,7 +215,7 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
             from automarine_cli.thrusters.map import ThrusterMap
 
             value = ThrusterMap.of_newtons()
-        elif key == "map" or (work and key in work.files and _is_text(value)):
+        elif key == "map" or (work and key in work.files and isinstance(value, str)):
             value = home / value
             if not value.is_file():
                 raise SettingError(f"{where}: there is no file {printable(value.name)}; give it relative to this file")
@@ -245,7 +248,7 @@ def _refuse_gaps(sections: Mapping[str, Mapping[str, Any]]) -> None:
     """Raise SettingError for a campaign without logs, and for commands of thrusters that nothing makes moments of."""
     logs, thrusters, arm = sections["logs"], sections["thrusters"], sections["vehicle"].get("arm_m")
     with_logs = [section for name, section in sections.items() if "steps" in KEYS[name] or "runs" in KEYS[name]]
-    if not any(section.get(kind) for section in with_logs for kind in KINDS if kind != "validation"):
+    if not any(section.get(kind) for section in with_logs for kind in LOG_KINDS if kind != "validation"):
         raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
     if thrusters.get("map") and logs.get("thrusters"):
         raise SettingError("thrusters.map and logs.thrusters are both given; expected one of them")

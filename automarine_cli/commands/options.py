@@ -137,7 +137,9 @@ as_json = option("--json", "as_json", is_flag=True, group=OUTPUT, help="Print th
 
 def ending(*options: Callable[[Function], Function], draws: bool = True) -> Callable[[Function], Function]:
     """Where results go and how they are told, with `options` between."""
-    return together(out, overwrite, *[figures] * draws, *options, as_json, verbosity)
+    if draws:
+        options = (figures, *options)
+    return together(out, overwrite, *options, as_json, verbosity)
 
 
 def together(*decorators: Callable[[Function], Function]) -> Callable[[Function], Function]:

@@ -31,9 +31,9 @@ def report(folder: Path, title: str | None, overwrite: bool) -> "Report":
       automarine report out/pool_day
     """
     from automarine_cli.pipeline.results_folder import write_whole
-    from automarine_cli.report.campaign import FILES, RUN, make_report
+    from automarine_cli.report.campaign import REPORT_FILES, RUN, make_report
 
-    there = [name for name in FILES if (folder / name).exists()]
+    there = [name for name in REPORT_FILES if (folder / name).exists()]
     if there and not overwrite:
         raise OutputError(f"{folder} already holds {there[0]}; give --overwrite to replace it")
     record = folder / RUN.file

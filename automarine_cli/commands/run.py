@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from automarine_cli.commands import load, options
-from automarine_cli.commands.campaign import Campaign, read_campaign
+from automarine_cli.commands.campaign import Campaign, NothingToDoError, read_campaign
 from automarine_cli.commands.command import OUTPUT, argument, command, given_as, option
 from automarine_cli.commands.terminal import echo_warnings, end_with
 from automarine_cli.errors import AutomarineError, OutputError, SettingError, TooFewRunsError
@@ -20,7 +20,6 @@ from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.text import listed
 
 if TYPE_CHECKING:
-    from automarine_cli.pipeline.results_folder import Manifest
     from automarine_cli.report.campaign import CampaignRun, Campaigns, RunFile, Step, StepOutcome
 
 RESULTS = "results"
@@ -166,34 +165,34 @@ def _run(
 
 
 def _do(
-    step: "Step",
-    campaign: Campaign,
-    out: Path,
-    force: bool,
-    overwrite: bool,
-    kinds: Sequence[str],
-    jobs: int,
+    step: "Step", campaign: Campaign, out: Path, force: bool, overwrite: bool, kinds: Sequence[str], jobs: int,
     progress: Progress,
-) -> tuple[str, str]:
+) -> tuple[str, str]:  # fmt: skip
     """Do a step, and say what became of it and why; a result that is no longer of this campaign is taken away."""
-    from automarine_cli.pipeline.results_folder import manifest_of
+    from automarine_cli.pipeline.results_folder import MANIFEST, manifest_of
 
     def without_result(did: str, why: str) -> tuple[str, str]:
-        removed = _remove_results(folder, step.kind.writer)
-        return did, why + ("; its former result was removed" if removed and did == "skipped" else "")
+        if outputs is None:
+            return did, why
+        for name in [*(entry.file for entry in outputs), MANIFEST]:
+            (folder / name).unlink(missing_ok=True)
+        if not any(folder.iterdir()):
+            folder.rmdir()
+        return did, f"{why}; its former result was removed" if did == "skipped" else why
 
     folder, work = out / step.folder, load(step.kind.writer)
-    settings = campaign.plan(step, out)
-    if isinstance(settings, str):
-        return without_result("skipped", settings)
+    former = manifest_of(folder)
+    outputs = former.outputs if former is not None and former.command == step.kind.writer else None
+    how: dict[str, Any] = {"jobs": jobs, "progress": progress, "figure_formats": kinds}
+    try:
+        settings = campaign.plan(step, out)
+    except NothingToDoError as reason:
+        return without_result("skipped", str(reason))
     why = why_made_again(folder, **work.manifest(settings, kinds))
     if why is None and not force:
         return "kept", "inputs, settings and versions unchanged"
-    is_former = (manifest := manifest_of(folder)) is not None and manifest.command == step.kind.writer
     try:
-        work.run(
-            settings, out=folder, overwrite=overwrite or is_former, jobs=jobs, progress=progress, figure_formats=kinds
-        )
+        work.run(settings, out=folder, overwrite=overwrite or outputs is not None, **how)
     except OutputError:
         raise
     except TooFewRunsError as refusal:  # nothing that could be corrected
@@ -289,38 +288,20 @@ def why_made_again(folder: Path, **manifest: Any) -> str | None:
         return ""  # done for the first time
     now = Codec(MANIFEST).read(Manifest, json.loads(json_text(recorded(**manifest))))
     before, after = ({"automarine": run.automarine, **run.libraries} for run in (then, now))
+    inputs = [
+        {e.file if e.role == "log" else f"{e.file} as {e.role}": e.sha256 for e in run.inputs} for run in (then, now)
+    ]
     hashes = {entry.file: sha256(folder / entry.file) for entry in then.outputs}
     changes = {
         "version": [f"{n} {before.get(n, 'none')} then, {after.get(n, 'none')} now" for n in _changed(before, after)],
         "settings changed": _changed({**then.options, "seed": then.seed}, {**now.options, "seed": now.seed}),
-        "inputs changed": _changed(_inputs(then), _inputs(now)),
+        "inputs changed": _changed(*inputs),
         "results changed since they were written": _changed({e.file: e.sha256 for e in then.outputs}, hashes),
     }
     return next((f"{what}: {listed(names)}" for what, names in changes.items() if names), None)
 
 
-def _inputs(manifest: "Manifest") -> dict[str, str | None]:
-    return {f"{e.file}{'' if e.role == 'log' else f' as {e.role}'}": e.sha256 for e in manifest.inputs}
-
-
 def _changed(then: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
     """Return the names of what is not the same, and which of them are new or gone."""
-    return [
-        name + " (new)" * (name not in then) + " (gone)" * (name not in now)
-        for name in {**then, **now}
-        if name not in then or name not in now or then[name] != now[name]
-    ]
-
-
-def _remove_results(folder: Path, command: str) -> bool:
-    """Remove what `command` wrote into `folder`, and the folder if that is all; return whether it was there."""
-    from automarine_cli.pipeline.results_folder import MANIFEST, manifest_of
-
-    manifest = manifest_of(folder)
-    if manifest is None or manifest.command != command:
-        return False
-    for name in [*(entry.file for entry in manifest.outputs), MANIFEST]:
-        (folder / name).unlink(missing_ok=True)
-    if not any(folder.iterdir()):
-        folder.rmdir()
-    return True
+    changed = [name if name in now else f"{name} (gone)" for name in then if name not in now or then[name] != now[name]]
+    return [*changed, *(f"{name} (new)" for name in now if name not in then)]

@@ -13,9 +13,9 @@ import click
 
 from automarine_cli.pipeline.parallel import Progress, silent
 
-SHOWN = 8  # runs set aside that are listed one by one without -v
-PATIENCE_S = 1.0  # work shorter than this shows no bar
-PIPE_S = 15.0  # between two lines on work that lasts
+MAX_LISTED = 8  # runs set aside that are listed one by one without -v
+BAR_FROM_S = 1.0  # work shorter than this shows no bar
+LINE_EVERY_S = 15.0  # between two lines on work that lasts, in a pipe
 NARROWEST = 30
 LABEL = re.compile(r"\S.*? {2,}(?=\S)")
 TIED = "\N{NO-BREAK SPACE}"  # a number stays with its per cent
@@ -158,15 +158,15 @@ class Bar:
     def __call__(self, stage: str, done: int, total: int) -> None:
         if total == 0:
             self.clear()
-            _sentence(stage, done, total)
+            _sentence(stage)
             return
         now = time.monotonic()
         if stage != self._stage:
             self.clear()
-            self._stage, self._since = stage, now - PATIENCE_S if done > 0 else now
+            self._stage, self._since = stage, now - BAR_FROM_S if done > 0 else now
         if done >= total:
             self.clear()
-        elif now - self._since >= PATIENCE_S and now - self._drawn >= 0.1:
+        elif now - self._since >= BAR_FROM_S and now - self._drawn >= 0.1:
             width = min(30, max(5, (width_of(sys.stderr) or 80) - len(stage) - 20))
             filled = width * done // total
             bar = f"[{'#' * filled}{'.' * (width - filled)}]"
@@ -180,14 +180,17 @@ class Bar:
 
 
 class Lines:
-    """Lines for a pipe: how far work that lasts is, each some time after the one before."""
+    """Lines for a pipe: how far work that lasts is, each some time after the one before; or each finished stage."""
 
-    def __init__(self) -> None:
-        self._since = time.monotonic()
+    def __init__(self, stages: bool) -> None:
+        self._stages, self._since = stages, time.monotonic()
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        _sentence(stage, done, total)
-        if total and time.monotonic() - self._since >= PIPE_S:
+        if total == 0:
+            _sentence(stage)
+        elif self._stages and done >= total:
+            click.echo(f"{stage}: {total}", err=True)
+        elif not self._stages and time.monotonic() - self._since >= LINE_EVERY_S:
             click.echo(f"{stage}: {done} of {total}", err=True)
             self._since = time.monotonic()
 
@@ -197,10 +200,8 @@ def terminal_progress() -> Progress:
     level = verbosity_level()
     if level < 0:
         return silent
-    if level > 0:
-        return _stage_lines
-    if not sys.stderr.isatty():
-        return Lines()
+    if level > 0 or not sys.stderr.isatty():
+        return Lines(stages=level > 0)
     bar = Bar()
     ctx = click.get_current_context(silent=True)
     if ctx is not None:
@@ -208,15 +209,8 @@ def terminal_progress() -> Progress:
     return bar
 
 
-def _sentence(stage: str, done: int, total: int) -> None:
-    if total == 0:
-        click.echo(f"{stage[0].upper()}{stage[1:]}.", err=True)
-
-
-def _stage_lines(stage: str, done: int, total: int) -> None:
-    _sentence(stage, done, total)
-    if done >= total > 0:
-        click.echo(f"{stage}: {total}", err=True)
+def _sentence(text: str) -> None:
+    click.echo(f"{text[0].upper()}{text[1:]}.", err=True)
 
 
 def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
@@ -231,7 +225,7 @@ def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
     alike: dict[object, list[Mapping[str, str]]] = {}
     for i, run in enumerate(runs):
         alike.setdefault(i if verbosity_level() > 0 else run["why"], []).append(run)
-    groups = list(alike.values()) if verbosity_level() > 0 else list(alike.values())[:SHOWN]
+    groups = list(alike.values())[: None if verbosity_level() > 0 else MAX_LISTED]
     width = width_of(sys.stderr)
     for first, *more in groups:
         name = first["file"] if first["run"] in ("", first["file"]) else f"{first['file']}, run {first['run']}"

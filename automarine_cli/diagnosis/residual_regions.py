@@ -25,7 +25,7 @@ from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, choose_variances
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import ASKED
+from automarine_cli.runs.run import LOGGED_COMMAND
 
 MIN_IN_A_BIN = 2  # runs that a bin needs: one run alone says nothing about chance
 OF_THE_RUN = 0.1  # a column that varies within runs by less than this share of its spread is one of the run
@@ -79,7 +79,7 @@ def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None)
         Column("run-order", "", order),
         Column("campaign-clock", "s", batch.start),
     ]
-    for name in sorted(set.intersection(*(set(run.extras) for run in study.runs)) - {ASKED, *PARTS}):
+    for name in sorted(set.intersection(*(set(run.extras) for run in study.runs)) - {LOGGED_COMMAND, *PARTS}):
         units = VELOCITIES.get(name)
         scale, unit = (1.0, UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
         column = of_run_or_sample(name, unit, scale * at_samples(study, [run.extras[name] for run in study.runs]))

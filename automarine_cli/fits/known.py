@@ -10,7 +10,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.models.parameter import Prior
 from automarine_cli.models.yaw_model import COMMAND_DELAY
-from automarine_cli.text import LONGEST
+from automarine_cli.text import MAX_NAME_LETTERS
 
 EXAMPLE = "I_r=915 or I_r=915±50"
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -55,7 +55,7 @@ class Known:
         for name, prior in self.parameters.items():
             qualified = name if name in names.values() else names.get(name)
             if qualified is None:
-                close = difflib.get_close_matches(name[:LONGEST], names, n=1)
+                close = difflib.get_close_matches(name[:MAX_NAME_LETTERS], names, n=1)
                 hint = f"; did you mean {close[0]}?" if close else ""
                 raise SettingError(f"known: {name!r} is no parameter of this fit; it has {', '.join(names)}{hint}")
             if qualified in priors:

@@ -21,7 +21,7 @@ from automarine_cli.fits.mixed_model import Problem, slots_of
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
 from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles, main_drag, response_slopes
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import MAX_REST, HalfTurn
+from automarine_cli.runs.half_turn import MAX_REST_SAMPLES, HalfTurn
 from automarine_cli.simulation.batch import Channel
 
 
@@ -82,7 +82,7 @@ def data_of_steps(turns: Sequence[HalfTurn], channels: Sequence[str] | None = No
         before = step.rest or slice(step.first, step.first)
         zero = step.switch_to if step.begins_log else step.switch_mid
         fitted = slice(step.first, step.stop) if whole and dof.wraps else turn.kept
-        parts = slice(max(before.start, before.stop - MAX_REST), before.stop), fitted
+        parts = slice(max(before.start, before.stop - MAX_REST_SAMPLES), before.stop), fitted
         velocity = run.channel(dof.velocity)
         velocity = np.full(len(run), np.nan) if velocity is None else velocity
         names.append(turn.name)

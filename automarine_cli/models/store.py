@@ -39,7 +39,7 @@ from automarine_cli.models.yaw_model import (
     base_roles,
 )
 from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, key_of, keyed, read_plain
-from automarine_cli.text import LONGEST, Place, format_value, printable
+from automarine_cli.text import MAX_NAME_LETTERS, Place, format_value, printable
 
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 ROLES = ("inertia", "quadratic", "linear", "constant", "difference")
@@ -531,7 +531,7 @@ def _cross(dof: Dof, short: str, value: float, codec: Codec) -> Term:
 def _unknown(name: str) -> str:
     parameters = [name for dof in PLANAR.dofs for name in map(dof.parameter, dof.parameters)]
     names = [*parameters, *(f"{PLANAR.name}.{coupling}" for coupling in INERTIA_COUPLINGS), *CURRENT]
-    close = difflib.get_close_matches(name[:LONGEST], names, n=1, cutoff=0.8)
+    close = difflib.get_close_matches(name[:MAX_NAME_LETTERS], names, n=1, cutoff=0.8)
     hint = f"did you mean {format_value(close[0])}?" if close else (
         f"known are {', '.join(names)}, effects such as yaw.input-delay.t_d, and derivatives by the velocities "
         f"{', '.join(VELOCITIES)} of others, such as sway.Y_r"

@@ -25,7 +25,7 @@ Progress = Callable[[str, int, int], None]
 `total` of 0 is no stage, but a sentence that people are to read."""
 
 CHUNKS_PER_JOB, LARGEST_CHUNK = 4, 32  # small enough to share the work evenly, large enough to spare the pickling
-PATIENCE_S = 20  # for a cluster to answer
+CLUSTER_PATIENCE_S = 20  # for a cluster to answer
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -110,8 +110,8 @@ def _dask(address: str) -> Iterator["Executor"]:
         ) from None
     with contextlib.ExitStack() as stack:
         try:
-            client = stack.enter_context(Client(address, timeout=PATIENCE_S, set_as_default=False))
-            client.wait_for_workers(1, timeout=PATIENCE_S)
+            client = stack.enter_context(Client(address, timeout=CLUSTER_PATIENCE_S, set_as_default=False))
+            client.wait_for_workers(1, timeout=CLUSTER_PATIENCE_S)
         except (OSError, TimeoutError, ValueError) as problem:
             raise SettingError(
                 f"no Dask scheduler with workers answers at {address} ({str(problem) or type(problem).__name__}); "

@@ -25,10 +25,10 @@ from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, Union, ca
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import AutomarineError, ExcludedRun, ModelError, OutputError, SettingError
-from automarine_cli.text import LONGEST, Place, format_value, in_words, printable, quoted
+from automarine_cli.text import MAX_NAME_LETTERS, Place, format_value, in_words, printable, quoted
 
 # A model is a few kilobytes, with ten thousand runs set aside a few megabytes; TOML is written by hand.
-MAX_BYTES = {"JSON": 16_000_000, "TOML": 1_000_000}
+MAX_FILE_BYTES = {"JSON": 16_000_000, "TOML": 1_000_000}
 FILLER: Mapping[str, object] = {"filler": True}  # metadata of a field that is in no file: the codec's `words`
 
 
@@ -69,7 +69,7 @@ def read_plain(
 
     Raises `refuse` with the file, and the key's path where there is one.
     """
-    name, most = printable(path.name), most or MAX_BYTES[kind]
+    name, most = printable(path.name), most or MAX_FILE_BYTES[kind]
     try:
         with path.open("rb") as file:
             content = file.read(most + 1)  # what has no end (a device) must not fill the memory
@@ -180,7 +180,7 @@ class Codec:
         free = [name for name in accepted if name not in data] if self.writer else accepted
         of_motions = (pair for words in DOFS.values() for pair in zip(_top_keys(record, words), top_keys))
         meant = [ours for theirs, ours in of_motions if theirs == key and ours in free]
-        close = meant or difflib.get_close_matches(str(key)[:LONGEST], free, 1, 0.8 if self.writer else 0.6)
+        close = meant or difflib.get_close_matches(str(key)[:MAX_NAME_LETTERS], free, 1, 0.8 if self.writer else 0.6)
         hint = f"did you mean {format_value(close[0])}?" if close else f"known are {', '.join(accepted)}"
         raise self.refusal(place, f"unknown key {format_value(key)}; {hint}")
 
@@ -356,9 +356,9 @@ class ResultKind(Generic[Kind]):
         if isinstance(data, Mapping) and (schema := data.get("schema")) != self.schema:
             parts = str(schema).split("/")
             other = parts[1].replace("-", " ") if len(parts) == 3 and parts[1] != self.name else ""
-            expected = f"expected {format_value(self.schema)}; " + f"this is a {printable(other)}; " * bool(other)
-            files = f"give the {self.file} that `automarine {self.writer}` writes"
-            raise codec.refusal(("schema",), f"found {format_value(schema)}, {expected}{files}")
+            this = f"this is a {printable(other)}; " if other else ""
+            why = f"found {format_value(schema)}, expected {format_value(self.schema)}; {this}give the {self.file}"
+            raise codec.refusal(("schema",), f"{why} that `automarine {self.writer}` writes")
         return codec.read(self.record, data)
 
     def codec(self, data: object, name: str, refuse: type[AutomarineError] = ModelError) -> Codec:

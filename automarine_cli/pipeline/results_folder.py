@@ -17,7 +17,7 @@ from pathlib import Path, PurePath, PurePosixPath
 from typing import NamedTuple
 
 from automarine_cli import __version__
-from automarine_cli.errors import Attempt, OutputError, Result, SettingError, one_sentence
+from automarine_cli.errors import OutputError, SettingError, one_sentence
 from automarine_cli.pipeline.records import Codec, Source, json_text, plain, read_mapping, schema_in
 
 try:
@@ -25,9 +25,9 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-MAX_FOREIGN = 1000  # files of others in a folder that may be replaced by a rename: not a home, not a project
-MANIFEST, OURS = "manifest.json", "automarine/manifest/"
-SCHEMA = f"{OURS}1"
+MAX_FOREIGN_FILES = 1000  # files of others in a folder that may be replaced by a rename: not a home, not a project
+MANIFEST, MANIFEST_SCHEMAS = "manifest.json", "automarine/manifest/"
+MANIFEST_SCHEMA = f"{MANIFEST_SCHEMAS}1"
 LIBRARIES = ("click", "numpy", "scipy", "pandas", "pyarrow", "matplotlib")
 
 
@@ -71,16 +71,16 @@ class Manifest:
 def read_manifest(path: Path) -> Manifest:
     """Return the manifest at `path`. Raises SettingError with the key's path for one that is not automarine's."""
     data = read_mapping(path)
-    if not (schema := str(data.get("schema"))).startswith(OURS):
+    if not (schema := str(data.get("schema"))).startswith(MANIFEST_SCHEMAS):
         raise SettingError(f"{path.name}: is no manifest of automarine; expected the {MANIFEST} in a folder of results")
-    if schema != SCHEMA:
-        raise SettingError(f"{path.name}: schema is {schema!r}; expected {SCHEMA!r}, what this version writes")
+    if schema != MANIFEST_SCHEMA:
+        raise SettingError(f"{path.name}: schema is {schema!r}; expected {MANIFEST_SCHEMA!r}, what this version writes")
     return Codec(path.name).read(Manifest, data)
 
 
 def is_manifest(path: Path) -> bool:
     """Whether there is a file that says it is a manifest of automarine, of whatever version."""
-    return schema_in(path).startswith(OURS)
+    return schema_in(path).startswith(MANIFEST_SCHEMAS)
 
 
 def manifest_of(folder: Path) -> Manifest | None:
@@ -108,7 +108,7 @@ def recorded(
     """Return what a manifest says of all that results depend on, without places on this machine."""
     versions = dict(versions_here())
     return {
-        "schema": SCHEMA, "automarine": versions.pop("automarine"), "libraries": versions, "command": command,
+        "schema": MANIFEST_SCHEMA, "automarine": versions.pop("automarine"), "libraries": versions, "command": command,
         "options": _without_places(plain(options)), "seed": seed,
         "inputs": [{"file": file.name, "role": file.role, "sha256": sha256(file.path) or None} for file in inputs],
     }  # fmt: skip
@@ -144,10 +144,9 @@ class ResultFolder:
             (self._new / name).write_bytes(data)
         self.hashes[name] = hashlib.sha256(data).hexdigest()
 
-    def taken(self, attempt: Attempt[Result]) -> Result | None:
-        """Return what was `attempted`; where nothing was made None, and the warning is in the manifest."""
-        self.warnings += filter(None, attempt[1:])
-        return attempt[0]
+    def warn(self, sentence: str) -> None:
+        """Say in the manifest what could not be made."""
+        self.warnings.append(sentence)
 
 
 @contextlib.contextmanager
@@ -221,7 +220,7 @@ def _replaced(target: Path, out: Path, command: str, overwrite: bool) -> set[str
     if not (target / MANIFEST).exists():
         done = {path.parent for path in target.rglob(MANIFEST) if is_manifest(path)}  # results of steps of a campaign
         count = sum(not done & {path, *path.parents} for path in target.rglob("*"))
-        if count > MAX_FOREIGN:
+        if count > MAX_FOREIGN_FILES:
             raise OutputError(f"{out} holds {count} other files; give a folder inside it with -o")
         return set()
     if (manifest := manifest_of(target)) is None:

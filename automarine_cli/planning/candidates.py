@@ -20,7 +20,7 @@ from automarine_cli.logs.columns import CANONICAL
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, keyed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import FAR_BEYOND
+from automarine_cli.runs.run import IMPOSSIBLE_EXTRAPOLATION
 from automarine_cli.simulation.specification import (
     AboveZero,
     Commands,
@@ -402,7 +402,7 @@ def drive_of(thruster_map: ThrusterMap, arm: float, most: float | None, equal_th
             "the thruster map does not say how far the control signal goes; give thrusters.largest_command in "
             "the limits"
         )
-    if thruster_map.n_range is not None and largest > FAR_BEYOND * max(map(abs, thruster_map.n_range)):
+    if thruster_map.n_range is not None and largest > IMPOSSIBLE_EXTRAPOLATION * max(map(abs, thruster_map.n_range)):
         measured = "from {:.4g} to {:.4g}".format(*thruster_map.n_range) + f" {thruster_map.n_unit}".rstrip()
         raise SettingError(
             f"thrusters.largest_command is {largest:g}, but the thruster map was measured {measured}; give it in the "

@@ -41,9 +41,9 @@ from automarine_cli.report.tables import MISSING, Table, escape, interval, numbe
 from automarine_cli.text import listed, plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
-FILES = ("report.html", "report.md")
+REPORT_FILES = ("report.html", "report.md")
 REPORT = "report"
-MAX_FIGURES, MAX_NAMED = 12, 12  # figures of a step in the page, campaigns named at the end; all are in their folders
+MAX_FIGURES, MAX_CAMPAIGNS_LISTED = 12, 12  # Of a step in the page, and at the end; all are in their folders
 SAME_VOLTAGE = 1.03  # voltages that differ by less are one, as in the thruster fit
 MADE = (
     "The `manifest.json` of each folder holds the command, every setting, the seed and the SHA-256 of every input; "
@@ -64,8 +64,9 @@ CAPTIONS = {
     "tuning": "Loop with the present and the new gains: steps of the heading, and what a load does",
 }
 """Of figures that no page of a step shows, by their files."""
+DIAGNOSE = "`automarine diagnose` says what the model lacks."
 USE = "`automarine tune` and `automarine export` use the model."
-MORE = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
+MORE_RUNS = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
 PLAN_RUNS = "`automarine plan` plans the runs that tell what is missing."
 WORST = "The worst verdict decides. More: `automarine guide good-enough`."
 WITHOUT = "This is the model without {}, which the diagnosis added: the final numbers are at the top."
@@ -281,7 +282,7 @@ def _(result: CampaignRun) -> Sections:
     ]  # fmt: skip
     written: tuple[str, ...] = ()
     if REPORT in did:
-        written = FILES if did[REPORT] in ("done", "kept") else (RUN.file,)
+        written = REPORT_FILES if did[REPORT] in ("done", "kept") else (RUN.file,)
     folders = [f"{folder}/" for folder in result.results]
     table = Table.of("", rows, header=("step",)).without_empty_columns()
     return Sections([table, *_sentences(result.results), *result.content.cautions], listed=(*written, *folders))
@@ -296,7 +297,7 @@ def _(result: Campaigns) -> Sections:
         rows.append({"campaign": name} | cells | {"refused": "; ".join(run.refused) or MISSING})
     table = Table.of("", rows)
     written: dict[str, Content] = {"campaigns.json": result.to_json(), "campaigns.csv": table.to_csv()}
-    folders = [f"{name}/" for name in list(result.campaigns)[:MAX_NAMED]]
+    folders = [f"{name}/" for name in list(result.campaigns)[:MAX_CAMPAIGNS_LISTED]]
     return Sections([table], written, listed=("campaigns.csv", "campaigns.json", *folders))
 
 
@@ -386,7 +387,7 @@ def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
             continue
         text = says[result.step.name].removeprefix("named: ").replace("nothing missing that", "nothing that")
         if isinstance(file, ModelFile | PlanarFile):
-            after[motion] = "`automarine diagnose` says what the model lacks." if file.runs.used >= MIN_RUNS else MORE
+            after[motion] = DIAGNOSE if file.runs.used >= MIN_RUNS else MORE_RUNS
         if isinstance(file, ModelFile) and file.proposed and of_motion.diagnosis is None:
             asks = ", ".join(f"{name} (gains {number(gain, 3)} in deviance)" for name, gain in file.proposed.items())
             lines.setdefault(MISSES, {})[motion] = f"the fit itself asks for {asks}"

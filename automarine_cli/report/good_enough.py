@@ -12,21 +12,21 @@ from automarine_cli.report.tables import MISSING, number
 from automarine_cli.text import plural
 
 GOOD, CLOSER, UNFIT = GRADES = "good", "look closer", "do not use"
-FEWEST, SET_ASIDE = 6, 0.1  # runs; share of them
-HALF_WIDTH = (0.05, 1.0)  # of the interval, as a share of the number; beyond 1 it contains zero
-RESTARTED = (1.5, 3.0)  # times the error of a right model
-AHEAD = (0.5, 1.0)  # of the error of the better constant
+MIN_RUNS_USED, MAX_SET_ASIDE_SHARE = 6, 0.1  # runs; share of them
+RELATIVE_HALF_WIDTHS = (0.05, 1.0)  # of the interval, as a share of the number; beyond 1 it contains zero
+RESTARTED_ERROR_RATIOS = (1.5, 3.0)  # times the error of a right model
+AHEAD_ERROR_RATIOS = (0.5, 1.0)  # of the error of the better constant
 DIAGNOSED = {NOTHING: GOOD, NAMED: GOOD, SUSPECTED: CLOSER, UNEXPLAINED: UNFIT}
 LIMITS = {
-    "runs used": (f"{FEWEST} or more, nearly all", MISSING),
+    "runs used": (f"{MIN_RUNS_USED} or more, nearly all", MISSING),
     "95 % intervals": ("within ± 5 %", "zero inside, or at a bound"),
-    "restarted error": (f"below {RESTARTED[0]:g} times", f"above {RESTARTED[1]:g} times"),
+    "restarted error": (f"below {RESTARTED_ERROR_RATIOS[0]:g} times", f"above {RESTARTED_ERROR_RATIOS[1]:g} times"),
     f"error {JUDGED:g} s ahead": ("half of the better constant's", "above it"),
     "diagnosis": ("nothing missing, or named", "unexplained"),
 }
 """What is looked at: when it is good, and when the model must not be used."""
-_, _, *MEASURED, LAST = LIMITS
-MEASURES = (("error", *MEASURED), (LAST, LAST))
+_, _, *MEASURED, DIAGNOSIS_ROW = LIMITS
+MEASURES = (("error", *MEASURED), (DIAGNOSIS_ROW, DIAGNOSIS_ROW))
 
 
 def five_numbers(
@@ -57,7 +57,7 @@ def _graded(value: float, limits: tuple[float, float]) -> str:
 
 def _runs(runs: RunsUsed) -> tuple[str, str]:
     every = runs.used + len(runs.set_aside)
-    few = runs.used < FEWEST or len(runs.set_aside) > SET_ASIDE * every
+    few = runs.used < MIN_RUNS_USED or len(runs.set_aside) > MAX_SET_ASIDE_SHARE * every
     return f"{runs.used} of {every}", CLOSER if few else GOOD
 
 
@@ -70,7 +70,7 @@ def _interval(estimates: Mapping[str, Estimate | None]) -> tuple[str, str]:
     if not widths:
         return MISSING, ""
     width, name = max(widths)
-    return f"± {number(100 * width, 2)} % ({name})", _graded(width, HALF_WIDTH)
+    return f"± {number(100 * width, 2)} % ({name})", _graded(width, RELATIVE_HALF_WIDTHS)
 
 
 def _errors(file: ValidationFile) -> tuple[tuple[str, str], tuple[str, str]]:
@@ -80,13 +80,13 @@ def _errors(file: ValidationFile) -> tuple[tuple[str, str], tuple[str, str]]:
     if (entry := ahead.get(JUDGED)) is not None and entry.rmse is not None:
         constant = min(size for size in (entry.constant_rate, entry.constant, float("inf")) if size is not None)
         value = f"{number(entry.rmse, 3)} {unit}, the better constant's {number(constant, 3)} {unit}"
-        return ("driven runs", ""), (value, _graded(entry.rmse / max(constant, 1e-9), AHEAD))
+        return ("driven runs", ""), (value, _graded(entry.rmse / max(constant, 1e-9), AHEAD_ERROR_RATIOS))
     if score.restarted is None or not file.expected:
         return (MISSING if score.restarted is None else f"{number(score.restarted, 3)} {unit}", ""), (MISSING, "")
     ratio = score.restarted / file.expected
     right = f"{number(ratio, 2)} times the {number(file.expected, 2)} {unit} of a right model"
     value = f"{number(score.restarted, 3)} {unit}, {right}"
-    return (value, _graded(ratio, RESTARTED)), ("not of driven runs", "")
+    return (value, _graded(ratio, RESTARTED_ERROR_RATIOS)), ("not of driven runs", "")
 
 
 def _diagnosis(file: DiagnosisFile | None) -> tuple[str, str]:
@@ -94,7 +94,7 @@ def _diagnosis(file: DiagnosisFile | None) -> tuple[str, str]:
         return "not diagnosed", ""
     rivals = sum(len(effect.rivals) for effect in file.effects)
     names = ", ".join(effect.name for effect in file.effects)
-    value = file.verdict.replace("-", " ") + f": {names}" * bool(names)
+    value = file.verdict.replace("-", " ") + (f": {names}" if names else "")
     verdict = DIAGNOSED.get(file.verdict, CLOSER)
     if file.verdict == NAMED and rivals:
         return f"{value}, {plural(rivals, 'rival')} not excluded", CLOSER

@@ -12,8 +12,8 @@ from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import ExcludedRun, runs_json
 from automarine_cli.text import plural
 
-MAX_NAMED = 3  # runs that share a note
-MAX_LEVELS = 6  # written out
+MAX_RUNS_OF_NOTE = 3  # that are named
+MAX_LEVELS_WRITTEN = 6  # written out
 RUNS, MOVING = "runs", "moving"  # folders of what was cut
 
 
@@ -51,10 +51,14 @@ def _(result: Check) -> Sections:
     by_dof = {dof: [run for run in result.runs if run.dof is dof] for dof in DOFS.values()}
     tables = [_run_table(runs, dof) for dof, runs in by_dof.items() if runs]
     tables += [_test_table(result.tests)] if result.tests else []
-    usable = [plural(len(result.tests), "thruster test")] * bool(result.tests)
-    for dof, runs in reversed(by_dof.items()):
-        step = f"{sum(not run.why for run in runs)} of {len(runs)} {dof.name} runs have a usable {dof.words.step}"
-        usable[:0] = [step + ", so a fit takes them whole" * all(run.why for run in runs)] * bool(runs)
+    usable = []
+    for dof, runs in by_dof.items():
+        count = sum(not run.why for run in runs)
+        if runs:
+            entirely = "" if count else ", so a fit takes them whole"
+            usable.append(f"{count} of {len(runs)} {dof.name} runs have a usable {dof.words.step}{entirely}")
+    if result.tests:
+        usable.append(plural(len(result.tests), "thruster test"))
     answer, notes = "; ".join(usable) + ".", [note for table in tables for note in table.notes]
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
@@ -84,13 +88,13 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             notes.setdefault(note, []).append(run.run)
     lines = []
     for note, names in notes.items():  # what runs share is said once
-        more = f" and {len(names) - MAX_NAMED} more" * (len(names) > MAX_NAMED)
-        lines.append(f"{', '.join(names[:MAX_NAMED])}{more}: {note}")
+        more = f" and {len(names) - MAX_RUNS_OF_NOTE} more" if len(names) > MAX_RUNS_OF_NOTE else ""
+        lines.append(f"{', '.join(names[:MAX_RUNS_OF_NOTE])}{more}: {note}")
     return Table.of(f"{dof.name.capitalize()} runs", rows, lines).without_empty_columns()
 
 
 def _levels(levels: Sequence[float] | None) -> str | None:
-    if levels and len(levels) > MAX_LEVELS:
+    if levels and len(levels) > MAX_LEVELS_WRITTEN:
         return f"{len(levels)} from {number(min(levels), 3)} to {number(max(levels), 3)}"
     return ", ".join(number(level, 3) for level in levels or ()) or None
 

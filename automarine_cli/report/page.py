@@ -14,10 +14,10 @@ Picture = Callable[[str, str], str]
 """HTML of the picture at a place (relative, as written), told in words by the other argument."""
 
 FOLDS = re.compile(r"<details><summary>(.*)</summary>|</details>")
-PICTURE = re.compile(r"!\[((?:\\.|[^\]\\])*)\]\(([^()\s]+)\)")
-HEADING = re.compile(r"(#{1,6}) +(.+)")
+PICTURE_LINE = re.compile(r"!\[((?:\\.|[^\]\\])*)\]\(([^()\s]+)\)")
+HEADING_LINE = re.compile(r"(#{1,6}) +(.+)")
 TOKEN = re.compile(r"(?<!\\)`([^`]*)`|(?<!\\)\*\*((?:\\.|[^*\\])+)\*\*")
-LONG = 36  # letters from which on a cell may be broken
+LONG_CELL_LETTERS = 36  # letters from which on a cell may be broken
 
 
 def to_html(text: str, picture: Picture) -> str:
@@ -40,7 +40,7 @@ def _block(block: Sequence[str], picture: Picture, ids: set[str]) -> str:
         return _table(block)
     if line.startswith("- "):
         return "<ul>" + "".join(f"<li>{words(item[2:])}</li>" for item in block) + "</ul>"
-    if match := HEADING.fullmatch(line):
+    if match := HEADING_LINE.fullmatch(line):
         level, title = len(match[1]), plain(match[2])
         stem = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "part"
         name = next(name for n in count(1) if (name := stem if n == 1 else f"{stem}-{n}") not in ids)
@@ -49,7 +49,7 @@ def _block(block: Sequence[str], picture: Picture, ids: set[str]) -> str:
         return f'<h{level} id="{name}">{words(match[2])} {anchor}</h{level}>'
     if match := FOLDS.fullmatch(line):
         return f"<details><summary>{words(match[1])}</summary>" if match[1] is not None else "</details>"
-    if match := PICTURE.fullmatch(line):
+    if match := PICTURE_LINE.fullmatch(line):
         return picture(match[2], plain(match[1]))
     return f"<p>{words(line)}</p>"
 
@@ -79,7 +79,7 @@ def _table(block: Sequence[str]) -> str:
         texts = ""
         for i, cell in enumerate(cells):
             tag, scope = ("th", ' scope="col"') if head else ("th", ' scope="row"') if i == 0 else ("td", "")
-            kind = ' class="n"' if right[i] else ' class="long"' if len(cell) > LONG else ""
+            kind = ' class="n"' if right[i] else ' class="long"' if len(cell) > LONG_CELL_LETTERS else ""
             texts += f"<{tag}{scope}{kind}>{words(cell)}</{tag}>"
         return f"<tr>{texts}</tr>"
 
@@ -91,7 +91,7 @@ def _table(block: Sequence[str]) -> str:
 
 
 SAFE_PLACE = re.compile(r"[^/\\]+/[^/\\]+")
-KINDS = {".svg": "svg+xml", ".png": "png"}
+MEDIA_TYPES = {".svg": "svg+xml", ".png": "png"}
 PIXELS_PER_POINT = 1.73  # a page-wide figure fills the page, and letters are of one size in all figures
 
 
@@ -127,7 +127,7 @@ def figure(folder: Path, place: str, alt: str) -> str:
 
     An image element lets nothing act that is in its file, and fetches nothing: the file need not be searched.
     """
-    for suffix, kind in KINDS.items() if SAFE_PLACE.fullmatch(place) else ():
+    for suffix, kind in MEDIA_TYPES.items() if SAFE_PLACE.fullmatch(place) else ():
         path = (folder / place).with_suffix(suffix)
         if path.is_file():
             content = path.read_bytes()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from automarine_cli.pipeline.parallel import Each
     from automarine_cli.pipeline.results_folder import ResultFolder
 
-WIDTH = 110  # columns of a result at Python's prompt
+PROMPT_COLUMNS = 110  # columns of a result at Python's prompt
 FIGURE_KINDS = "png", "svg", "pdf", "slides"
 Content = str | bytes | Mapping[str, object] | Callable[[], str | bytes]
 
@@ -71,7 +71,7 @@ class Sections:
         """All that a person may read, the answer first."""
         return [*filter(None, [self.answer]), *self.printed, *self.details]
 
-    def text(self, width: int = WIDTH) -> str:
+    def text(self, width: int = PROMPT_COLUMNS) -> str:
         fill = partial(textwrap.fill, width=width, subsequent_indent="  ", break_on_hyphens=False)
         parts = (fill(part) if isinstance(part, str) else part.to_text(width) for part in self.every)
         return "\n".join(parts).rstrip("\n")
@@ -99,7 +99,7 @@ class Sections:
         for name, content in self.files.items():
             folder.write(name, content() if callable(content) else content)
         for warning in self.warnings:
-            folder.taken((None, warning))
+            folder.warn(warning)
         if formats and self.figures:
             from automarine_cli.report.figures.style import write_figures
 

@@ -17,9 +17,9 @@ from typing import Any
 
 from automarine_cli.estimate import Estimate
 
-GAP = 2  # blanks between columns
-NARROW = 8  # characters below which no column is folded
-PIPE = 120  # columns of a table for no terminal, where folding makes it so narrow
+COLUMN_GAP = 2  # blanks between columns
+MIN_FOLDED_COLUMNS = 8  # characters below which no column is folded
+PIPE_COLUMNS = 120  # columns of a table for no terminal, where folding makes it so narrow
 _TIED = "\N{NO-BREAK SPACE}"
 
 
@@ -34,9 +34,9 @@ def text_table(
     """
     if not grid[0]:
         return []
-    widths, limit = [max(map(len, column)) for column in zip(*grid)], width or PIPE
+    widths, limit = [max(map(len, column)) for column in zip(*grid)], width or PIPE_COLUMNS
     words = [max(len(word) for cell in column for word in _words(cell)) for column in zip(*grid)]
-    least = [min(wide, max(NARROW, word)) for word, wide in zip(words, widths)]
+    least = [min(wide, max(MIN_FOLDED_COLUMNS, word)) for word, wide in zip(words, widths)]
     groups = [[0]]
     for i in range(1, len(widths)):
         if width and len(groups[-1]) > 1 and _total([least[k] for k in (*groups[-1], i)]) > limit:
@@ -56,7 +56,7 @@ def text_table(
 
 
 def _total(widths: Collection[int]) -> int:
-    return sum(widths) + GAP * (len(widths) - 1)
+    return sum(widths) + COLUMN_GAP * (len(widths) - 1)
 
 
 def _words(cell: str) -> list[str]:
@@ -78,7 +78,7 @@ def _block(
             aligned = (
                 text.rjust(wide) if right[i] else text.ljust(wide) for text, (i, wide) in zip(parts, widths.items())
             )
-            lines.append((" " * GAP).join(aligned).rstrip())
+            lines.append((" " * COLUMN_GAP).join(aligned).rstrip())
     return lines if len(grid) > 1 else [*lines, rule]
 
 
@@ -168,7 +168,7 @@ class Table:
 
     def _right(self) -> list[bool]:
         return [
-            i > 0 and all(_NUMBER.match(row[i]) or row[i] in ("", MISSING) for row in self.rows)
+            i > 0 and all(_NUMBER_CELL.match(row[i]) or row[i] in ("", MISSING) for row in self.rows)
             for i in range(len(self.header))
         ]
 
@@ -203,7 +203,7 @@ def interval(estimate: Estimate | None) -> str:
     was known before the fit; a value at its bound has no interval."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
-    (low, high), mark = estimate.ci95, " (known)" * estimate.known
+    (low, high), mark = estimate.ci95, " (known)" if estimate.known else ""
     if estimate.at_bound and not mark:
         return f"{number(estimate.value)} (at its bound)"
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
@@ -214,7 +214,7 @@ def interval(estimate: Estimate | None) -> str:
     return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]{mark}"
 
 
-_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \((known|at its bound)\))?$")
+_NUMBER_CELL = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \((known|at its bound)\))?$")
 SYMBOL = re.compile(r"(?<![\w.-])([kIXYZmanT])\\?_(rr|uu|vv|ww|sat|[a-z0])(?!\\?[\w|])")
 """A letter and its index, such as k_r and k_rr, printed with the index r|r|; LaTeX escapes the line between."""
 _LATEX = {

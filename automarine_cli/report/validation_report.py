@@ -9,8 +9,8 @@ from automarine_cli.report.tables import MISSING, Table, number, with_band
 from automarine_cli.runs.run import command_warnings
 from automarine_cli.text import plural
 
-LISTED = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
-DIVERGED = "diverged"
+LISTED_FILES = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
+DIVERGED_CELL = "diverged"
 
 
 @sections.register
@@ -25,7 +25,7 @@ def _(result: Validation) -> Sections:
         table = planar_table(result)
         figures = {name: Drawing("runs.planar_figure", *of_run.values()) for name, of_run in zip(names, free)}
         files |= forms_of("validation", table)
-        return Sections([table], files, figures, LISTED, score_rows(result), answer=_answer(result, ""))
+        return Sections([table], files, figures, LISTED_FILES, score_rows(result), answer=_answer(result, ""))
     tables = [*([ahead_table(result)] if says else []), overall_table(result), run_table(result)]
     sensors = sentences_of(sensors_of(result.channels, measured_noises(runs, dof)), dof)
     of_runs = zip(names, free, result.floors)
@@ -36,7 +36,7 @@ def _(result: Validation) -> Sections:
     warnings = (f"Warning: {warning}" for warning in command_warnings(runs))
     printed: list[Table | str] = [*warnings, *tables, *sensors]
     over_all = _answer(result, f"; the {dof.position} noise is {number(result.floor, 3)} {dof.units.shown}")
-    return Sections(printed, files, figures, LISTED, score_rows(result), answer=says or over_all)
+    return Sections(printed, files, figures, LISTED_FILES, score_rows(result), answer=says or over_all)
 
 
 def _answer(result: Validation, more: str) -> str:
@@ -61,7 +61,7 @@ def planar_table(result: Validation) -> Table:
         rows.append({"run": name, "s": number(length, 3), **dict(zip(headings, cells))})
     for row, free in zip(rows, scored.free):
         if free.diverged:
-            row |= {headings[0]: DIVERGED}
+            row |= {headings[0]: DIVERGED_CELL}
     return Table.of(f"{_title(result)}: surge, sway and yaw together", rows, (
         "Free run: simulated from the start state of each log to its end by its commands alone; root mean squares "
         "of measured less simulated.",
@@ -79,7 +79,7 @@ def overall_table(result: Validation) -> Table:
     for model, scored in result.models.items():
         cells = {result.dof.fill(result.scores[name].heading): _cell(name, of) for name, of in scored.overall.items()}
         first = next(iter(cells))
-        rows.append({"model": model} | cells | ({first: DIVERGED} if scored.diverged else {}))
+        rows.append({"model": model} | cells | ({first: DIVERGED_CELL} if scored.diverged else {}))
     return Table.of(_title(result), rows, (result.because, *_notes(result)))
 
 
@@ -92,7 +92,7 @@ def run_table(result: Validation) -> Table:
         rows.append({"run": run.name, f"noise {dof.units.shown}": number(floor, 2)})
         for model in order:
             scores = result.models[model].values[i]
-            rows[-1][f"model {model}"] = DIVERGED if scores["rmse"] is None else number(scores["rmse"], 3)
+            rows[-1][f"model {model}"] = DIVERGED_CELL if scores["rmse"] is None else number(scores["rmse"], 3)
             rows[-1][f"{model} restarted"] = number(scores["restarted_rmse"], 3)
         rows[-1] |= {
             "horizon s": number(restarts.horizon, 3), "s": number(float(run.time[-1] - run.time[0]), 3),

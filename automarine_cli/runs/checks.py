@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.pipeline.records import FILLER, to_mapping
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import ASKED, ExcludedRun, Run, median
+from automarine_cli.runs.run import LOGGED_COMMAND, ExcludedRun, Run, median
 from automarine_cli.text import listed, plural
 
-FEWEST_SAMPLES = 8
-MIN_STUCK = 20  # samples of one exact position
-TIMES_HELD = 4.0  # as long as other values: a sensor that answers seldom is not stuck
-SLOWEST = 5.0  # s between samples; nobody logs a test more slowly
-FASTEST = 2e-4  # s between samples
-WHILE = 1.0  # s over which a way is measured: it is longer than its noise
+MIN_RUN_SAMPLES = 8
+MIN_STUCK_SAMPLES = 20  # samples of one exact position
+MAX_HELD_RATIO = 4.0  # as long as other values: a sensor that answers seldom is not stuck
+MAX_PERIOD_S = 5.0  # s between samples; nobody logs a test more slowly
+MIN_PERIOD_S = 2e-4  # s between samples
+WAY_S = 1.0  # s over which a way is measured: it is longer than its noise
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
 DEGREES_AS_RADIANS = 360.0
 IN_OTHER_UNITS = tuple(f"units look wrong: the {dof.position} " for dof in DOFS.values() if dof.wraps)
@@ -42,13 +42,13 @@ def clock_trouble(time: Floats) -> str | None:
     if count > 1 and np.ptp(time) == 0:
         still = f"units look wrong: the clock stands still at {time[0]:.10g} s in all {count} rows"
         return f"{still}; expected a rising clock. Look at the time column, or map another with --columns"
-    if count < FEWEST_SAMPLES:
-        few = f"only {plural(count, 'sample')} left; at least {FEWEST_SAMPLES} are needed"
+    if count < MIN_RUN_SAMPLES:
+        few = f"only {plural(count, 'sample')} left; at least {MIN_RUN_SAMPLES} are needed"
         return f"{few}. Check that the log was not cut short"
     period = median(np.diff(time))
-    if FASTEST <= period < SLOWEST:
+    if MIN_PERIOD_S <= period < MAX_PERIOD_S:
         return None
-    units, names = ("seconds", "time_s") if period < FASTEST else ("milli- or microseconds", "time_ms or time_us")
+    units, names = ("seconds", "time_s") if period < MIN_PERIOD_S else ("milli- or microseconds", "time_ms or time_us")
     trouble = f"{period:.4g} s between samples. If the clock counts {units}"
     return f"units look wrong: {trouble}, name it {names}, or say so with --columns"
 
@@ -65,8 +65,8 @@ def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
         return _angle_trouble(time, position, dof)
     name, column = dof.position, dof.column(dof.position, dof.units.log)
     largest = median(np.abs(position - position[0]))
-    later = np.interp(time + WHILE, time, position)
-    fastest = float(np.percentile(np.abs(later - position), 90)) / WHILE
+    later = np.interp(time + WAY_S, time, position)
+    fastest = float(np.percentile(np.abs(later - position), 90)) / WAY_S
     if largest <= dof.limits.far and fastest <= dof.limits.fast:
         return None
     size = f"the {name} changes by {fastest:.3g} {dof.units.base}/s"
@@ -106,7 +106,7 @@ def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
     if not acting.any():
         return None
     longest, at = longest_repeat(position, acting)
-    if longest < max(MIN_STUCK, acting.sum() / 2) or is_slow(position, longest):
+    if longest < max(MIN_STUCK_SAMPLES, acting.sum() / 2) or is_slow(position, longest):
         return None
     where = dof.shown(at) % 360 if dof.wraps else dof.shown(at)
     return (
@@ -121,7 +121,7 @@ def is_slow(position: Floats, repeats: int) -> bool:
     edges = np.flatnonzero(np.diff(position)) + 1
     lengths = np.sort(np.diff(np.concatenate([[0], edges, [len(position)]])))[:-1]
     # each sample asks how long its own value stays
-    return bool(len(lengths) and repeats <= TIMES_HELD * np.median(np.repeat(lengths, lengths)))
+    return bool(len(lengths) and repeats <= MAX_HELD_RATIO * np.median(np.repeat(lengths, lengths)))
 
 
 def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:
@@ -133,7 +133,7 @@ def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, flo
     return int(lengths[best]) + 1, float(position[edges[2 * best] if lengths[best] else 0])
 
 
-ALIKE = 1.25  # pushes of one size: steps that end at one angle are logged a sample more or less
+SAME_PUSH_RATIO = 1.25  # pushes of one size: steps that end at one angle are logged a sample more or less
 STILL_PIECE_S = 1.0  # positions are averaged over pieces of about this length, so that noise is no motion
 
 
@@ -182,7 +182,7 @@ def _moved_by_no_more(run: Run, moved: Sequence[Run]) -> Run | None:
     size, side = abs(acting[0]), float(np.sign(acting[0]))
     for other in moved:
         same = other.moment_unit == run.moment_unit and np.abs(other.command).max() <= size * (1 + 1e-9)
-        if same and np.all(side * other.command >= 0) and 0 < _push(other) <= ALIKE * _push(run):
+        if same and np.all(side * other.command >= 0) and 0 < _push(other) <= SAME_PUSH_RATIO * _push(run):
             return other
     return None
 
@@ -240,12 +240,12 @@ def _times(true: NDArray[np.bool_]) -> int:
 
 Mask = NDArray[np.bool_]
 
-SINGLE = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")
+THRUSTER_COLUMN = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")
 """Names of columns that hold the command or speed of one thruster."""
 EXPONENTS = (2.0, 1.5, 1.0)  # Of thrust against speed, of normalised commands against thrust, and between
-LAW = 0.01  # Share of the commands' root mean square that a law leaves of them; more is no law
-SHORT = 0.01  # Share of the largest command from which on what was given is not what was asked
-FEWEST = 3  # Samples at one largest value that make it a limit, and samples that fall short
+MAX_LAW_RESIDUAL = 0.01  # Share of the commands' root mean square that a law leaves of them; more is no law
+MIN_SHORTFALL = 0.01  # Share of the largest command from which on what was given is not what was asked
+MIN_LIMIT_SAMPLES = 3  # Samples at one largest value that make it a limit, and samples that fall short
 
 
 @dataclass(frozen=True)
@@ -314,12 +314,12 @@ class Law:
 
 def commanded(run: Run) -> list[Commanded]:
     """The total commands of a run that single thrusters stand beside."""
-    names = tuple(sorted(name for name in run.extras if SINGLE.fullmatch(name)))
+    names = tuple(sorted(name for name in run.extras if THRUSTER_COLUMN.fullmatch(name)))
     if not names:
         return []
     single = np.stack([run.extras[name] for name in names], axis=1)
     totals = {dof: run.extras[dof.command] for dof in DOFS.values() if dof.command in run.extras}
-    total = run.extras.get(ASKED, run.moment)
+    total = run.extras.get(LOGGED_COMMAND, run.moment)
     totals |= {run.dof: total} if total is not None else {}
     return [
         Commanded(dof, run.moment_unit if dof is run.dof else dof.units.forces[1], names, total, single)
@@ -359,8 +359,8 @@ def _law(several: Sequence[Commanded]) -> Law | None:
         scaled, _, rank, _ = np.linalg.lstsq(terms / scale, total[free], rcond=1e-6)
         coefficients = scaled / scale
         residual = float(np.sqrt(np.mean((total[free] - terms @ coefficients) ** 2)))
-        if distinct > 2 * rank and residual <= LAW * float(np.sqrt(np.mean(total[free] ** 2))):
-            tolerance = max(SHORT * float(np.abs(total).max()), 10.0 * residual)
+        if distinct > 2 * rank and residual <= MAX_LAW_RESIDUAL * float(np.sqrt(np.mean(total[free] ** 2))):
+            tolerance = max(MIN_SHORTFALL * float(np.abs(total).max()), 10.0 * residual)
             laws.append((residual, Law(several[0].names, coefficients, exponent, low, high, tolerance)))
     return min(laws, key=lambda pair: pair[0])[1] if laws else None
 
@@ -373,7 +373,7 @@ def limit_of(law: Law, several: Sequence[Commanded]) -> AllocationLimit | None:
     """What runs ask of the thrusters beyond their limits, None where that is nothing."""
     total, single = _together(several)
     short = law.short(total, single)
-    if np.count_nonzero(short) < FEWEST:
+    if np.count_nonzero(short) < MIN_LIMIT_SAMPLES:
         return None
     delivered = law.delivered(single)
     worst = int(np.argmax(np.where(short, np.abs(total - delivered), 0.0)))
@@ -400,7 +400,7 @@ def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit
             total = np.where(short, law.delivered(part.single), part.total)
             if part.dof is not run.dof:
                 run = replace(run, extras={**run.extras, part.dof.command: total})
-            elif ASKED not in run.extras:
+            elif LOGGED_COMMAND not in run.extras:
                 run = replace(run, moment=total)
             limited[i] = run
     return limited, tuple(limits)
@@ -414,7 +414,7 @@ def _terms(single: Floats, exponent: float) -> Floats:
 
 def _limits(single: Floats, end: np.ufunc) -> Floats:
     limit = end(end.reduce(single, axis=0), 0.0)
-    plateau = (np.abs(single - limit) <= 1e-9 * np.abs(limit)).sum(axis=0) >= FEWEST
+    plateau = (np.abs(single - limit) <= 1e-9 * np.abs(limit)).sum(axis=0) >= MIN_LIMIT_SAMPLES
     return np.asarray(np.where(plateau & (limit != 0), limit, np.inf if end is np.maximum else -np.inf))
 
 

@@ -20,11 +20,11 @@ from automarine_cli.runs.load import Mask
 from automarine_cli.runs.run import ExcludedRun, Run, slope
 
 SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are one
-FEWEST_SAMPLES = 5  # a shorter stretch of one moment is part of a changing command
-MIN_AT_REST = 2
-SHORT_REST = 10
-SLOW = 0.1  # of the mean rate of the step: a slower start counts as standing still
-SURE = 4.0  # standard errors
+MIN_STEP_SAMPLES = 5  # a shorter stretch of one moment is part of a changing command
+MIN_REST_SAMPLES = 2
+SHORT_REST_SAMPLES = 10
+SLOW_RATE_SHARE = 0.1  # of the mean rate of the step: a slower start counts as standing still
+REST_STDERRS = 4.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def find_steps(run: Run) -> tuple[Step, ...]:
     """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time. Raises
     RunError where the run has no moment."""
     least = _least_change(run.command)
-    stretches = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= FEWEST_SAMPLES)
+    stretches = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= MIN_STEP_SAMPLES)
     return tuple(_step(run, first, stop, moment, least) for first, stop, moment in stretches)
 
 
@@ -92,7 +92,7 @@ def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
         limit = run.dof.limits.start
         rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], run.noise, limit)
         # too little before the step to tell: its own start decides
-        from_rest = first < SHORT_REST and abs(rate) <= SLOW * abs(pace) + SURE * doubt
+        from_rest = first < SHORT_REST_SAMPLES and abs(rate) <= SLOW_RATE_SHARE * abs(pace) + REST_STDERRS * doubt
     before = run.time[first - 1] if first else run.time[0] - run.sample_period
     return Step(
         run, first, stop, moment, switch_from=float(before), switch_to=float(run.time[first]),
@@ -115,11 +115,11 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
         pace = float((run.position[last] - run.position[first]) / (run.time[last] - run.time[first]))
     idle = run.command[first - 1] if run.dof.has_constant and first else 0.0
     acting = np.flatnonzero(np.abs(run.command[:first] - idle) > least)
-    length, most = first - (int(acting[-1]) + 1 if acting.size else 0), SLOW * abs(pace)
-    while length >= MIN_AT_REST:
+    length, most = first - (int(acting[-1]) + 1 if acting.size else 0), SLOW_RATE_SHARE * abs(pace)
+    while length >= MIN_REST_SAMPLES:
         start = first - length
         rate, error = slope(run.time[start:first], run.position[start:first])
-        doubt = SURE * error * run.noise
+        doubt = REST_STDERRS * error * run.noise
         # where the log begins, nothing moved the vehicle before
         if abs(rate) <= doubt + 0.2 * most and (start == 0 or doubt <= most):
             return start, pace
@@ -171,13 +171,13 @@ def start_position(step: Step) -> float:
 
 COMMAND_ENDS = "the {force} changed"
 NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
-LOG_ENDS, WINDOW = "the log ended", "the window"
+LOG_ENDS, WINDOW_ENDS = "the log ended", "the window"
 
-MIN_SAMPLES = 8
+MIN_HALF_TURN_SAMPLES = 8
 MARGIN_IN_SIGMA = 3.0
-MIN_STUCK = 10  # samples of one exact position
-STILL_CHANGING = 0.1  # of the last third's rate
-MAX_REST = 200
+MIN_STUCK_STEP_SAMPLES = 10  # samples of one exact position
+MAX_RATE_CHANGE = 0.1  # of the last third's rate
+MAX_REST_SAMPLES = 200
 """Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
 
 
@@ -203,7 +203,7 @@ class Trim:
         return run.cut(0, int(np.argmax(out))) if not run.dof.wraps and out.any() else run
 
     def ended(self, dof: Dof) -> str:
-        return dof.words.reach if dof.wraps or self.reach is not None else WINDOW
+        return dof.words.reach if dof.wraps or self.reach is not None else WINDOW_ENDS
 
 
 UNTRIMMED = Trim()
@@ -243,7 +243,7 @@ class HalfTurn:
     def looked_at(self) -> tuple[int, int]:
         """Samples that sensors are judged by and figures show: some of the rest, and as much after."""
         step = self.step
-        begin = max(step.first if step.rest is None else step.rest.start, step.first - MAX_REST)
+        begin = max(step.first if step.rest is None else step.rest.start, step.first - MAX_REST_SAMPLES)
         return begin, min(step.stop, 2 * self.kept.stop - step.first)
 
     def of(self, run: Run) -> "HalfTurn":
@@ -293,7 +293,7 @@ def _before(path: Floats, crossing: int, noise: float) -> int:
         return max(crossing, 1)
     pace = abs(path[crossing - 1] - path[crossing - 1 - back]) / back
     margin = math.ceil(MARGIN_IN_SIGMA * noise / pace) if pace > 0 else crossing
-    return max(crossing - margin, min(crossing, MIN_SAMPLES))
+    return max(crossing - margin, min(crossing, MIN_HALF_TURN_SAMPLES))
 
 
 def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
@@ -303,8 +303,8 @@ def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
         return False
     late, late_error = slope(time[-third:], position[-third:])
     middle, middle_error = slope(time[-2 * third : -third], position[-2 * third : -third])
-    doubt = SURE * noise * math.hypot(late_error, middle_error)
-    return abs(late - middle) <= max(STILL_CHANGING * abs(late), doubt)
+    doubt = REST_STDERRS * noise * math.hypot(late_error, middle_error)
+    return abs(late - middle) <= max(MAX_RATE_CHANGE * abs(late), doubt)
 
 
 def _why_not(turn: HalfTurn, crossed: bool) -> str:
@@ -315,11 +315,11 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     size = round(abs(float(dof.shown(turn.turned))))
     way = f"{size} {words.unit if size == 1 else words.units}"
     repeats, _ = longest_repeat(turn.position, np.ones(count, dtype=bool))
-    if repeats >= max(MIN_STUCK, count / 2) and not is_slow(run.position, repeats):
+    if repeats >= max(MIN_STUCK_STEP_SAMPLES, count / 2) and not is_slow(run.position, repeats):
         same = f"{words.sensor} stuck: {repeats} of {count} samples of {at} show one {words.position}"
         return f"{same}. Check the {words.sensor}, or whether the vehicle was held"
-    if count < MIN_SAMPLES:
-        few = f"too short: {at} has {count} samples ({turn.cut_by}); at least {MIN_SAMPLES} are needed"
+    if count < MIN_HALF_TURN_SAMPLES:
+        few = f"too short: {at} has {count} samples ({turn.cut_by}); at least {MIN_HALF_TURN_SAMPLES} are needed"
         return f"{few}. Log faster or hold the {force} longer"
     if not turn.moved:
         why = f"never moved: {way} {words.moved} in {at}. Use a larger {force}, and check thrusters and tether"
@@ -327,7 +327,7 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
             why += f"; if the {words.position} column is in radians, name it {dof.column(dof.position, 'rad')}"
         return why
     if not step.from_rest:
-        rest = f"rest{f' at zero {force}' * (not dof.has_constant)} before each step"
+        rest = "rest before each step" if dof.has_constant else f"rest at zero {force} before each step"
         pace = f"{dof.shown(step.start_rate):.3g} {words.units}/s"
         return f"not from rest: {at} begins at {pace}. Let the vehicle come to {rest}"
     if turn.turned * turn.moment < 0 and not dof.has_constant:

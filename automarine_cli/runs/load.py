@@ -42,10 +42,10 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
-LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
-COARSE = 0.2  # of the rows: more repeated stamps than this are no accident
+MAX_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
+MAX_REPEATED_STAMPS = 0.2  # of the rows: more repeated stamps than this are no accident
 COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps", "jumps")
-SHORTEST_PART = 5.0  # s; what is left between two jumps has to be worth fitting a start of its own
+MIN_PART_S = 5.0  # s; what is left between two jumps has to be worth fitting a start of its own
 
 
 class NotUsable(RunError):
@@ -80,7 +80,7 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     if not summed:
         _refuse(checks.position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
-        if (largest := float(np.abs(columns[key]).max(initial=0.0))) > LARGEST_COMMAND:
+        if (largest := float(np.abs(columns[key]).max(initial=0.0))) > MAX_COMMAND:
             what = dof.words.force if key == dof.command else "thruster command"
             _refuse(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
     if not summed:
@@ -89,7 +89,7 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
         columns = _only(columns, ~glitch)
         _refuse(checks.clock_trouble(columns["time"]))
     notes = table.notes
-    if counts["duplicates"] > COARSE * counts["rows"]:
+    if counts["duplicates"] > MAX_REPEATED_STAMPS * counts["rows"]:
         stamps = f"{counts['duplicates']} of {counts['rows']} stamps"
         notes += (f"{stamps} repeat the one before: the clock is coarser than the log",)
     run = Run(
@@ -175,12 +175,12 @@ def _bridged(run: Run) -> tuple[Run, ...]:
 
 def _too_short(part: Run) -> str | None:
     left = f"only {np.ptp(part.time):.2g} s are left beside a jump of the {part.dof.position}"
-    short = part.counts["jumps"] and np.ptp(part.time) < SHORTEST_PART
-    return f"{left}; at least {SHORTEST_PART:g} s are needed" if short else None
+    short = part.counts["jumps"] and np.ptp(part.time) < MIN_PART_S
+    return f"{left}; at least {MIN_PART_S:g} s are needed" if short else None
 
 
 MIN_STANDSTILL = 5  # Samples of a standstill
-SURE = 4.0  # Standard errors within which the readings of a standstill show no trend
+TREND_STDERRS = 4.0  # Standard errors within which the readings of a standstill show no trend
 
 
 def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> float:
@@ -194,15 +194,15 @@ def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> flo
     trend, doubt = slope(time[:first], readings)
     steps = np.diff(readings)
     noise = NORMAL * median(np.abs(steps - median(steps))) / np.sqrt(2.0)
-    level = median(readings)
-    return level if abs(trend) <= SURE * doubt * noise + 1e-12 and abs(level) <= 3.0 * dof.limits.bias_sd else 0.0
+    level, steady = median(readings), abs(trend) <= TREND_STDERRS * doubt * noise + 1e-12
+    return level if steady and abs(level) <= 3.0 * dof.limits.bias_sd else 0.0
 
 
 SPIKE_IN_SIGMA = 8.0
-LONGEST_SPIKE = 2  # samples
-LOCAL = 9  # samples; of fewer nothing can be told
-LONGEST_BRIDGE = 60.0  # s; over a longer gap anything may have happened
-FASTER = 1.5  # than nearly all of the run: nothing turns so across a gap
+MAX_SPIKE_SAMPLES = 2  # samples
+MIN_SPIKE_SAMPLES = 9  # samples; of fewer nothing can be told
+MAX_BRIDGE_S = 60.0  # s; over a longer gap anything may have happened
+GAP_RATE_RATIO = 1.5  # than nearly all of the run: nothing turns so across a gap
 
 
 def wrapped(angle: Floats, turn: float) -> Floats:
@@ -224,13 +224,13 @@ def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
     each other. A jump that stays (a stale sensor that catches up) is no spike, nor is a sharp reversal.
     """
     bad = np.zeros(len(time), dtype=bool)
-    if len(time) < LOCAL:
+    if len(time) < MIN_SPIKE_SAMPLES:
         return bad
     steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
     threshold = max(dof.limits.spike, SPIKE_IN_SIGMA * _scatter(steps))
-    if LONGEST_SPIKE * float(np.abs(steps).max()) * (1.0 + spans.max() / spans.min()) <= threshold:
+    if MAX_SPIKE_SAMPLES * float(np.abs(steps).max()) * (1.0 + spans.max() / spans.min()) <= threshold:
         return bad  # no samples that near to each other can be that far off
-    for width in range(1, LONGEST_SPIKE + 1):
+    for width in range(1, MAX_SPIKE_SAMPLES + 1):
         before = np.arange(len(time) - 1 - width)
         after = before + width + 1
         rate = _median_beside(steps / spans, before, after)
@@ -260,7 +260,7 @@ def _end_spikes(time: Floats, position: Floats, threshold: float, dof: Dof) -> M
     """Spikes at the very first and last samples: far off what the next samples, which agree, lead to."""
     bad = np.zeros(len(time), dtype=bool)
     for order in (np.arange(len(time)), np.arange(len(time))[::-1]):
-        for width in range(1, LONGEST_SPIKE + 1):
+        for width in range(1, MAX_SPIKE_SAMPLES + 1):
             inner = order[width : width + 6]
             steps = wrapped(np.diff(position[inner]), dof.turn)
             rate = np.array(median(steps / np.diff(time[inner])))
@@ -274,8 +274,8 @@ def _end_spikes(time: Floats, position: Floats, threshold: float, dof: Dof) -> M
     return bad
 
 
-AROUND = 6  # Steps on either side with which a jump is compared
-TIMES_FASTER = 3.0  # How much faster than any of them it is
+JUMP_NEIGHBOURS = 6  # Steps on either side with which a jump is compared
+MIN_JUMP_RATIO = 3.0  # How much faster than any of them it is
 JUMP_IN_SIGMA = 5.0  # Of steps that are noise
 
 
@@ -296,11 +296,11 @@ def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
         before_it = moved[moved < i]
         last = int(before_it[-1]) + 1 if len(before_it) else 0
         span = time[i + 1] - time[last]
-        before, after = speeds[max(last - AROUND, 0) : last], speeds[i + 1 : i + 1 + AROUND]
-        if min(len(before), len(after)) < AROUND // 2:
+        before, after = speeds[max(last - JUMP_NEIGHBOURS, 0) : last], speeds[i + 1 : i + 1 + JUMP_NEIGHBOURS]
+        if min(len(before), len(after)) < JUMP_NEIGHBOURS // 2:
             continue
         fastest = max(before.max(), after.max())
-        if sizes[i] > TIMES_FASTER * fastest * span and 4.0 * sizes[i] > most * span**2:
+        if sizes[i] > MIN_JUMP_RATIO * fastest * span and 4.0 * sizes[i] > most * span**2:
             jumps.append(i)
     return np.array(jumps, dtype=int)
 
@@ -322,14 +322,14 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> tuple[Flo
     steps = wrapped(raw, turn)
     fastest = np.inf
     if gaps.size and inside.any():
-        fastest = FASTER * float(np.percentile(np.abs(steps[inside]) / np.diff(time)[inside], 99))
+        fastest = GAP_RATE_RATIO * float(np.percentile(np.abs(steps[inside]) / np.diff(time)[inside], 99))
     broken = []
     for gap in gaps:
         span = time[gap + 1] - time[gap]
         before, after = _side_rate(time, steps, gap - 1, -1, gaps), _side_rate(time, steps, gap + 1, 1, gaps)
         predicted = span * (before[0] + after[0]) / 2
         doubt = span * min(fastest, abs(after[0] - before[0]) / 2 + before[1] + after[1])
-        if doubt > turn / 4 or span > LONGEST_BRIDGE:
+        if doubt > turn / 4 or span > MAX_BRIDGE_S:
             broken.append(int(gap))
         steps[gap] = predicted + wrapped(np.asarray(raw[gap] - predicted), turn)
     turns = np.cumsum(np.round((steps - raw) / turn))
@@ -354,7 +354,7 @@ ANGLE_SLACK = 1.001
 Reading = Callable[..., OfOneLog]
 
 MAX_REASONS = 3  # reasons shown when nothing is left
-PAYS_FROM = 3000  # logs; to start processes takes longer than to read fewer
+PARALLEL_FROM_LOGS = 3000  # logs; to start processes takes longer than to read fewer
 
 
 @dataclass(frozen=True)
@@ -382,7 +382,7 @@ def load_runs(
     work = partial(read or read_runs, columns=columns, dof=dof)
     runs: list[Run] = []
     aside: list[ExcludedRun] = []
-    jobs = jobs if len(files) > PAYS_FROM else 1
+    jobs = jobs if len(files) > PARALLEL_FROM_LOGS else 1
     for good, bad in ordered_map(work, files, jobs, progress=progress, stage="reading logs"):
         runs += good
         aside += bad
@@ -435,7 +435,7 @@ def require_usable(usable: Sized, aside: Sequence[ExcludedRun], logs: int, stric
     if not usable:
         files = {run.why: run.file for run in reversed(aside)}
         reasons = [f"{file}: {why}" for why, file in reversed(files.items())][:MAX_REASONS]
-        more = f" (and {len(aside) - len(reasons)} more)" * (len(aside) > len(reasons))
+        more = f" (and {len(aside) - len(reasons)} more)" if len(aside) > len(reasons) else ""
         raise RunError(f"no usable run in {plural(logs, 'log')}: {'; '.join(reasons)}{more}")
 
 
@@ -447,9 +447,11 @@ def append_exclusions(aside: Sequence[ExcludedRun]) -> Iterator[None]:
     except (FitError, RunError) as refusal:
         if not aside:
             raise
-        count = f"{len(aside)} runs were" if len(aside) > 1 else "1 run was"
-        first = f"{', the first' * (len(aside) > 1)}: {aside[0].file}, run {aside[0].run!r}: {aside[0].why}"
-        raise type(refusal)(f"{refusal} ({count} set aside before{first})") from None
+        why = f"{aside[0].file}, run {aside[0].run!r}: {aside[0].why}"
+        before = f"1 run was set aside before: {why}"
+        if len(aside) > 1:
+            before = f"{len(aside)} runs were set aside before, the first: {why}"
+        raise type(refusal)(f"{refusal} ({before})") from None
 
 
 def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> OfOneLog:
@@ -599,10 +601,10 @@ def _with_fresh_readings(run: Run) -> Run:
 
 
 MIN_CHANGES = 8  # Changes of a value that tell anything of its sensor
-FINE = 5.0  # A median step of so many of the smallest steps or more: two readings in a row are then hardly ever equal
-COARSE_CHANGES = 2.0  # The same below which a value that stands may as well be one that creeps
-FEW = 0.1  # Share of repeats below which they are chance, and cost nothing
-BESIDE = 0.1
+FINE_STEP_RATIO = 5.0  # Of the median step to the smallest: two readings in a row are then hardly ever equal
+COARSE_STEP_RATIO = 2.0  # The same below which a value that stands may as well be one that creeps
+CHANCE_REPEATS = 0.1  # Share of repeats below which they are chance, and cost nothing
+MAX_ADJACENT_CHANGES = 0.1
 """Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
 
 
@@ -617,11 +619,11 @@ def repeats(*columns: Floats) -> Mask:
     repeated = np.zeros(values.shape[1], dtype=bool)
     steps = np.abs(np.diff(values[:, sound], axis=1))
     changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
-    if np.count_nonzero(changed) < MIN_CHANGES or changed.mean() > 1 - FEW:
+    if np.count_nonzero(changed) < MIN_CHANGES or changed.mean() > 1 - CHANCE_REPEATS:
         return repeated
     coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
-    often = coarseness >= COARSE_CHANGES and bool(np.median(spans) >= 2 and np.mean(spans == 1) <= BESIDE)
-    if coarseness < FINE and not often:
+    often = np.median(spans) >= 2 and np.mean(spans == 1) <= MAX_ADJACENT_CHANGES
+    if coarseness < COARSE_STEP_RATIO or (coarseness < FINE_STEP_RATIO and not often):
         return repeated
     repeated[sound] = np.concatenate([[True], ~changed])
     return repeated

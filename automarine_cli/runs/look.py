@@ -22,7 +22,7 @@ from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, segments, wh
 from automarine_cli.runs.load import rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run, misfit_of, position_noise, undirected
 
-MAX_LEVELS = 64  # more different values than this are a signal, not levels
+MAX_LOGGED_LEVELS = 64  # more different values than this are a signal, not levels
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def look_at_run(run: Run) -> RunSeen:
         longest_step_s=float(spans.max()), counts=dict(run.counts),
         noise=float(run.dof.shown(position_noise(run.time, run.position))),
         extent=float(np.ptp(run.position) / (run.dof.turn if run.dof.wraps else 1.0)), moment_unit=driven.moment_unit,
-        levels=levels if len(levels) <= min(MAX_LEVELS, len(run) // 4) else None,
+        levels=levels if len(levels) <= min(MAX_LOGGED_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns], half_turn=None if best is None else _step_seen(best),
         why=None if best is not None else why_none(driven, turns), columns=sorted(run.extras),
         notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)], commanded=commanded(run),
@@ -174,7 +174,7 @@ def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[Exclude
             table.source, name, points=len(n), missing=len(every) - len(n), levels=len(np.unique(n)),
             lowest_n=float(n.min()), highest_n=float(n.max()),
             lowest_force_N=float(force.min()), highest_force_N=float(force.max()),
-            voltages=volts if len(volts) <= MAX_LEVELS else [], columns=sorted(table.extras),
+            voltages=volts if len(volts) <= MAX_LOGGED_LEVELS else [], columns=sorted(table.extras),
             notes=[*table.notes, *filter(None, [undirected(n, force)])],
         ))  # fmt: skip
     return tests, aside
@@ -183,8 +183,8 @@ def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[Exclude
 UNITS_LINE = "delete a line of units below the names"
 NO_COLUMN = f"no column looks like a heading, a moment or a command; {UNITS_LINE}, or name them with --columns"
 HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
-VALIDATION = "_validation"  # and how they may end
-TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
+VALIDATION_SUFFIX = "_validation"  # and how they may end
+MIN_TURNED_SHARE = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
 
 Placed = Mapping[str, tuple[LogFile, ...]]
 """Logs by the kind of test that they are."""
@@ -261,10 +261,10 @@ class Survey:
     def turned_round(self) -> bool:
         """Whether nearly all turn against their moment: heading or moment counts the other way."""
         good, bad = self.turns
-        return bad >= 2 and bad >= TURNED_ROUND * (good + bad)
+        return bad >= 2 and bad >= MIN_TURNED_SHARE * (good + bad)
 
 
-KINDS = ("thrusters", "steps", "manoeuvres", "validation")
+TEST_KINDS = ("thrusters", "steps", "manoeuvres", "validation")
 
 
 def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int, progress: Progress) -> Survey:
@@ -278,7 +278,7 @@ def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int
     headed = any(YAW.position not in layout.lacking for layout in layouts if not layout.bollard)
     aside = [unreadable(file, error) for file, error in errors.items()]
     unread: list[LogFile] = []
-    logs_of: dict[str, dict[str, list[LogFile]]] = {"": {kind: [] for kind in KINDS}}  # by motion; "" is yaw
+    logs_of: dict[str, dict[str, list[LogFile]]] = {"": {kind: [] for kind in TEST_KINDS}}  # by motion; "" is yaw
     for file, (runs, tests, bad) in zip(readable, looks):
         layout = layout_of[file]
         questions = layout.lacking or any(column.open for column in layout.columns)
@@ -290,7 +290,7 @@ def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int
         kind = _kind_of(file, runs, unclear) if not layout.bollard else "thrusters" if tests else ""
         if not kind:
             continue
-        motion, kinds = "", list(KINDS)
+        motion, kinds = "", list(TEST_KINDS)
         if not layout.dof.wraps:
             motion, kinds = layout.dof.name, kinds[1:]
         elif layout.dof is YAW and _of_three(layout.names):
@@ -309,7 +309,8 @@ def _kind_of(file: LogFile, runs: Sequence[RunSeen], unread: bool = False) -> st
     kinds = Counter(run.kind for run in runs)
     if not unread and (not kinds or set(kinds) == {"idle"}):
         return ""
-    if any(part.lower().startswith(HELD_BACK) or part.lower().endswith(VALIDATION) for part in file.name.split("/")):
+    parts = file.name.lower().split("/")
+    if any(part.startswith(HELD_BACK) or part.endswith(VALIDATION_SUFFIX) for part in parts):
         return "validation"
     return "manoeuvres" if kinds["manoeuvre"] else "steps"
 

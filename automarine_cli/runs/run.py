@@ -18,9 +18,9 @@ from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
-SAME = 1e-9  # rad or m; positions closer than this are one
-HELD = 0.2  # Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings
-FLAT = 3.0  # Smallest steps of a quantised sensor in its usual steps, from which on repeats are held values
+SAME_POSITION = 1e-9  # rad or m; positions closer than this are one
+HELD_SHARE = 0.2  # Of exact repeats, from which on a sensor is slower than the log: its repeats are no readings
+QUANTISED_RATIO = 3.0  # Smallest steps of a quantised sensor in its usual steps, from which on repeats are held values
 
 
 def position_noise(time: Floats, position: Floats) -> float:
@@ -41,7 +41,7 @@ def position_noise(time: Floats, position: Floats) -> float:
         square += weight**2
     sigma = NORMAL * median(np.abs(residual) / np.sqrt(square))
     moved = np.abs(np.diff(position))
-    same = moved < SAME
+    same = moved < SAME_POSITION
     if np.count_nonzero(same) >= len(same) / 3 and not same.all():
         sigma = max(sigma, float(moved[~same].min()) / np.sqrt(12))
     return sigma
@@ -78,17 +78,22 @@ def fresh_readings(read: Floats) -> NDArray[np.bool_]:
     at = np.flatnonzero(fresh)
     moved = np.abs(np.diff(read[at]))
     same = moved < 1e-9
-    if len(at) < 3 or same.mean() < HELD or same.all() or median(moved[~same]) < FLAT * moved[~same].min():
+    if len(at) < 3 or same.mean() < HELD_SHARE or same.all():
+        return fresh
+    if median(moved[~same]) < QUANTISED_RATIO * moved[~same].min():
         return fresh
     fresh[at[1:][same]] = False
     return fresh
 
 
-BEYOND, FAR_BEYOND = 1.05, 3.0
+MAX_EXTRAPOLATION, IMPOSSIBLE_EXTRAPOLATION = 1.05, 3.0
 """Times the range of the map from which a thrust is extrapolated, and from which the commands are not of this map."""
-INSIDE, FAR_INSIDE, HALF = 0.1, 0.02, 0.5
+SMALL_COMMANDS, IMPOSSIBLE_COMMANDS, HALF_RANGE = 0.1, 0.02, 0.5
 """The same towards zero, shares of the range; below half of it the largest command must not be exactly 1 or 100."""
-SHARES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}  # What commands are whose largest value comes near these
+FULL_SCALES = {
+    1.0: "normalised (-1 to 1)",
+    100.0: "like percent",
+}  # What commands are whose largest value comes near these
 
 
 @dataclass(frozen=True)
@@ -129,7 +134,7 @@ def misfit_of(ranges: Sequence[CommandRange]) -> Misfit | None:
     if size == 0 or most == 0:
         return None
     ratio, usual = size / most, median(np.array([part.usual for part in ranges]))
-    share = next((word for full, word in SHARES.items() if 0.2 * full < size <= 1.01 * full), "")
+    share = next((word for full, word in FULL_SCALES.items() if 0.2 * full < size <= 1.01 * full), "")
     scale = f"{most if size <= 1.01 else most / 100:.4g}" if size <= 101 else "FACTOR"
 
     def misfit(why: str, key: str, value: str, impossible: bool) -> Misfit:
@@ -146,13 +151,13 @@ def misfit_of(ranges: Sequence[CommandRange]) -> Misfit | None:
         why = f"they are never negative and mostly {usual:.4g}, half the range, a neutral that was not subtracted"
         return misfit(why, "subtract", f"{usual:.4g}", False)
     looks = f"they look {share or 'like another unit'}"
-    if ratio > FAR_BEYOND:
+    if ratio > IMPOSSIBLE_EXTRAPOLATION:
         return misfit(f"{looks}, not the signal of this map", "scale", scale, True)
-    if ratio > BEYOND:
+    if ratio > MAX_EXTRAPOLATION:
         return misfit("beyond its ends the thrust is a guess", "scale", "FACTOR", False)
-    full = any(abs(size - share) <= 0.01 * share for share in SHARES)
-    if ratio <= INSIDE or (ratio <= HALF and full):
-        return misfit(f"{looks}, or the vehicle was hardly driven", "scale", scale, ratio <= FAR_INSIDE)
+    full = any(abs(size - share) <= 0.01 * share for share in FULL_SCALES)
+    if ratio <= SMALL_COMMANDS or (ratio <= HALF_RANGE and full):
+        return misfit(f"{looks}, or the vehicle was hardly driven", "scale", scale, ratio <= IMPOSSIBLE_COMMANDS)
     return None
 
 
@@ -178,9 +183,9 @@ def undirected(n: Floats, force: Floats) -> str:
     return ""
 
 
-ASKED = "asked"  # Extra of a run that is driven by its thrusters: the moment or force that was logged beside them
+LOGGED_COMMAND = "asked"  # Extra of a run driven by its thrusters: the moment or force logged beside them
 
-NOISE_FROM = 1000  # Samples, the first of a run, that show its noise to four percent
+NOISE_SAMPLES = 1000  # Samples, the first of a run, that show its noise to four percent
 
 
 @dataclass(frozen=True)
@@ -221,12 +226,13 @@ class Run:
         """Commanded moment or force of any degree of freedom, (N,). Raises RunError where the log has none."""
         command = self.moment if dof is self.dof else self.extras.get(dof.command)
         if command is None:
-            arm = " and --arm METRES" * dof.levered + f' (in a campaign {dof.command} = "thrusters")'
-            thrusters = f"give --thrusters MAP.json{arm} for {' and '.join(dof.thrusters)}, or " * bool(dof.thrusters)
-            raise RunError(
-                f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in "
-                f"the log; {thrusters}name the {dof.words.force}'s column with --columns"
-            )
+            remedy = f"name the {dof.words.force}'s column with --columns"
+            if dof.thrusters:
+                options = "--thrusters MAP.json and --arm METRES" if dof.levered else "--thrusters MAP.json"
+                campaign = f'(in a campaign {dof.command} = "thrusters")'
+                remedy = f"give {options} {campaign} for {' and '.join(dof.thrusters)}, or {remedy}"
+            what = f"no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in the log"
+            raise RunError(f"{self.source}, run {self.name!r}: {what}; {remedy}")
         return command
 
     def channel(self, quantity: str) -> Floats | None:
@@ -255,7 +261,7 @@ class Run:
     def noise(self) -> float:
         """Standard deviation [rad or m] of the white noise on the position at the start of the run, see
         `position_noise`."""
-        return position_noise(self.time[:NOISE_FROM], self.position[:NOISE_FROM])
+        return position_noise(self.time[:NOISE_SAMPLES], self.position[:NOISE_SAMPLES])
 
     def noted(self, *notes: str) -> "Run":
         """The run with notes that tell how its log was read."""
@@ -275,9 +281,9 @@ class Run:
         commanded: CommandRange | None = None,
     ) -> "Run":  # fmt: skip
         """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
-        of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays beside it as ASKED."""
+        of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays as LOGGED_COMMAND."""
         beside = parts is not None and self.moment is not None and unit == self.moment_unit
-        logged = {ASKED: self.command} if beside else {}
+        logged = {LOGGED_COMMAND: self.command} if beside else {}
         return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **logged, **(parts or {})},
                        commanded=commanded)  # fmt: skip
 

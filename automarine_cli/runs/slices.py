@@ -13,8 +13,8 @@ from automarine_cli.logs import LogTable, require
 from automarine_cli.logs.columns import ARMED, MODE, RUN
 from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.checks import FEWEST_SAMPLES
-from automarine_cli.runs.half_turn import SAME_MOMENT, SHORT_REST
+from automarine_cli.runs.checks import MIN_RUN_SAMPLES
+from automarine_cli.runs.half_turn import SAME_MOMENT, SHORT_REST_SAMPLES
 from automarine_cli.text import listed
 
 By = Literal["mode", "arm", "moment"]
@@ -65,7 +65,7 @@ def find_slices(
         moving = False
         if by == "moment" and follows:  # something acted right before, or so shortly before that nobody knows the rest
             begin, end, earlier, goes_on = stretches[i - 1]
-            moving = earlier != NOT_LOGGED if earlier else goes_on and end - begin < SHORT_REST
+            moving = earlier != NOT_LOGGED if earlier else goes_on and end - begin < SHORT_REST_SAMPLES
         slices.append(Slice(start, stop, state, moving))
     return slices
 
@@ -78,8 +78,8 @@ def _why_not(by: By, state: str, modes: set[str], time: Floats, shortest: float)
     if modes and state.lower() not in modes:
         return f"mode {state} is not asked for"
     length = float(time[-1] - time[0])
-    if length < shortest or len(time) < FEWEST_SAMPLES:
-        return f"shorter than {shortest:g} s, or fewer than {FEWEST_SAMPLES} samples"
+    if length < shortest or len(time) < MIN_RUN_SAMPLES:
+        return f"shorter than {shortest:g} s, or fewer than {MIN_RUN_SAMPLES} samples"
     return ""
 
 

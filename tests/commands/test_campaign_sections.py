@@ -10,7 +10,7 @@ import pytest
 from repository import SAMPLE_RUNS
 
 from automarine_cli.commands import load
-from automarine_cli.commands.campaign import Campaign, read_campaign
+from automarine_cli.commands.campaign import Campaign, NothingToDoError, read_campaign
 from automarine_cli.commands.report import report
 from automarine_cli.commands.run import run_campaign, why_made_again
 from automarine_cli.control import design
@@ -35,9 +35,13 @@ def campaign_file(folder: Path, text: str) -> Path:
 
 
 def settings(campaign: Campaign, step: str, out: Path) -> Mapping[str, Any]:
-    plan = campaign.plan(STEP[step], out)
-    assert not isinstance(plan, str), plan
-    return plan
+    return campaign.plan(STEP[step], out)
+
+
+def nothing_to_do(campaign: Campaign, step: str, out: Path) -> str:
+    with pytest.raises(NothingToDoError) as reason:
+        settings(campaign, step, out)
+    return str(reason.value)
 
 
 def test_heave_has_its_own_steps_and_report(tmp_path: Path) -> None:
@@ -81,7 +85,7 @@ def test_a_section_has_the_settings_of_its_command(tmp_path: Path) -> None:
     assert fit["tail"] == pytest.approx(90.0)  # degrees, as on the command line
     assert (diagnosis["channels"], diagnosis["seed"], diagnosis["hold_out"]) == ("position", 3, ())
     assert campaign.sections["thrusters"] == {"form": "square"}
-    assert campaign.plan(STEP["validate"], tmp_path) == "the campaign names no validation runs"
+    assert nothing_to_do(campaign, "validate", tmp_path) == "the campaign names no validation runs"
 
 
 @pytest.mark.parametrize(("line", "why"), [
@@ -138,4 +142,4 @@ def test_gains_take_the_thruster_map_of_the_campaign(day: Path) -> None:
     plan = settings(campaign, "tune", day / "out")
     assert plan["thrusters"] == fitted and plan["arm"] is None
     fitted.unlink()
-    assert campaign.plan(STEP["tune"], day / "out") == "it needs the thruster map, and fit-thrusters gave none"
+    assert nothing_to_do(campaign, "tune", day / "out") == "it needs the thruster map, and fit-thrusters gave none"

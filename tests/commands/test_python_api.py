@@ -17,7 +17,7 @@ import automarine_cli as am
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.results_folder import read_manifest
-from automarine_cli.report.figures.style import FORMATS
+from automarine_cli.report.figures.style import FIGURE_WRITERS
 from automarine_cli.report.sections import sections
 from automarine_cli.report.tables import interval
 
@@ -70,7 +70,8 @@ def test_a_prompt_and_a_notebook_show_tables(results: dict[str, Any]) -> None:
 def test_every_figure_is_drawn(results: dict[str, Any], name: str) -> None:
     listed = sections(results[name]).figures
     with drawn():
-        assert listed and all(FORMATS["png"](results[name].plot(figure)).startswith(b"\x89PNG") for figure in listed)
+        pages = [FIGURE_WRITERS["png"](results[name].plot(figure)) for figure in listed]
+        assert pages and all(page.startswith(b"\x89PNG") for page in pages)
     with pytest.raises(SettingError, match=f"there is no figure 'x'; known are {next(iter(listed))}"):
         results[name].plot("x")
     with pytest.raises(SettingError, match="this result has no figure"):

@@ -13,7 +13,7 @@ from click.testing import Result
 from fuzzing import COLUMN_MAP, KINDS, THRUSTER_MAP
 from small_campaign import SPECIFICATION
 
-from automarine_cli.pipeline.records import MAX_BYTES
+from automarine_cli.pipeline.records import MAX_FILE_BYTES
 
 Ask = Callable[[str, bytes], list[Result]]
 
@@ -54,7 +54,7 @@ def say(results: list[Result], start: str) -> None:
 @pytest.mark.parametrize("name", GOOD)
 def test_no_data_at_all(ask: Ask, name: str) -> None:
     kind = name[-4:].upper()
-    most = 200_000 if name == "columns.toml" else MAX_BYTES[kind]  # type: ignore[index]
+    most = 200_000 if name == "columns.toml" else MAX_FILE_BYTES[kind]  # type: ignore[index]
     begin, opened, close = (b'{"a": ', b'{"a":', b"}") if kind == "JSON" else (b"a = ", b"[", b"]")
     deep = (b"" if kind == "JSON" else begin) + opened * 10_000 + b"1" * (kind == "JSON") + close * 10_000
     say(ask(name, b"\xff\xfe" + b"a"), f"{name}: expected UTF-8 text, found other bytes; save it as UTF-8")

@@ -86,6 +86,6 @@ def test_campaigns_are_the_same_bytes_if_a_worker_dies(
 
 
 def test_no_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("automarine_cli.pipeline.parallel.PATIENCE_S", 0.5)
+    monkeypatch.setattr("automarine_cli.pipeline.parallel.CLUSTER_PATIENCE_S", 0.5)
     with pytest.raises(SettingError, match=r"no Dask scheduler with workers answers at tcp://127.0.0.1:9 .*`dask"):
         ordered_map(slowly, [1], cluster="tcp://127.0.0.1:9")

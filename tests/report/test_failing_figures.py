@@ -12,8 +12,8 @@ from click.testing import Result
 from repository import SAMPLE_RUNS, tree
 
 import automarine_cli as am
-from automarine_cli.errors import SettingError, attempted
-from automarine_cli.report.figures.style import FORMATS
+from automarine_cli.errors import SettingError
+from automarine_cli.report.figures.style import FIGURE_WRITERS, drawn
 
 Run = Callable[..., Result]
 SENTENCE = "The figure {} could not be drawn (RuntimeError: no ink); everything else was written."
@@ -42,7 +42,7 @@ def test_a_figure_that_fails_warns(small_day: Path, run: Run, monkeypatch: pytes
     assert {name: data for name, data in tree(bad).items() if name != "manifest.json"} == expected
     assert run("verify", bad).exit_code == 0
 
-    monkeypatch.setitem(FORMATS, "png", boom)  # type: ignore[arg-type]
+    monkeypatch.setitem(FIGURE_WRITERS, "png", boom)  # type: ignore[arg-type]
     result = run("fit-yaw", steps, "-o", tmp_path / "out", "-q")
     assert warning_lines(result) == [SENTENCE.format(name) for name in ("half_turns", "drag", "inertia", "collapse")]
     assert result.exit_code == 0 and not list((tmp_path / "out").rglob("*.png"))
@@ -65,9 +65,10 @@ def test_what_an_exception_says_stands_on_one_line(problem: BaseException, words
 
     if words is None:
         with pytest.raises(type(problem)):
-            attempted("It failed", fail)
+            drawn(("png",), ("drag", fail))  # type: ignore[arg-type]
     else:
-        assert attempted("It failed", fail)[1] == f"It failed ({words}); everything else was written."
+        sentence = f"The figure drag could not be drawn ({words}); everything else was written."
+        assert drawn(("png",), ("drag", fail)) == sentence  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("command", "settings"), [(am.fit_yaw, {}), (am.validate, {"model": "none.json"})])

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from automarine_cli.report.figures.style import FORMATS, house_style, model_look, new_figure
+from automarine_cli.report.figures.style import FIGURE_WRITERS, house_style, model_look, new_figure
 
-png, svg, pdf = (FORMATS[kind] for kind in ("png", "svg", "pdf"))
+png, svg, pdf = (FIGURE_WRITERS[kind] for kind in ("png", "svg", "pdf"))
 pytestmark = pytest.mark.usefixtures("drawn_figures")
 
 

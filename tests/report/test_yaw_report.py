@@ -9,7 +9,7 @@ from made_campaigns import both_ways, campaign
 from matplotlib.figure import Figure
 
 from automarine_cli.report import fit_report  # noqa: F401  registers what a fit shows
-from automarine_cli.report.figures.style import FORMATS
+from automarine_cli.report.figures.style import FIGURE_WRITERS
 from automarine_cli.report.sections import sections
 
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -22,7 +22,7 @@ def is_complete(figure: Figure) -> None:
     assert labels and all(re.search(r"\[.+\]", label) for label in labels), labels
     for line in (line for ax in panels for line in ax.lines):
         assert np.isfinite(np.asarray(line.get_xydata(), float)).all()
-    assert FORMATS["png"](figure).startswith(b"\x89PNG")
+    assert FIGURE_WRITERS["png"](figure).startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("moments", [both_ways((0.2, 0.5, 0.8, 1.1)), [-0.3, -0.6, -0.9]])

@@ -137,7 +137,7 @@ def test_runs_of_one_name_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(load, "PAYS_FROM", 0)
+    monkeypatch.setattr(load, "PARALLEL_FROM_LOGS", 0)
     for i in range(3):
         path = written(replace(step_run(0.5, seed=i), name=f"r{i}"), tmp_path / f"r{i}.csv")
         pd.read_csv(path).to_parquet(path.with_suffix(".parquet"))

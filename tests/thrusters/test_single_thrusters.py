@@ -25,7 +25,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.checks import within_limits
 from automarine_cli.runs.load import load_runs
-from automarine_cli.runs.run import ASKED, Run
+from automarine_cli.runs.run import LOGGED_COMMAND, Run
 from automarine_cli.simulation.specification import EffectSetting
 from automarine_cli.thrusters.curves import PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap, drive_run_by_thrusters, parts_of
@@ -253,7 +253,7 @@ def test_what_thrusters_gave_drives_the_run(sign: float) -> None:
     same, (again,) = within_limits(through)
     assert again == limit
     np.testing.assert_array_equal(same[0].command, through[0].command)
-    np.testing.assert_array_equal(same[0].extras[ASKED], runs[0].command)
+    np.testing.assert_array_equal(same[0].extras[LOGGED_COMMAND], runs[0].command)
 
 
 def test_thrusters_that_follow_are_left_alone() -> None:

@@ -21,7 +21,7 @@ from automarine_cli.report.tables import number
 STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey", "not fitted": "yellow"}
 """Colours of what became of candidates; the bars of those that were not fitted are promises."""
 BEFORE_AFTER = ("before", "after")
-MAX_VARIABLES, LONGEST_LINE = 6, 104
+MAX_VARIABLES, MAX_TITLE_LINE = 6, 104
 
 
 @style.house_style
@@ -37,7 +37,7 @@ def where_figure(where: ResidualRegions) -> Figure:
     names = dict.fromkeys(variable.column.name for variable in out)
     rest = dict.fromkeys(variable.column.name for variable in variables if variable.column.name not in names)
     finding = f"The gap depends on {', '.join(names) or 'nothing beyond chance'}"
-    lines = (fill(line, LONGEST_LINE) for line in (finding, f"Within chance: {', '.join(rest) or 'none'}"))
+    lines = (fill(line, MAX_TITLE_LINE) for line in (finding, f"Within chance: {', '.join(rest) or 'none'}"))
     figure.suptitle("\n".join(lines), parse_math=False)
     return figure
 
@@ -51,8 +51,8 @@ def _bins(axes: Axes, variable: Variable) -> None:
     axes.axhline(0.0, color="0.3", lw=0.6)
     look = {"color": style.COLOURS["vermilion"], "capsize": 2.0, "label": "mean ± 2 standard errors"}
     axes.errorbar(variable.middle, row.mean, 2.0 * row.error, fmt="o-", **look)
-    axes.set_xlabel(variable.column.name + f" [{variable.column.unit}]" * bool(variable.column.unit), parse_math=False)
-    axes.set_ylabel(f"gap in {row.kind} [{row.unit}]" + "\nalong the command" * row.directed)
+    axes.set_xlabel(f"{variable.column.name} [{variable.column.unit}]".removesuffix(" []"), parse_math=False)
+    axes.set_ylabel(f"gap in {row.kind} [{row.unit}]" + ("\nalong the command" if row.directed else ""))
 
 
 @style.house_style
@@ -86,7 +86,7 @@ def motion_before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
         seen = [np.flatnonzero(error) for error in errors]  # what is padded, or was not predicted, is zero
         lines = [(run.time[at] - run.time[0], np.asarray(dof.shown(error[at]))) for at, error in zip(seen, errors)]
         residuals.append((run.name, lines))
-    how = f"predicted {HORIZON:g} s ahead from filtered states" * study.driven or "with their own thrust and start"
+    how = f"predicted {HORIZON:g} s ahead from filtered states" if study.driven else "with their own thrust and start"
     title, floor = f"Runs {word}, {how}", float(dof.shown(gap.floor))
     return style.residuals_figure(residuals, BEFORE_AFTER, dof.units.shown, floor, title, beneath=alone)
 
@@ -123,7 +123,7 @@ def learned_figure(curve: LearnedCurve, dof: Dof) -> Figure:
     axes.fill_between(curve.x, scale * curve.low, scale * curve.high, alpha=0.4, lw=0, label="95 % band")
     axes.plot(curve.x, scale * curve.y, label="learned curve")
     axes.axhline(0.0, color="0.3", linewidth=0.6)
-    variable = f"{'size of ' * curve.sized}{curve.variable}" + f" [{curve.unit}]" * bool(curve.unit)
+    variable = f"{'size of ' if curve.sized else ''}{curve.variable} [{curve.unit}]".removesuffix(" []")
     axes.set_xlabel(variable, parse_math=False)
     axes.set_ylabel(f"{names[curve.kind]} [{unit}]", parse_math=False)
     axes.set_title(f"No effect of the library is like it: {curve.kind} by {variable}", loc="left", parse_math=False)

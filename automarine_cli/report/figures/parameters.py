@@ -14,7 +14,7 @@ from automarine_cli.thrusters.curves import SplineCurve
 from automarine_cli.thrusters.map import SIDES
 from automarine_cli.thrusters.result import ThrusterFit
 
-LONGEST_NAME, WIDEST_LABEL = 28, 40  # letters that have room beside and below a panel
+MAX_RESULT_NAME, WIDEST_LABEL = 28, 40  # letters that have room beside and below a panel
 
 
 @house_style
@@ -79,6 +79,6 @@ def compare_figure(sides: Sequence[ComparedResult], differences: Sequence[Differ
             ax.set_xlabel(fill(f"{name} [{estimate.unit}]".removesuffix(" [1]"), WIDEST_LABEL), parse_math=False)
         ax.grid(visible=False, axis="y")
     for ax in axes[:, 0]:
-        ax.set_yticks(range(len(sides)), [shortened(side.name, LONGEST_NAME) for side in sides], parse_math=False)
+        ax.set_yticks(range(len(sides)), [shortened(side.name, MAX_RESULT_NAME) for side in sides], parse_math=False)
         ax.set_ylim(len(sides) - 0.4, -0.6)
     return figure

@@ -17,11 +17,11 @@ if TYPE_CHECKING:  # a plan needs no controllers
     from automarine_cli.control.tuning import FlownStep, Tuning
 
 MAX_PANELS = 4
-WORTH_IT = 1.1  # how many times wider intervals would be
-MIN_RUNS = 3  # below which a curve is not drawn: nothing is known yet
-LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
-MAX_STEPS = 4
-FURTHEST = 3.0  # steps beyond which a flight that runs away is not followed
+MIN_WIDTH_RATIO = 1.1  # how many times wider intervals would be
+MIN_RUNS_DRAWN = 3  # below which a curve is not drawn: nothing is known yet
+GAIN_LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
+MAX_STEPS_DRAWN = 4
+MAX_RUNAWAY_STEPS = 3.0  # steps beyond which a flight that runs away is not followed
 
 
 @house_style
@@ -31,12 +31,12 @@ def plan_figure(plan: Plan) -> Figure:
     figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
     half = int(np.searchsorted(minutes, 0.5 * minutes[-1]))
     wider = max(plan.errors[name][half] / plan.errors[name][-1] for name in names)
-    advice = "Play the whole plan" if wider > WORTH_IT else "Half of the plan is enough"
+    advice = "Play the whole plan" if wider > MIN_WIDTH_RATIO else "Half of the plan is enough"
     time = f"after {minutes[half]:.0f} of {minutes[-1]:.0f} minutes"
     figure.suptitle(f"{advice}: {time} intervals are up to {wider:.2g} times as wide")
     for ax, name in zip(axes.flat, names):
-        percent = plan.errors[name]
-        ax.plot(minutes[MIN_RUNS - 1 :], percent[MIN_RUNS - 1 :], color=COLOURS["blue"], marker="o", markevery=[-1])
+        percent, drawn = plan.errors[name], slice(MIN_RUNS_DRAWN - 1, None)
+        ax.plot(minutes[drawn], percent[drawn], color=COLOURS["blue"], marker="o", markevery=[-1])
         ax.set_title(f"{name}: {percent[-1]:.2g} %", loc="left", parse_math=False)
         ax.set(xlabel="minutes in the pool", ylabel="standard error [%]", ylim=(0.0, None))
     return figure
@@ -61,7 +61,7 @@ def tuning_figure(tuning: "Tuning") -> Figure:
     for i, title in enumerate((titles[0][0].upper() + titles[0][1:], f"{100 * task.load:g} % load: {titles[1]}")):
         for name, outcome in outcomes.items():
             flown = dof.shown(outcome.flight.position[:, i])
-            _banded(axes[0, i], outcome.flight.time, flown, name, FURTHEST * way)
+            _banded(axes[0, i], outcome.flight.time, flown, name, MAX_RUNAWAY_STEPS * way)
         axes[0, i].set_title(title, loc="left")
         axes[0, i].set(
             xlim=(0.0, task.recovery),
@@ -76,7 +76,7 @@ def tuning_figure(tuning: "Tuning") -> Figure:
 @house_style
 def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
     """Draw the first steps of a log as flown, and the bands that were promised."""
-    drawn = steps[:MAX_STEPS]
+    drawn = steps[:MAX_STEPS_DRAWN]
     figure, axes = new_figure(1, len(drawn), PAGE_IN, 2.6)
     for ax, step in zip(axes[0], drawn):
         low, high = dof.shown(step.low), dof.shown(step.high)
@@ -92,7 +92,7 @@ def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
 
 
 def _banded(ax: Axes, time: Floats, values: Floats, name: str, most: float) -> None:
-    colour, line = LOOKS[name]
+    colour, line = GAIN_LOOKS[name]
     clipped = np.clip(np.nan_to_num(values, nan=most), -most, most)
     low, middle, high = np.quantile(clipped, [0.025, 0.5, 0.975], axis=0)
     ax.fill_between(time, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=f"{name}, 95 %")

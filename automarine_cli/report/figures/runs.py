@@ -26,26 +26,26 @@ from automarine_cli.runs.load import GAP_IN_PERIODS
 from automarine_cli.runs.run import Run
 from automarine_cli.text import plural
 
-DEGREES = 180.0 / np.pi
-LONGEST_TITLE = 60
+DEG_PER_RAD = 180.0 / np.pi
+MAX_TITLE_LETTERS = 60
 QUANTITIES = {
-    "heading": (r"Heading $\psi$ [deg]", DEGREES), "surge": ("Surge $u$ [m/s]", 1.0), "sway": ("Sway $v$ [m/s]", 1.0),
-    "yaw_rate": ("Yaw rate $r$ [deg/s]", DEGREES),
+    "heading": (r"Heading $\psi$ [deg]", DEG_PER_RAD), "surge": ("Surge $u$ [m/s]", 1.0),
+    "sway": ("Sway $v$ [m/s]", 1.0), "yaw_rate": ("Yaw rate $r$ [deg/s]", DEG_PER_RAD),
 }  # fmt: skip
-MEASURED: dict[str, Any] = {"color": style.MEASURED, "ms": 1.5, "mew": 0.0, "label": "measured"}
-TIME = "Time from the start of the run [s]"
+MEASURED_POINTS: dict[str, Any] = {"color": style.MEASURED_COLOUR, "ms": 1.5, "mew": 0.0, "label": "measured"}
+TIME_LABEL = "Time from the start of the run [s]"
 
 
 @style.house_style
 def validation_figure(free: Mapping[str, FreeRun], stored: StoredModels, floor: float) -> Figure:
     """Draw one run: `free` holds its free run under each model, `floor` is the noise of its position [deg or cm]. The
     scales are those of the model that the `stored` ones prefer."""
-    preferred, added = stored.preferred, f" with {' and '.join(stored.effects)}" * bool(stored.effects)
+    preferred, added = stored.preferred, f" with {' and '.join(stored.effects)}" if stored.effects else ""
     run = next(iter(free.values())).run
     dof, letters, unit, measured = run.dof, run.dof.symbols, run.dof.units.shown, run.dof.shown(run.position)
     figure, axes = style.new_figure(3, 1, style.PAGE_IN, 6.0, sharex=True, height_ratios=(2.0, 1.3, 0.9))
     positions, errors, command = axes[:, 0]
-    positions.plot(run.time - run.time[0], measured, "o", **MEASURED)
+    positions.plot(run.time - run.time[0], measured, "o", **MEASURED_POINTS)
     for model, simulated in free.items():
         if model == "2" != preferred and "3" in free:  # 3 would hide it
             continue
@@ -61,7 +61,7 @@ def validation_figure(free: Mapping[str, FreeRun], stored: StoredModels, floor: 
         finding, reach = f"drifts up to {number(largest, 2)} {unit}", 0.3 * largest + 3.0 * floor
         style.limit(errors, float(error.min()), float(error.max()), reach)
     style.limit(positions, float(measured.min()), float(measured.max()), max(reach, 0.2 * float(np.ptp(measured))))
-    name = style.shortened(run.name, LONGEST_TITLE)
+    name = style.shortened(run.name, MAX_TITLE_LETTERS)
     title = f"{name}: model {preferred}{added} {finding}; {dof.position} noise {number(floor, 2)} {unit}"
     band = f"twice the {dof.position} noise"
     errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
@@ -70,7 +70,7 @@ def validation_figure(free: Mapping[str, FreeRun], stored: StoredModels, floor: 
     positions.set_ylabel(f"{dof.position.capitalize()} ${letters.position_math}$ [{unit}]")
     positions.set_title(title, loc="left", parse_math=False)
     errors.set_ylabel(f"Measured − simulated [{unit}]")
-    command.set(ylabel=f"{dof.words.force.capitalize()} ${letters.force_math}$ [{run.moment_unit}]", xlabel=TIME)
+    command.set(ylabel=f"{dof.words.force.capitalize()} ${letters.force_math}$ [{run.moment_unit}]", xlabel=TIME_LABEL)
     style.legend_below(figure, positions, errors)
     figure.align_ylabels()
     return figure
@@ -91,14 +91,14 @@ def planar_figure(free: FreeRun) -> Figure:
     for panel, (channel, (label, factor)) in zip((axes[0, 0], axes[1, 0], axes[1, 1], axes[2, 0]), QUANTITIES.items()):
         reading = run.channel(channel)
         if reading is not None and free.error_of(channel) is not None:
-            panel.plot(time, factor * reading, "o", **MEASURED)
+            panel.plot(time, factor * reading, "o", **MEASURED_POINTS)
         if channel in simulated:
             look = {"label": "simulated, free run", **style.PREFERRED}
             panel.plot(*_with_gaps(run, factor * simulated[channel]), **look)
-        panel.set(ylabel=label, xlabel=TIME)
+        panel.set(ylabel=label, xlabel=TIME_LABEL)
     north, east = (run.channel(name) for name in PLACES)
     if free.distance is not None and north is not None and east is not None:
-        places.plot(east, north, "o", **MEASURED)
+        places.plot(east, north, "o", **MEASURED_POINTS)
     if set(PLACES) <= simulated.keys():
         places.plot(simulated["east"], simulated["north"], **style.PREFERRED)
     places.set_aspect("equal", adjustable="datalim")
@@ -106,11 +106,13 @@ def planar_figure(free: FreeRun) -> Figure:
     for dof, colour in ((SURGE, "black"), (SWAY, "green"), (YAW, "orange")):
         label = f"{dof.words.full_force} [{dof.units.forces[1]}]"
         commands.step(time, run.command_of(dof), where="mid", color=style.COLOURS[colour], label=label)
-    commands.set(ylabel="Command [N, N m]", xlabel=TIME)
-    error, title = None if free.diverged else free.error_of(YAW.position), style.shortened(run.name, LONGEST_TITLE)
-    title += ": the simulation diverges" * free.diverged
-    if error is not None:
-        title += f": by the commands alone the heading drifts up to {number(np.nanmax(np.abs(error)) * DEGREES, 2)} deg"
+    commands.set(ylabel="Command [N, N m]", xlabel=TIME_LABEL)
+    title = style.shortened(run.name, MAX_TITLE_LETTERS)
+    if free.diverged:
+        title += ": the simulation diverges"
+    elif (error := free.error_of(YAW.position)) is not None:
+        drift = number(np.nanmax(np.abs(error)) * DEG_PER_RAD, 2)
+        title += f": by the commands alone the heading drifts up to {drift} deg"
     figure.suptitle(title, parse_math=False)
     style.legend_below(figure, axes[0, 0], commands)
     return figure
@@ -139,7 +141,7 @@ def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Fig
         lines = [(time[i][p.target[p.run == i]], np.asarray(dof.shown(p.error[p.run == i]))) for p in ahead]
         residuals.append((run.name, lines))
     labels = [f"predicted {p.horizon:g} s ahead" for p in ahead]
-    title = f"{dof.words.position.capitalize()} error" + " of runs held out" * (use.runs > 1)
+    title = f"{dof.words.position.capitalize()} error{' of runs held out' if use.runs > 1 else ''}"
     return style.residuals_figure(residuals, labels, dof.units.shown, float(dof.shown(noise)), title)
 
 
@@ -187,7 +189,8 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     rate = f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]"
     labels = _full_force(fit), rate, f"Residual [{fit.moment_unit}]"
     figure, top, bottom = style.above_residuals(style.PAGE_IN, 5.2, labels)
-    top.plot(moment, dof.shown(seed.tails.rate), "o", mfc="none", mec=style.MEASURED, label="measured, one run each")
+    look: dict[str, Any] = {"mfc": "none", "mec": style.MEASURED_COLOUR, "label": "measured, one run each"}
+    top.plot(moment, dof.shown(seed.tails.rate), "o", **look)
     grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
     preferred, left, sym = fit.preferred.number, dict[str, float](), dof.symbols
     letters, v = {sym.linear: sym.linear, sym.quadratic: sym.quadratic_math}, sym.velocity
@@ -264,7 +267,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     grid = np.linspace(0.0, float(time.max(initial=0.0)), 400)
     alike = dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0])
     top.plot(grid, alike, color=style.COLOURS["vermilion"], lw=1.4, label=named_model("3"))
-    rms, ways = number(float(np.sqrt(np.mean(off**2))), 2), ", each way with its own drag" * bool(difference)
+    rms, ways = number(float(np.sqrt(np.mean(off**2))), 2), ", each way with its own drag" if difference else ""
     scatter = f"thrust scatters by {100 * fit.preferred.gain_scatter.value:.1f} %"
     top.set_title(f"All runs on one curve{ways}: {rms} {unit} off it\n({scatter})", loc="left")
     top.legend(loc="upper left")

@@ -19,11 +19,12 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from automarine_cli.errors import Attempt, attempted
+from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.quantities import Floats
 from automarine_cli.report.sections import Drawing, figure_file
+from automarine_cli.text import printable
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
@@ -32,7 +33,7 @@ COLOURS = {
 }  # fmt: skip
 MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": (0, (5, 1.5, 1.2, 1.5))}
 PREFERRED: dict[str, Any] = {"color": COLOURS["blue"], "lw": 1.8, "zorder": 4}
-MEASURED = COLOURS["grey"]
+MEASURED_COLOUR = COLOURS["grey"]
 
 TWO_LOOKS: tuple[dict[str, Any], ...] = (
     {"color": COLOURS["vermilion"], "ms": 5.0},
@@ -40,8 +41,8 @@ TWO_LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 PAGE_IN = 7.2  # width of a page [inch]
-MAX_RUNS, MAX_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
-LONGEST_NAME = 26  # letters that have room beside and above a panel
+MAX_RUNS_DRAWN, MAX_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
+MAX_NAME_BESIDE = 26  # letters that have room beside and above a panel
 
 house_style = matplotlib.style.context(["default", {
     "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0, "xtick.labelsize": 7.0, "ytick.labelsize": 7.0,
@@ -81,7 +82,7 @@ def _file(kind: str, settings: dict[Any, Any], nameless: Sequence[str], figure: 
     return buffer.getvalue()
 
 
-FORMATS: Mapping[str, Callable[[Figure], bytes]] = {
+FIGURE_WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
     "png": partial(_file, "png", {}, ("Software",)),
     "svg": partial(_file, "svg", {"svg.hashsalt": "automarine", "svg.fonttype": "none"}, ("Date", "Creator")),
     "pdf": partial(_file, "pdf", {"pdf.fonttype": 42}, ("CreationDate", "Creator", "Producer")),
@@ -135,7 +136,7 @@ def residuals_figure(
     `beneath` stands below it."""
     runs = [(name, lines) for name, lines in residuals if all(len(error) for _, error in lines)]
     sizes = np.array([[np.sqrt(np.mean(error**2)) for _, error in lines] for _, lines in runs]).reshape(-1, 2)
-    order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MAX_RUNS]
+    order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MAX_RUNS_DRAWN]
     figure = Figure(figsize=(PAGE_IN, max(4.5, 0.16 * len(order) + 1.2)), layout="constrained")
     places = range(min(len(order), MAX_DRAWN) or 1)
     axes: dict[Any, Axes] = figure.subplot_mosaic([[place, "all"] for place in places], width_ratios=(1.6, 1.0))
@@ -145,7 +146,7 @@ def residuals_figure(
         ax.axhspan(-2.0 * floor, 2.0 * floor, color="0.9", lw=0)
         for line, label, two in zip(runs[i][1], labels, TWO_LOOKS):
             ax.plot(*line, look, lw=0.9, label=label, **two)
-        ax.set_title(shortened(runs[i][0], LONGEST_NAME), parse_math=False)
+        ax.set_title(shortened(runs[i][0], MAX_NAME_BESIDE), parse_math=False)
         ax.set_ylabel(f"error [{unit}]")
     axes[places[-1]].set_xlabel(x_label)
     rows = np.arange(len(order))
@@ -153,7 +154,7 @@ def residuals_figure(
     for size, two in zip(sizes[order].T, TWO_LOOKS):
         axes["all"].plot(size, rows, "o", **two)
     axes["all"].axvline(floor, color="0.4", ls=":", label=f"noise of {floor:.2g} {unit}; the band is twice that")
-    axes["all"].set_yticks(rows, [shortened(runs[i][0], LONGEST_NAME) for i in order], parse_math=False)
+    axes["all"].set_yticks(rows, [shortened(runs[i][0], MAX_NAME_BESIDE) for i in order], parse_math=False)
     axes["all"].invert_yaxis()
     axes["all"].set(xlabel=f"root mean square [{unit}]", xlim=(0.0, None))
     legend_below(figure, axes[0], axes["all"])
@@ -188,19 +189,26 @@ def write_figures(
     folder: ResultFolder, figures: Mapping[str, Drawing], formats: Sequence[str], each: Each | None = None
 ) -> None:
     """Write each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
-    draw = partial(_drawn, formats)
-    for figure in map(draw, figures.items()) if each is None else each(draw, list(figures.items()), "drawing figures"):
-        for name, content in folder.taken(figure) or ():
+    draw, drawings = partial(drawn, formats), list(figures.items())
+    for pages in map(draw, drawings) if each is None else each(draw, drawings, "drawing figures"):
+        if isinstance(pages, str):
+            folder.warn(pages)
+            continue
+        for name, content in pages.items():
             folder.write(name, content)
 
 
-def _drawn(formats: Sequence[str], drawing: tuple[str, Drawing]) -> Attempt[tuple[tuple[str, bytes], ...]]:
+def drawn(formats: Sequence[str], drawing: tuple[str, Drawing]) -> dict[str, bytes] | str:
+    """Draw a figure into files by name; return a sentence that says why there is none where that fails."""
     name, draw = drawing
-
-    def work() -> tuple[tuple[str, bytes], ...]:
+    try:
         pages = [kind for kind in formats if kind != "slides"]
         figures = dict.fromkeys(pages, draw() if pages else None)
         figures |= {kind: as_slide(draw()) for kind in formats if kind not in pages}
-        return tuple((figure_file(name, kind), FORMATS[kind](figure)) for kind, figure in figures.items() if figure)
-
-    return attempted(f"The figure {name} could not be drawn", work)
+        return {figure_file(name, kind): FIGURE_WRITERS[kind](figure) for kind, figure in figures.items() if figure}
+    except MemoryError:
+        raise
+    except Exception as problem:
+        error = str(problem) if isinstance(problem, AutomarineError) else f"{type(problem).__name__}: {problem}"
+        why = printable(" ".join(error.split()).removesuffix(":"))
+        return f"The figure {name} could not be drawn ({why}); everything else was written."
