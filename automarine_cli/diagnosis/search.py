@@ -32,7 +32,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import run_dof
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 
@@ -107,6 +107,11 @@ class SearchResult:
     compensating: Mapping[tuple[str, ...], str] = field(default_factory=dict)
     equals: str = ""
 
+    @property
+    def claim(self) -> "SearchResult | None":
+        """What may be claimed: the outcome, or the doubtful one where it adds nothing."""
+        return self if self.final.added else self.doubtful
+
     def odds(self, name: str) -> dict[str, float]:
         """Odds of each rival of an effect of the final model against it."""
         return {rival: float(np.exp(-0.5 * behind)) for rival, behind in self.rivals.get(name, {}).items()}
@@ -149,22 +154,29 @@ def add_effect(
     return refitted(study, model, (*current.added, name), values, current.fit, iterations)
 
 
-def go_on(study: DiagnosisProblem, trial: CandidateFit, iterations: int) -> CandidateFit | None:
-    return refitted(study, trial.model, trial.added, trial.fit.of_model, trial.fit, iterations)
+def go_on(
+    study: DiagnosisProblem, trial: CandidateFit, iterations: int, model: YawModel | None = None
+) -> CandidateFit | None:
+    """Fit a trial further, or from the values of a `model` with the same terms."""
+    model, values = (trial.model, trial.fit.of_model) if model is None else (model, model.theta)
+    return refitted(study, model, trial.added, values, trial.fit, iterations)
+
+
+def with_values(model: YawModel, term: Term, values: Iterable[float]) -> YawModel:
+    """Return the model with other values of one of its terms."""
+    changed = replace(term, values=tuple(map(float, values)))
+    return replace(model, terms=tuple(changed if other is term else other for other in model.terms))
 
 
 def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[YawModel]:
-    """A trial's model with each effect that was added in every shape of every law of it."""
-    return [
-        replace(trial.model, terms=tuple(replace(t, values=shape) if t is term else t for t in trial.model.terms))
-        for term in trial.model.terms[len(study.base.terms) :]
-        for shape in dict.fromkeys(tuple(map(float, probe.values[-1])) for probe in candidate_shapes(study, term.name))
-        if len(effects.get(term.name).parameters) > 1
-    ]
-
-
-def varied(study: DiagnosisProblem, trial: CandidateFit, iterations: int, model: YawModel) -> CandidateFit | None:
-    return refitted(study, model, trial.added, model.theta, trial.fit, iterations)
+    """List a trial's model with each effect that was added in every shape of every law of it."""
+    models: dict[tuple[float, ...], YawModel] = {}
+    for term in trial.model.terms[len(study.base.terms) :]:
+        if len(effects.get(term.name).parameters) > 1:
+            for probe in candidate_shapes(study, term.name):
+                model = with_values(trial.model, term, probe.values[-1])
+                models.setdefault(tuple(model.theta), model)
+    return list(models.values())
 
 
 def without(study: DiagnosisProblem, trial: CandidateFit, out: str) -> CandidateFit | None:
@@ -263,9 +275,8 @@ def _correlation(final: CandidateFit, covariance: Floats, pair: tuple[str, str])
     return max((float(sign * covariance[i, j] / (spread[i] * spread[j])) for i, j, sign in pairs), default=0.0)
 
 
-LARGE, STEEP, SURE = 0.1, 0.2, 5.0
-"""Scatter of the gains, exponent by which they go with the size of the command, and its standard errors, from which
-both are no chance and no trifle."""
+MIN_GAIN_SCATTER = 0.1  # from which the scatter of the runs' gains is no trifle
+MIN_GAIN_EXPONENT, MIN_GAIN_EXPONENT_STDERRS = 0.2, 5.0  # by which gains go with the size of the command, beyond chance
 SETTLES = 1.0 / 3.0  # share of the scatter that may stay where something explains it
 WIDTHS = (0.1, 0.5)  # dead-bands that fits begin with, in shares of the smallest command
 
@@ -296,8 +307,9 @@ def curved(study: DiagnosisProblem, base: CandidateFit) -> CandidateFit | None:
     """The base with a dead-band and an exponent of the thrust, fitted together, where the gains of its runs go with the
     size of the command and do so no longer with both; None where not."""
     steep = gain_exponent(study, base.fit)
-    scatter = base.fit.factor(GAIN)
-    if steep is None or scatter < LARGE or abs(steep.value) < max(STEEP, SURE * steep.stderr):
+    if steep is None or base.fit.factor(GAIN) < MIN_GAIN_SCATTER:
+        return None
+    if abs(steep.value) < max(MIN_GAIN_EXPONENT, MIN_GAIN_EXPONENT_STDERRS * steep.stderr):
         return None
     smallest, best = float(np.nanmin(_sizes(study))), None
     for share in WIDTHS:
@@ -442,8 +454,7 @@ def without_idle_drag(study: DiagnosisProblem, current: CandidateFit) -> Candida
         return current
     cost = penalty(1, len(study.runs))
     for term in [term for term in current.model.terms if term.base and term.name in DRAG]:
-        terms = (replace(other, values=(0.0,)) if other is term else other for other in current.model.terms)
-        idle = varied(study, current, ITERATIONS, replace(current.model, terms=tuple(terms)))
+        idle = go_on(study, current, ITERATIONS, with_values(current.model, term, [0.0]))
         current = current if idle is None or idle.evidence > current.evidence + cost else idle
     return current
 
@@ -533,14 +544,11 @@ def _from_many_starts(
     shapes = [probe.values[-1] for probe in candidate_shapes(study, name)]
     by_law = {law_of(name, shape): shape for shape in shapes}
     of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
-    models = [
-        replace(best.model, terms=(*best.model.terms[:-1], replace(term, values=tuple(map(float, values)))))
-        for values in (np.where(of_law, shape, term.values) for shape in by_law.values())
-    ]
+    models = [with_values(best.model, term, np.where(of_law, shape, term.values)) for shape in by_law.values()]
     begin = partial(add_effect, study, current, iterations=SEARCH_BRIEF)
     fits = [
         *map_fn(begin, [(name, shape) for shape in shapes], "more starts"),
-        *map_fn(partial(varied, study, best, SEARCH_BRIEF), models, "more starts"),
+        *map_fn(partial(go_on, study, best, SEARCH_BRIEF), models, "more starts"),
     ]
     climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
     climbers += [best] if not best.fit.converged else []
