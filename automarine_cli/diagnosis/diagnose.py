@@ -195,6 +195,8 @@ def whitening_gain(innovation: Floats, variance: Floats, time: Floats) -> float:
     if not windows:
         return 0.0
     before, now = np.split(np.concatenate(windows), [order], axis=1)
+    if len(now) <= 2 * order:  # too few to tell
+        return np.inf
     remaining = now - before @ np.linalg.lstsq(before, now, rcond=None)[0]
     return 0.5 * len(now) * float(np.log((now**2).sum() / (remaining**2).sum())) - order
 

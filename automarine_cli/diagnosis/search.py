@@ -492,37 +492,19 @@ def _without_menders(
     return current, {name: this for name, this in around.items() if name in current.added}
 
 
+Fits = dict[tuple[object, ...], CandidateFit]
+"""The best fit of each law."""
+
+
 def _round(study: DiagnosisProblem, current: CandidateFit, seed: int, map_fn: Each, first_step: bool) -> SearchStep:
-    """Score all candidates in all their laws, fit the leaders: twice as many while nothing has been added, and a third
-    where no score is beyond chance."""
+    """Score all candidates in all their laws, fit those in the running to the end, and rank them."""
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed, map_fn)
-    likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
     chance = max(scores.threshold(LEVEL), 0.0)
-    beyond = bool(scores.ranked) and scores.ranked[0].penalised > chance
-    leaders = (2 * LEADERS if first_step else LEADERS) if beyond else LEADERS // (1 if first_step else 3)
-    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > max(likely, chance)]
-    done, tried = dict[tuple[object, ...], CandidateFit](), set[str]()
-    while ranked:
-        work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
-        fits = map_fn(partial(add_effect, study, current, iterations=SEARCH_BRIEF), work, "trying effects")
-        done |= {trial.law: trial for trial in fits if trial is not None}
-        tried |= {s.effect for s in ranked}
-        leader = min(done.values(), key=lambda trial: trial.evidence, default=current)
-        if current.evidence - leader.evidence <= chance:
-            break
-        alike = effects.look_alikes(leader.added[-1])  # scores miss what begins with a threshold; a tie must be seen
-        ranked = [s for s in scores.ranked if s.effect in alike - tried]
+    fits = _leaders(study, current, scores, chance, first_step, map_fn)
     for share, iterations in RUNNING:
-        best = min((trial.evidence for trial in done.values()), default=0.0)
-        least = best + max(RIVAL_RANGE, (1.0 - share) * (current.evidence - best))
-        first = _best_law(done.values())
-        # another law of an effect is not fitted further from so far behind its best
-        behind = {n: t.evidence + max(RIVAL_RANGE, LAWS * (current.evidence - t.evidence)) for n, t in first.items()}
-        running = [t for t in done.values() if t.evidence < min(least, behind[t.added[-1]]) and not t.fit.converged]
-        again = map_fn(partial(go_on, study, iterations=iterations), running, "fitting")
-        done |= {trial.law: trial for trial in again if trial is not None}
-    done |= _from_many_starts(study, current, done, map_fn)
-    possible = [trial for trial in done.values() if not drag_drives(trial.model, study.fastest)]
+        fits |= _further(study, current, fits, share, iterations, map_fn)
+    fits |= _from_many_starts(study, current, fits, map_fn)
+    possible = [trial for trial in fits.values() if not drag_drives(trial.model, study.fastest)]
     ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
     current = _from_elsewhere(study, current, ranking[:3])
     # a law that may not stand does not keep another law of its effect from it
@@ -531,9 +513,46 @@ def _round(study: DiagnosisProblem, current: CandidateFit, seed: int, map_fn: Ea
     return SearchStep(current, scores, tuple(sorted(ranking, key=lambda trial: trial.evidence)), chance)
 
 
-def _from_many_starts(
-    study: DiagnosisProblem, current: CandidateFit, done: Mapping[tuple[object, ...], CandidateFit], map_fn: Each
-) -> dict[tuple[object, ...], CandidateFit]:
+def _leaders(
+    study: DiagnosisProblem, current: CandidateFit, scores: Scores, chance: float, first_step: bool, map_fn: Each
+) -> Fits:
+    """Fit the first candidates briefly: twice as many while nothing has been added, a third where no score is beyond
+    `chance`; and what is mistaken for the best, as scores miss what begins with a threshold and a tie must be seen."""
+    best = scores.ranked[0].penalised if scores.ranked else 0.0
+    leaders = (2 * LEADERS if first_step else LEADERS) if best > chance else LEADERS // (1 if first_step else 3)
+    least = max(LIKELY * best, chance)
+    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > least]
+    fits, tried = Fits(), set[str]()
+    while ranked:
+        work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
+        trials = map_fn(partial(add_effect, study, current, iterations=SEARCH_BRIEF), work, "trying effects")
+        fits |= {trial.law: trial for trial in trials if trial is not None}
+        tried |= {s.effect for s in ranked}
+        leader = min(fits.values(), key=lambda trial: trial.evidence, default=current)
+        if current.evidence - leader.evidence <= chance:
+            break
+        alike = effects.look_alikes(leader.added[-1])
+        ranked = [s for s in scores.ranked if s.effect in alike - tried]
+    return fits
+
+
+def _further(
+    study: DiagnosisProblem, current: CandidateFit, fits: Fits, share: float, iterations: int, map_fn: Each
+) -> Fits:
+    """Fit those further that have this share of the best gain, or are within RIVAL_RANGE of it; another law of an
+    effect not from so far behind its best."""
+    best = min((trial.evidence for trial in fits.values()), default=0.0)
+    least = best + max(RIVAL_RANGE, (1.0 - share) * (current.evidence - best))
+    running = []
+    for first in _best_law(fits.values()).values():
+        behind = first.evidence + max(RIVAL_RANGE, LAWS * (current.evidence - first.evidence))
+        laws = [trial for trial in fits.values() if trial.added[-1] == first.added[-1] and not trial.fit.converged]
+        running += [trial for trial in laws if trial.evidence < min(least, behind)]
+    again = map_fn(partial(go_on, study, iterations=iterations), running, "fitting")
+    return {trial.law: trial for trial in again if trial is not None}
+
+
+def _from_many_starts(study: DiagnosisProblem, current: CandidateFit, done: Fits, map_fn: Each) -> Fits:
     """Better fits of the best candidate's laws, if one may stand in a valley: from every shape, and from where its best
     law ended."""
     best = min(done.values(), key=lambda trial: trial.evidence, default=current)
