@@ -23,11 +23,11 @@ from automarine_cli.diagnosis.search import (
     SearchResult,
     clear,
     gain_exponent,
+    go_on,
     may_be_nothing,
     obstacle,
     search,
     variants,
-    varied,
     without,
 )
 from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, log_density, missed, run_effects_given, study_of
@@ -195,6 +195,8 @@ def whitening_gain(innovation: Floats, variance: Floats, time: Floats) -> float:
     if not windows:
         return 0.0
     before, now = np.split(np.concatenate(windows), [order], axis=1)
+    if len(now) <= 2 * order:  # too few to tell
+        return np.inf
     remaining = now - before @ np.linalg.lstsq(before, now, rcond=None)[0]
     return 0.5 * len(now) * float(np.log((now**2).sum() / (remaining**2).sum())) - order
 
@@ -202,7 +204,7 @@ def whitening_gain(innovation: Floats, variance: Floats, time: Floats) -> float:
 def unexplained_density(runs: DiagnosisProblem, trial: CandidateFit) -> float:
     """Give the log density that runs held out would gain if all that their readings foretell were explained; infinite
     of runs that are not driven, where nothing says so."""
-    if not trial.fit.driven:
+    if not runs.driven:
         return np.inf
     followed = runs.driven_problem(trial.model).follow(trial.fit.phi[None])
     channels = zip(followed.innovation[:, 0], followed.variance[:, 0])
@@ -455,7 +457,7 @@ def verdict_of(
     outlook on the runs held out has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what
     is both is chance.
     """
-    last = result if result.final.added else result.doubtful
+    last = result.claim
     holdout = None if held_out is None or last is None else gap(held_out, last.base, last.final)
     if not study.driven:
         reason = _unexplained(study, result, where, holdout if last is result else None)
@@ -780,7 +782,7 @@ def _best_law(study: DiagnosisProblem, result: SearchResult, held_out: Diagnosis
     holdout = gap(held_out, result.base, final)
     if study.driven or not final.added or final.fit.noise > floor or not holdout.exceeds_noise:
         return result
-    tried = map_fn(partial(varied, study, final, SHORT), variants(study, final), "trying laws on the runs held out")
+    tried = map_fn(partial(go_on, study, final, SHORT), variants(study, final), "trying laws on the runs held out")
     equal = [trial for trial in tried if trial is not None and trial.evidence < final.evidence + TIE]
     best = min([final, *equal], key=lambda trial: gap(held_out, result.base, trial).after)
     says = "The fitted runs leave its law or size open; these are what the runs held out follow best."

@@ -206,14 +206,7 @@ def score(
     random = np.random.default_rng(seed)
     draws = _draw(information, random)
     runs, at = len(study.runs), 0
-    best: dict[tuple[object, ...], Score] = {}
-    null = np.full(DRAWS, -np.inf)
-
-    def keep(probe: CandidateShape, drop: float, cost: float, start: Floats, unit_size: float) -> None:
-        law = law_of(probe.effect, start)
-        if law not in best or drop > best[law].drop:
-            best[law] = Score(probe.effect, drop, drop - cost, start, unit_size)
-
+    scored, null = list[Score](), np.full(DRAWS, -np.inf)
     for probe in every:
         probe_columns = slice(at, at + len(probe.values))
         at = probe_columns.stop
@@ -222,7 +215,7 @@ def score(
         start, unit_size = _start(probe, size[0]), _unit_size(probe, block)
         cost = penalty(fitted_parameters(probe.effect, start), runs)
         null = np.maximum(null, _drop(block, draws[:, probe_columns], probe.one_sided)[0] - cost)
-        keep(probe, float(drop[0]), cost, start, unit_size)
+        scored.append(Score(probe.effect, float(drop[0]), float(drop[0]) - cost, start, unit_size))
         effect = effects.get(probe.effect)
         period = next((v for p, v in zip(effect.parameters, probe.values[0]) if p.scan), np.inf)
         if effect.per_run and period <= study.slowest:
@@ -233,7 +226,10 @@ def score(
             start = np.array([0.0 if i in probe.sized else value for i, value in enumerate(shape)])
             cost = penalty(fitted_parameters(probe.effect, start), runs)
             null = np.maximum(null, chance - cost)
-            keep(probe, rise, cost, start, unit_size)
+            scored.append(Score(probe.effect, rise, rise - cost, start, unit_size))
+    best: dict[tuple[object, ...], Score] = {}
+    for trial in sorted(scored, key=lambda trial: -trial.drop):
+        best.setdefault(law_of(trial.effect, trial.start), trial)
     return Scores(null, _by_effect(list(best.values())))
 
 

@@ -32,7 +32,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import run_dof
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 
@@ -107,6 +107,11 @@ class SearchResult:
     compensating: Mapping[tuple[str, ...], str] = field(default_factory=dict)
     equals: str = ""
 
+    @property
+    def claim(self) -> "SearchResult | None":
+        """What may be claimed: the outcome, or the doubtful one where it adds nothing."""
+        return self if self.final.added else self.doubtful
+
     def odds(self, name: str) -> dict[str, float]:
         """Odds of each rival of an effect of the final model against it."""
         return {rival: float(np.exp(-0.5 * behind)) for rival, behind in self.rivals.get(name, {}).items()}
@@ -149,22 +154,29 @@ def add_effect(
     return refitted(study, model, (*current.added, name), values, current.fit, iterations)
 
 
-def go_on(study: DiagnosisProblem, trial: CandidateFit, iterations: int) -> CandidateFit | None:
-    return refitted(study, trial.model, trial.added, trial.fit.of_model, trial.fit, iterations)
+def go_on(
+    study: DiagnosisProblem, trial: CandidateFit, iterations: int, model: YawModel | None = None
+) -> CandidateFit | None:
+    """Fit a trial further, or from the values of a `model` with the same terms."""
+    model, values = (trial.model, trial.fit.of_model) if model is None else (model, model.theta)
+    return refitted(study, model, trial.added, values, trial.fit, iterations)
+
+
+def with_values(model: YawModel, term: Term, values: Iterable[float]) -> YawModel:
+    """Return the model with other values of one of its terms."""
+    changed = replace(term, values=tuple(map(float, values)))
+    return replace(model, terms=tuple(changed if other is term else other for other in model.terms))
 
 
 def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[YawModel]:
-    """A trial's model with each effect that was added in every shape of every law of it."""
-    return [
-        replace(trial.model, terms=tuple(replace(t, values=shape) if t is term else t for t in trial.model.terms))
-        for term in trial.model.terms[len(study.base.terms) :]
-        for shape in dict.fromkeys(tuple(map(float, probe.values[-1])) for probe in candidate_shapes(study, term.name))
-        if len(effects.get(term.name).parameters) > 1
-    ]
-
-
-def varied(study: DiagnosisProblem, trial: CandidateFit, iterations: int, model: YawModel) -> CandidateFit | None:
-    return refitted(study, model, trial.added, model.theta, trial.fit, iterations)
+    """List a trial's model with each effect that was added in every shape of every law of it."""
+    models: dict[tuple[float, ...], YawModel] = {}
+    for term in trial.model.terms[len(study.base.terms) :]:
+        if len(effects.get(term.name).parameters) > 1:
+            for probe in candidate_shapes(study, term.name):
+                model = with_values(trial.model, term, probe.values[-1])
+                models.setdefault(tuple(model.theta), model)
+    return list(models.values())
 
 
 def without(study: DiagnosisProblem, trial: CandidateFit, out: str) -> CandidateFit | None:
@@ -263,9 +275,8 @@ def _correlation(final: CandidateFit, covariance: Floats, pair: tuple[str, str])
     return max((float(sign * covariance[i, j] / (spread[i] * spread[j])) for i, j, sign in pairs), default=0.0)
 
 
-LARGE, STEEP, SURE = 0.1, 0.2, 5.0
-"""Scatter of the gains, exponent by which they go with the size of the command, and its standard errors, from which
-both are no chance and no trifle."""
+MIN_GAIN_SCATTER = 0.1  # from which the scatter of the runs' gains is no trifle
+MIN_GAIN_EXPONENT, MIN_GAIN_EXPONENT_STDERRS = 0.2, 5.0  # by which gains go with the size of the command, beyond chance
 SETTLES = 1.0 / 3.0  # share of the scatter that may stay where something explains it
 WIDTHS = (0.1, 0.5)  # dead-bands that fits begin with, in shares of the smallest command
 
@@ -296,8 +307,9 @@ def curved(study: DiagnosisProblem, base: CandidateFit) -> CandidateFit | None:
     """The base with a dead-band and an exponent of the thrust, fitted together, where the gains of its runs go with the
     size of the command and do so no longer with both; None where not."""
     steep = gain_exponent(study, base.fit)
-    scatter = base.fit.factor(GAIN)
-    if steep is None or scatter < LARGE or abs(steep.value) < max(STEEP, SURE * steep.stderr):
+    if steep is None or base.fit.factor(GAIN) < MIN_GAIN_SCATTER:
+        return None
+    if abs(steep.value) < max(MIN_GAIN_EXPONENT, MIN_GAIN_EXPONENT_STDERRS * steep.stderr):
         return None
     smallest, best = float(np.nanmin(_sizes(study))), None
     for share in WIDTHS:
@@ -442,8 +454,7 @@ def without_idle_drag(study: DiagnosisProblem, current: CandidateFit) -> Candida
         return current
     cost = penalty(1, len(study.runs))
     for term in [term for term in current.model.terms if term.base and term.name in DRAG]:
-        terms = (replace(other, values=(0.0,)) if other is term else other for other in current.model.terms)
-        idle = varied(study, current, ITERATIONS, replace(current.model, terms=tuple(terms)))
+        idle = go_on(study, current, ITERATIONS, with_values(current.model, term, [0.0]))
         current = current if idle is None or idle.evidence > current.evidence + cost else idle
     return current
 
@@ -481,37 +492,19 @@ def _without_menders(
     return current, {name: this for name, this in around.items() if name in current.added}
 
 
+Fits = dict[tuple[object, ...], CandidateFit]
+"""The best fit of each law."""
+
+
 def _round(study: DiagnosisProblem, current: CandidateFit, seed: int, map_fn: Each, first_step: bool) -> SearchStep:
-    """Score all candidates in all their laws, fit the leaders: twice as many while nothing has been added, and a third
-    where no score is beyond chance."""
+    """Score all candidates in all their laws, fit those in the running to the end, and rank them."""
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed, map_fn)
-    likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
     chance = max(scores.threshold(LEVEL), 0.0)
-    beyond = bool(scores.ranked) and scores.ranked[0].penalised > chance
-    leaders = (2 * LEADERS if first_step else LEADERS) if beyond else LEADERS // (1 if first_step else 3)
-    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > max(likely, chance)]
-    done, tried = dict[tuple[object, ...], CandidateFit](), set[str]()
-    while ranked:
-        work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
-        fits = map_fn(partial(add_effect, study, current, iterations=SEARCH_BRIEF), work, "trying effects")
-        done |= {trial.law: trial for trial in fits if trial is not None}
-        tried |= {s.effect for s in ranked}
-        leader = min(done.values(), key=lambda trial: trial.evidence, default=current)
-        if current.evidence - leader.evidence <= chance:
-            break
-        alike = effects.look_alikes(leader.added[-1])  # scores miss what begins with a threshold; a tie must be seen
-        ranked = [s for s in scores.ranked if s.effect in alike - tried]
+    fits = _leaders(study, current, scores, chance, first_step, map_fn)
     for share, iterations in RUNNING:
-        best = min((trial.evidence for trial in done.values()), default=0.0)
-        least = best + max(RIVAL_RANGE, (1.0 - share) * (current.evidence - best))
-        first = _best_law(done.values())
-        # another law of an effect is not fitted further from so far behind its best
-        behind = {n: t.evidence + max(RIVAL_RANGE, LAWS * (current.evidence - t.evidence)) for n, t in first.items()}
-        running = [t for t in done.values() if t.evidence < min(least, behind[t.added[-1]]) and not t.fit.converged]
-        again = map_fn(partial(go_on, study, iterations=iterations), running, "fitting")
-        done |= {trial.law: trial for trial in again if trial is not None}
-    done |= _from_many_starts(study, current, done, map_fn)
-    possible = [trial for trial in done.values() if not drag_drives(trial.model, study.fastest)]
+        fits |= _further(study, current, fits, share, iterations, map_fn)
+    fits |= _from_many_starts(study, current, fits, map_fn)
+    possible = [trial for trial in fits.values() if not drag_drives(trial.model, study.fastest)]
     ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
     current = _from_elsewhere(study, current, ranking[:3])
     # a law that may not stand does not keep another law of its effect from it
@@ -520,9 +513,46 @@ def _round(study: DiagnosisProblem, current: CandidateFit, seed: int, map_fn: Ea
     return SearchStep(current, scores, tuple(sorted(ranking, key=lambda trial: trial.evidence)), chance)
 
 
-def _from_many_starts(
-    study: DiagnosisProblem, current: CandidateFit, done: Mapping[tuple[object, ...], CandidateFit], map_fn: Each
-) -> dict[tuple[object, ...], CandidateFit]:
+def _leaders(
+    study: DiagnosisProblem, current: CandidateFit, scores: Scores, chance: float, first_step: bool, map_fn: Each
+) -> Fits:
+    """Fit the first candidates briefly: twice as many while nothing has been added, a third where no score is beyond
+    `chance`; and what is mistaken for the best, as scores miss what begins with a threshold and a tie must be seen."""
+    best = scores.ranked[0].penalised if scores.ranked else 0.0
+    leaders = (2 * LEADERS if first_step else LEADERS) if best > chance else LEADERS // (1 if first_step else 3)
+    least = max(LIKELY * best, chance)
+    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > least]
+    fits, tried = Fits(), set[str]()
+    while ranked:
+        work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
+        trials = map_fn(partial(add_effect, study, current, iterations=SEARCH_BRIEF), work, "trying effects")
+        fits |= {trial.law: trial for trial in trials if trial is not None}
+        tried |= {s.effect for s in ranked}
+        leader = min(fits.values(), key=lambda trial: trial.evidence, default=current)
+        if current.evidence - leader.evidence <= chance:
+            break
+        alike = effects.look_alikes(leader.added[-1])
+        ranked = [s for s in scores.ranked if s.effect in alike - tried]
+    return fits
+
+
+def _further(
+    study: DiagnosisProblem, current: CandidateFit, fits: Fits, share: float, iterations: int, map_fn: Each
+) -> Fits:
+    """Fit those further that have this share of the best gain, or are within RIVAL_RANGE of it; another law of an
+    effect not from so far behind its best."""
+    best = min((trial.evidence for trial in fits.values()), default=0.0)
+    least = best + max(RIVAL_RANGE, (1.0 - share) * (current.evidence - best))
+    running = []
+    for first in _best_law(fits.values()).values():
+        behind = first.evidence + max(RIVAL_RANGE, LAWS * (current.evidence - first.evidence))
+        laws = [trial for trial in fits.values() if trial.added[-1] == first.added[-1] and not trial.fit.converged]
+        running += [trial for trial in laws if trial.evidence < min(least, behind)]
+    again = map_fn(partial(go_on, study, iterations=iterations), running, "fitting")
+    return {trial.law: trial for trial in again if trial is not None}
+
+
+def _from_many_starts(study: DiagnosisProblem, current: CandidateFit, done: Fits, map_fn: Each) -> Fits:
     """Better fits of the best candidate's laws, if one may stand in a valley: from every shape, and from where its best
     law ended."""
     best = min(done.values(), key=lambda trial: trial.evidence, default=current)
@@ -533,14 +563,11 @@ def _from_many_starts(
     shapes = [probe.values[-1] for probe in candidate_shapes(study, name)]
     by_law = {law_of(name, shape): shape for shape in shapes}
     of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
-    models = [
-        replace(best.model, terms=(*best.model.terms[:-1], replace(term, values=tuple(map(float, values)))))
-        for values in (np.where(of_law, shape, term.values) for shape in by_law.values())
-    ]
+    models = [with_values(best.model, term, np.where(of_law, shape, term.values)) for shape in by_law.values()]
     begin = partial(add_effect, study, current, iterations=SEARCH_BRIEF)
     fits = [
         *map_fn(begin, [(name, shape) for shape in shapes], "more starts"),
-        *map_fn(partial(varied, study, best, SEARCH_BRIEF), models, "more starts"),
+        *map_fn(partial(go_on, study, best, SEARCH_BRIEF), models, "more starts"),
     ]
     climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
     climbers += [best] if not best.fit.converged else []

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
+from automarine_cli.diagnosis import diagnose
 from automarine_cli.diagnosis.diagnose import ForecastGain
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.scores import drag_drives
@@ -113,13 +114,28 @@ def test_no_curve_runs_over_what_a_controller_is_after() -> None:
     assert "offset_cm" in variables and not variables & {*setpoints}
 
 
-def test_what_predicts_held_out_runs_no_better_is_doubted() -> None:
-    def outlook(after: float) -> ForecastGain:
-        errors = {2.0: after, 5.0: after, 15.0: 0.2}
-        pairs = [[ForecastScore(h, x, 0.3, 0.3, 10) for x in (0.1, error)] for h, error in errors.items()]
-        return ForecastGain(tuple((first, last) for first, last in pairs), 3.0)
-
-    assert "5 s ahead" in outlook(0.101).worse(YAW) and outlook(0.099).worse(YAW) == ""
+@pytest.mark.parametrize(
+    ("gained", "unexplained", "after", "doubt"),
+    [
+        (-3.0, -9.0, 0.05, "log density falls by 3.0"),
+        (3.0, -9.0, 0.101, ""),  # what is left is chance, and commands answer it
+        (3.0, 8.0, 0.101, "5 s ahead"),
+        (3.0, 8.0, 0.099, "closes 2 %"),
+        (3.0, 8.0, 0.09, ""),
+    ],
+)
+def test_what_leaves_much_unexplained_has_to_predict_held_out_runs_better(
+    monkeypatch: pytest.MonkeyPatch, gained: float, unexplained: float, after: float, doubt: str
+) -> None:
+    errors = {2.0: after, 5.0: after, 15.0: 0.2}
+    scores = [tuple(ForecastScore(h, x, 0.3, 0.3, 10) for x in (0.1, error)) for h, error in errors.items()]
+    driven: Any = SimpleNamespace(driven=True, base=BASE)
+    result: Any = SimpleNamespace(base=None, final=None)
+    monkeypatch.setattr(diagnose, "gained_density", lambda *_: np.array([gained]))
+    monkeypatch.setattr(diagnose, "unexplained_density", lambda *_: unexplained)
+    outlook: Any = ForecastGain(tuple(scores), gained)  # type: ignore[arg-type]
+    says = diagnose._borne_out(driven, result, driven, diagnose.Gap(0.1, after, 0.0), outlook)
+    assert doubt in says and bool(doubt) == bool(says)
 
 
 # Drag that drives is refused, either way round, and every drag that brakes is let through
