@@ -11,14 +11,14 @@ import numpy as np
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, Origin, Settings, Subject, Unsupported, number, refuse_part
+from automarine_cli.exports.base import FRAME_AXES, Origin, Settings, Subject, Unsupported, number, refuse_part
 from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia
 from automarine_cli.models.store import StoredPlanar
 from automarine_cli.models.yaw_model import DELAY
 from automarine_cli.quantities import Floats
 
-LINEAR, QUADRATIC, CONSTANT = "linear-drag", "quadratic-drag", "bias-moment"
-SIDES = np.array([1.0, -1.0, -1.0])
+LINEAR, QUADRATIC, CONSTANT_FORCE = "linear-drag", "quadratic-drag", "bias-moment"
+ENU_SIGNS = np.array([1.0, -1.0, -1.0])
 """What a velocity or force is multiplied by from one frame to the other."""
 
 
@@ -44,7 +44,7 @@ class PlanarSubject(Subject):
     def head(self) -> list[str]:
         lines = (
             "Equation: M nu' + C(nu) nu + D(nu) nu = tau, nu = (u, v, r) through the water: surge, sway, yaw.",
-            f"Frame: {FRAMES[self.frame]}. Units: N, N m, m/s, rad/s, kg, kg m, kg m^2.",
+            f"Frame: {FRAME_AXES[self.frame]}. Units: N, N m, m/s, rad/s, kg, kg m, kg m^2.",
             "M is rigid and added inertia together; C follows from it, the Munk moment among it.",
             *map(str, self.left_out),
         )
@@ -66,7 +66,7 @@ def planar_subject(
     linear, quadratic, constant = np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3)
     left_out: list[Unsupported] = []
     for i, (dof, terms) in enumerate(zip(PLANAR.dofs, (model.surge, model.sway, model.yaw))):
-        places = {CONSTANT: constant[i:], LINEAR: linear[i, i:], QUADRATIC: quadratic[i, i, i:]}
+        places = {CONSTANT_FORCE: constant[i:], LINEAR: linear[i, i:], QUADRATIC: quadratic[i, i, i:]}
         for term in terms:
             if term.name in places:
                 places[term.name][0] += term.values[0]
@@ -82,7 +82,7 @@ def planar_subject(
         raise SettingError(f"{origin.file}: {target} cannot represent {terms_left}; {remedy}")
     if stored.command_delay > 0.0:
         left_out.append(Unsupported(DELAY, f"no entry of the matrices holds its {stored.command_delay:.3g} s"))
-    side = SIDES if frame == "ENU" else np.ones(3)
+    side = ENU_SIGNS if frame == "ENU" else np.ones(3)
     sides = np.outer(side, side)
     return PlanarSubject(
         origin, frame, form, settings, tuple(left_out), sides * model.inertia.matrix, sides * linear,
