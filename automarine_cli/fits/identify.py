@@ -11,7 +11,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
-from automarine_cli.filters.course import averaged_over, make_course
+from automarine_cli.filters.course import Course, averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
@@ -346,6 +346,26 @@ def _rough_start(rough: VelocityErrorFit, dof: Dof, number: str) -> Start:
     }
 
 
+def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], ChannelChoice, tuple[ExcludedRun, ...]]:
+    """Choose the runs that can be fitted whole and the sensors that count; then come the runs set aside.
+
+    Raises RunError where no run is left.
+    """
+    steered, undriven = without_undriven(runs)
+    serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
+    loose, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
+    usable, contrary = without_contrary(loose)
+    short = tuple(ExcludedRun(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
+    set_aside = (*short, *undriven, *stuck, *contrary)
+    if not usable:
+        reasons = _reasons(set_aside)
+        raise RunError(
+            f"none of {plural(len(runs), 'run')} can be fitted; {reasons}look at them with `automarine check`"
+        )
+    chosen = choose_channels(usable, usable[0].dof, channels)
+    return tuple(chosen.cleaned(run) for run in usable), chosen, set_aside
+
+
 def _fit_whole(
     runs: tuple[Run, ...],
     turns: Sequence[HalfTurn],
@@ -355,27 +375,17 @@ def _fit_whole(
     channels: str,
     with_effects: Sequence[str],
 ) -> YawFit:
-    steered, undriven = without_undriven(runs)
-    serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
-    loose, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
-    usable, contrary = without_contrary(loose)
-    chosen = choose_channels(usable, usable[0].dof, channels) if usable else NOTHING_TO_CHOOSE
-    moving = tuple(chosen.cleaned(run) for run in usable)
-    short = tuple(ExcludedRun(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
-    short += undriven + stuck + contrary
-    if not moving:
-        raise RunError(
-            f"none of {plural(len(runs), 'run')} can be fitted; {_reasons(short)}look at them with `automarine check`"
-        )
-    dof = moving[0].dof
-    at_rest = np.array([starts_at_rest(run) for run in moving])
-    words, refused = dof.words, dict[str, str]()
-    use: driven.Judgement
+    moving, chosen, short = usable_runs(runs, channels)
+    dof, at_rest = moving[0].dof, np.array([starts_at_rest(run) for run in moving])
     signals = tuple(dict.fromkeys(need for name in with_effects for need in effects.get(name).needs))
     # until it is let go, something that no model knows holds the vehicle against its constant force
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
-    course = make_course(free, at_rest, signals, channels=chosen.names)
-    if not driven.is_driven(moving, at_rest, chosen.names, with_effects):
+    course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
+    if driven.is_driven(moving, at_rest, chosen.names, with_effects):
+        fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
+        preference, use = _preferred_driven(fits, course, map_jobs)
+        how = _by_filter(moving, with_effects)
+    else:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
         preference = prefer(fits)
@@ -383,23 +393,7 @@ def _fit_whole(
         worth = {dof.position: driven.worth_of(driven.whole_predictions(course, fit))}
         use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
         how = "by output error, for the evidence asks for no disturbance"
-    else:
-        fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
-        predict = partial(driven.predictions_of, course)
-        ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], "predicting runs left out")))
-        preference = prefer_driven(fits, ahead, dof) or prefer(fits)
-        number = preference.number
-        [(fits[number], proposed)] = map_jobs(
-            partial(driven.inflate_for_missing, course), [fits[number]], "widening intervals"
-        )
-        fit, worth = fits[number], {dof.position: driven.worth_of(ahead[number])}
-        large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
-        use = driven.Judgement(worth, len(moving), ahead[number], course, proposed, large)
-        how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
-        period = float(np.median([run.sample_period for run in moving]))
-        if (count := averaged_over(period)) > 1:
-            over = f"averaged over {count * period:.2g} s, commands count exactly"
-            how += f"; readings at {1 / period:.3g} Hz were {over}"
+    words = dof.words
     why = (
         f"The whole runs were fitted {how}, as asked ({'--with' if with_effects else '--fit-to whole-runs'}); steady "
         f"{words.speed}s and velocity errors are of {words.step}s only"
@@ -411,6 +405,30 @@ def _fit_whole(
         moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, prior,
         refused=refused,
     )  # fmt: skip
+
+
+def _preferred_driven(
+    fits: dict[str, whole_runs.OutputErrorFit], course: Course, map_jobs: Each
+) -> tuple[Preference, driven.Judgement]:
+    """Prefer one of the fits, allow in its intervals for what it lacks (in place), and judge it."""
+    dof = course.motion.dofs[0]
+    predict, inflate = partial(driven.predictions_of, course), partial(driven.inflate_for_missing, course)
+    ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], "predicting runs left out")))
+    preference = prefer_driven(fits, ahead, dof) or prefer(fits)
+    number = preference.number
+    [(fits[number], proposed)] = map_jobs(inflate, [fits[number]], "widening intervals")
+    fit, worth = fits[number], {dof.position: driven.worth_of(ahead[number])}
+    large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
+    return preference, driven.Judgement(worth, len(course.names), ahead[number], course, proposed, large)
+
+
+def _by_filter(runs: Sequence[Run], with_effects: Sequence[str]) -> str:
+    """Say how driven runs were fitted."""
+    how = "from forecasts by a filter" + ("" if with_effects else ", for they are disturbed")
+    period = float(np.median([run.sample_period for run in runs]))
+    count = averaged_over(period)
+    over = f"averaged over {count * period:.2g} s, commands count exactly"
+    return how if count == 1 else f"{how}; readings at {1 / period:.3g} Hz were {over}"
 
 
 def _too_little(run: Run) -> str:

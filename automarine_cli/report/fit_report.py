@@ -363,11 +363,11 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     shown |= {"command delay": preferred.delay} if fit.is_late else {}
     values = ", ".join(_valued(name, e) for name, e in shown.items())
     model = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})"
-    lines = [f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."]
+    head = f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."
+    use = () if fit.use is None else (fit.use.sentence(dof),)
+    lines = [head, *use] if fit.use is None or fit.use.of_use else [*use, head]
     if fit.consistency is not None:
         lines += _disagreement(fit.consistency, dof)
-    if fit.use is not None:
-        lines.insert(int(fit.use.of_use), fit.use.sentence(dof))
     derived = {f"{symbols.inertia}/{symbols.quadratic}": preferred.inertial_turn_angle}
     derived |= {f"drag {way}": e for way, e in preferred.ways.drag.items()} if preferred.ways else {}
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
