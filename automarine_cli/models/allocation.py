@@ -1,23 +1,12 @@
-"""What a simulator needs of a vehicle, and the forces of its two thrusters."""
+"""What a simulator needs of a vehicle, and the terms that act on its commands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects import Effect, Place
 from automarine_cli.quantities import Floats
-
-
-def twin_forces(thrust: ArrayLike, arm: float) -> Floats:
-    """X [N], Y [N] and N [N m], (3, ...), of the forces [N] (2, ...) of two thrusters that push ahead, `arm` [m] to
-    port and to starboard: X = F_port + F_stbd, N = arm (F_port - F_stbd), clockwise; Fossen (2021), control allocation.
-    """
-    port, starboard = np.asarray(thrust, dtype=float)
-    return np.stack([port + starboard, 0.0 * port, arm * port - arm * starboard])
 
 
 class Vehicle(Protocol):

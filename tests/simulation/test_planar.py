@@ -13,7 +13,6 @@ from tolerances import assert_close
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError, RunError
-from automarine_cli.models.allocation import twin_forces
 from automarine_cli.models.planar import PLACES, Inertia, PlanarModel
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.simulation.batch import make_batch
@@ -101,10 +100,6 @@ def test_port_and_starboard_are_alike() -> None:
     np.testing.assert_allclose(back.velocities, sides * there.velocities, rtol=0, atol=1e-13)
     exact = solved(RESISTED.in_current(model.water).mirrored(), flipped, sides * POSITION, sides * VELOCITY)[0]
     assert_close(back.positions[0, 0], exact, "rollout")
-
-
-def test_more_to_port_turns_clockwise() -> None:
-    np.testing.assert_allclose(twin_forces([[5.0, 2.0], [3.0, 2.0]], 0.3), [[8, 4], [0, 0], [0.6, 0]], atol=1e-15)
 
 
 def test_yaw_alone_is_the_limit() -> None:
