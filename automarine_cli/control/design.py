@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from automarine_cli.control import vehicles as plant
 from automarine_cli.control.knowledge import Knowledge
 from automarine_cli.control.targets.base import Gains, NominalPlant, Target
-from automarine_cli.control.vehicles import ThrustCurve, Vehicles, dead_time, lag_of
+from automarine_cli.control.vehicles import Vehicles, dead_time, lag_of
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Complexes, Floats
+from automarine_cli.thrusters.map import TwinThrusters
 
 MAX_VEHICLE_STEP_S = 0.01  # longest step [s] of a vehicle between two loops of its controller
 FLIGHT_SAMPLE_S = 0.1  # flights are kept, and readings as far off as they are, for so long [s]: the pace of logs
@@ -307,7 +308,7 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
 
 
 def problem_of(
-    target: Target, task: Task, knowledge: Knowledge, full: float, bend: ThrustCurve | None, seed: int
+    target: Target, task: Task, knowledge: Knowledge, full: float, bend: TwinThrusters | None, seed: int
 ) -> Problem:
     """Draw vehicles of every explanation, the same count of each: `full` is the moment or force at the whole output,
     `bend` the map to it where that is no straight line."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.control.targets.base import Target
-from automarine_cli.control.vehicles import Spread, ThrustCurve
+from automarine_cli.control.vehicles import Spread
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.store import DiagnosisFile, ModelFile, StoredModels
 from automarine_cli.models.yaw_model import DELAY, YawModel
@@ -24,7 +24,7 @@ from automarine_cli.planning.information import (
 from automarine_cli.planning.rivals import closest, with_effect, without
 from automarine_cli.quantities import Floats
 from automarine_cli.text import printable
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
 LATE_EFFECTS = (DELAY, "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
 WILD_SCATTER, MIN_GAIN_EXPONENT = 0.25, 0.1
@@ -41,8 +41,8 @@ UNKNOWN_ERROR_SHARE = 0.1  # standard error, as a share, of a parameter of which
 EXTENDED = "extended_model.json"
 SUPPLY_SHARES = (0.88, 1.08)
 """Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
-OUTPUT_TOLERANCE, MAP_POINTS = 1.02, 401
-"""How far beyond the whole output moments of a log may seem to go; outputs at which a map is read."""
+OUTPUT_TOLERANCE = 1.02
+"""How far beyond the whole output moments of a log may seem to go."""
 UNKNOWN_DELAY = (
     "How late the vehicle answers is not known: the model's file has no command_delay_s. Fit its logs again, or give "
     "--delay."
@@ -244,14 +244,15 @@ def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None
 
 def authority(
     target: Target, knowledge: Knowledge, full: float | None, drive: tuple[ThrusterMap, float] | None
-) -> tuple[float, ThrustCurve | None]:
+) -> tuple[float, TwinThrusters | None]:
     """Return the moment or force at the whole output in the model's unit, and the map from output to it where one is
     given.
 
     Raises ModelError where the model's unit is none that the target can use, or the map contradicts the model, and
     SettingError for a map of one direction."""
     unit, source, dof = knowledge.stored.model.moment_unit, knowledge.stored.source, knowledge.model.dof
-    bend, most = (None, None) if drive is None else turning(*drive)
+    twins = None if drive is None else turning(*drive)
+    most = None if twins is None else twins.largest
     if full is None and most is not None and unit != "nu":
         full = most
     if full is None and unit == "nu":
@@ -278,23 +279,19 @@ def authority(
             f"{source}: --full is {full:.4g} {unit}, and the thruster map gives {most:.4g} {unit} at the whole output; "
             "leave out one of them"
         )
-    return full, bend
+    return full, twins and twins.scaled_to(full)
 
 
-def turning(thruster_map: ThrusterMap, arm: float) -> tuple[ThrustCurve, float]:
-    """Return how the moment of two thrusters `arm` [m] off the centre line, one ahead and one astern, grows with the
-    output, and the largest one [N m]. Raises SettingError for a map that cannot say.
+def turning(thruster_map: ThrusterMap, arm: float) -> TwinThrusters:
+    """Return two thrusters `arm` [m] off the centre line at the same size of signal. Raises SettingError for a map that
+    cannot say how their moment grows.
 
     The whole output is a control signal of 1, or the largest that the map tells of where that is more: pulses, percent.
     """
-    ahead, astern = thruster_map.both_ways
-    most = max(thruster_map.largest or 1.0, 1.0)
-    output = np.linspace(0.0, 1.0, MAP_POINTS)
-    thrust = ahead.thrust(most * output) + astern.thrust(most * output)
-    if not thrust[-1] > 0:
+    twins = TwinThrusters(*thruster_map.both_ways, arm, max(thruster_map.largest or 1.0, 1.0))
+    if not twins.largest > 0:
         raise SettingError(
             "the thruster map gives no thrust at the whole output; give a map whose control signal goes from -1 to 1, "
             "or that says how far it was measured (fit it again)"
         )
-    most = float(arm * thrust[-1])
-    return ThrustCurve(output, np.asarray(thrust / thrust[-1]), most), most
+    return twins

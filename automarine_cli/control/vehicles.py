@@ -14,6 +14,7 @@ from automarine_cli.effects.thruster_lag import ADVANCES, MIN_LAG_S, Advance, Th
 from automarine_cli.models.yaw_model import Bound, YawModel, actuators
 from automarine_cli.quantities import Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
+from automarine_cli.thrusters.map import TwinThrusters
 
 THRUST_BY_VOLTAGE = 1.2
 """Exponent of thrust against supply voltage at a fixed command: Blue Robotics, T200 performance data (2019)."""
@@ -24,35 +25,13 @@ quadratic drag is that at rest, of dry friction that of a brisk turn. Water that
 
 
 @dataclass(frozen=True)
-class ThrustCurve:
-    """What share of the `full` moment an output gives, odd: `output` (K,) from 0 to 1 and `share` (K,), which rises."""
-
-    output: Floats
-    share: Floats
-    full: float = 1.0
-
-    def of(self, output: Floats) -> Floats:
-        return np.asarray(np.sign(output) * np.interp(np.abs(output), self.output, self.share))
-
-    def inverse(self, share: Floats) -> Floats:
-        """Return the output that gives a share of the full moment; within the dead-band it jumps to its edge."""
-        first = int(np.searchsorted(self.share, 0.0, side="right")) - 1
-        edge = np.interp(np.abs(share), self.share[first:], self.output[first:])
-        return np.asarray(np.sign(share) * edge)
-
-    def slope(self, output: Floats) -> Floats:
-        place = np.clip(np.searchsorted(self.output, np.abs(output)), 1, len(self.output) - 1)
-        return np.asarray(np.diff(self.share)[place - 1] / np.diff(self.output)[place - 1])
-
-
-@dataclass(frozen=True)
 class Vehicles:
     """S vehicles that one explanation allows, called `name`; the first of a crowd is as its model says.
 
     `theta` (S, p) parameters of `model`; `full` the moment or force of the whole output; `gain` (S,) of the thrust,
     `late` (S,) [s] a delay beyond the model's, `volts` (S,) [V] of the supply, `at` (S,) the output about which its
-    slope counts in margins; `bend` the map from output to moment where that is no straight line; `noise` of the
-    readings of position and velocity [base units]."""
+    slope counts in margins; `bend` the thrusters where the moment is not in proportion to the output, `full`
+    at the whole; `noise` of the readings of position and velocity [base units]."""
 
     model: YawModel
     theta: Floats
@@ -61,7 +40,7 @@ class Vehicles:
     late: Floats
     volts: Floats
     at: Floats
-    bend: ThrustCurve | None = None
+    bend: TwinThrusters | None = None
     noise: tuple[float, float] = (0.0, 0.0)
     name: str = ""
 
@@ -86,7 +65,7 @@ class Spread:
 
 
 def crowd(
-    model: YawModel, covariance: Floats, spread: Spread, full: float, bend: ThrustCurve | None, count: int,
+    model: YawModel, covariance: Floats, spread: Spread, full: float, bend: TwinThrusters | None, count: int,
     rng: np.random.Generator,
 ) -> Vehicles:  # fmt: skip
     """Draw `count` vehicles about a model whose theta has a `covariance` (p, p); the first is the model's."""
@@ -173,7 +152,7 @@ class Actuators:
 
     def _ideal(self, output: Floats) -> Floats:
         bend = self.vehicles.bend
-        return self.vehicles.full * (output if bend is None else bend.of(output))
+        return self.vehicles.full * output if bend is None else bend.moment(output)
 
     def _at_once(self, term: Bound, moment: Floats, before: Floats) -> Floats:
         length = np.full((1, 1, 1), self.step)
@@ -212,7 +191,7 @@ def sensor_lag(vehicles: Vehicles) -> Floats:
 
 def output_slope(vehicles: Vehicles) -> Floats:
     """Return the change of moment per change of output about the output at which each vehicle is looked at, (S,)."""
-    bent = 1.0 if vehicles.bend is None else vehicles.bend.slope(vehicles.at)
+    bent = 1.0 if vehicles.bend is None else vehicles.bend.slope(vehicles.at) / vehicles.full
     return vehicles.gain * Actuators(vehicles, 2, 1.0).slope(vehicles.at) * bent
 
 

@@ -17,7 +17,17 @@ from automarine_cli.runs.run import ExcludedRun, runs_json
 from automarine_cli.thrusters import family
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
 from automarine_cli.thrusters.curves import FORMS
-from automarine_cli.thrusters.fit import curve_estimates, parameters_json, sums_of
+from automarine_cli.thrusters.fit import (
+    ASYMMETRY,
+    SAG,
+    VOLTAGE,
+    BollardData,
+    MapFit,
+    Shape,
+    multiplier_columns,
+    parameters_json,
+    sums_of,
+)  # fmt: skip
 from automarine_cli.thrusters.map import SIDES, ThrusterMap
 
 WELL_ABOVE = 1.5
@@ -30,30 +40,30 @@ SAYS = {
     "dead-band": "The thruster gives nothing below a smallest command",
     "thrust-exponent": "Thrust grows with another power of the command than the map's",
     "saturation": "Thrust stops rising above a largest command",
-    family.ASYMMETRY: "At full command the thruster pulls differently forward and backward",
-    family.VOLTAGE: "Thrust at the same command follows the supply voltage",
-    family.SAG: "Thrust falls from the first reading to the last, as with a battery that empties",
+    ASYMMETRY: "At full command the thruster pulls differently forward and backward",
+    VOLTAGE: "Thrust at the same command follows the supply voltage",
+    SAG: "Thrust falls from the first reading to the last, as with a battery that empties",
 }
 SPLIT_BY = {
-    family.SAG: "the first command repeated last: a sag shows as less thrust at the same command",
-    family.VOLTAGE: "three commands repeated at another voltage",
-    family.ASYMMETRY: "pulls at the same commands forward and backward, five times each",
+    SAG: "the first command repeated last: a sag shows as less thrust at the same command",
+    VOLTAGE: "three commands repeated at another voltage",
+    ASYMMETRY: "pulls at the same commands forward and backward, five times each",
 }
 
 
 @dataclass(frozen=True, repr=False)
 class ThrusterDiagnosis(Shown):
-    """`data` holds every point, `search.base.data` those fitted, `held_out` the rest, None where levels are too few.
+    """`data` holds every point, `base.data` those fitted, `held_out` the rest, None where levels are too few.
     `final` is the extended model: the base refitted unless effects are named. Gaps are in newtons of one thruster;
     `cross` is that by leaving out levels."""
 
     verdict: str
     why: str
     given: ThrusterMap
-    data: family.BollardData
-    held_out: family.BollardData | None
+    data: BollardData
+    held_out: BollardData | None
     search: family.MapSearch
-    final: family.Fitted
+    final: MapFit
     effects: tuple[NamedEffect, ...]
     where: ResidualRegions
     faults: tuple[dict[str, Any], ...]
@@ -65,19 +75,15 @@ class ThrusterDiagnosis(Shown):
     set_aside: tuple[ExcludedRun, ...] = ()
 
     @property
-    def base(self) -> family.Fitted:
-        return self.search.base
+    def base(self) -> MapFit:
+        return self.search.looks[0].before.fit
 
     @property
     def extended_map(self) -> dict[str, object]:
         """Content of extended_model.json: a thruster map (schema automarine/thruster-map/1)."""
         final = self.final
-        form = final.shape.form
-        result = ThrusterMap(form.name, *final.both_ways, self.data.n_unit, self.data.n_range).to_json()
-        estimates = _curve_parameters(final)
-        if final.shape.tied:
-            estimates = {name: estimates["both"] for name, _ in SIDES}
-        result["parameters"] = parameters_json(estimates, final.both_ways)
+        result = ThrusterMap(final.form.name, *final.both_ways, self.data.n_unit, self.data.n_range).to_json()
+        result["parameters"] = parameters_json(final.estimates, final.both_ways)
         names = ", ".join(effect.name for effect in self.effects) if self.verdict == NAMED else ""
         notes = [f"The {self.given.form} map refitted" + (f", with {names} added." if names else ".")]
         if final.shape.voltage:
@@ -91,7 +97,7 @@ class ThrusterDiagnosis(Shown):
 
     def to_json(self) -> dict[str, object]:
         gaps = {"fitted_runs": self.gap, "held_out_runs": self.held_out_gap, "cross_validation": self.cross}
-        first = self.search.steps[0]
+        first = self.search.looks[0]
         of = {"model": "thruster-map", "verdict": self.verdict}
         return {
             **rules.diagnosis_json(of, self.why, self.effects, self.where, gaps, "N"),
@@ -99,7 +105,7 @@ class ThrusterDiagnosis(Shown):
             "candidates": [
                 {
                     "name": candidate.effect, "where": candidate.where, "gain": candidate.gain,
-                    "p_value": candidate.p_value, "cv_rmse_N": candidate.fit.rmse(held_out=True),
+                    "p_value": candidate.p_value, "cv_rmse_N": candidate.fit.left_out_rmse,
                 }
                 for candidate in sorted(first.candidates, key=lambda candidate: -candidate.gain)
             ],
@@ -111,14 +117,13 @@ class ThrusterDiagnosis(Shown):
         }  # fmt: skip
 
 
-def start_shape(base: ThrusterMap, data: family.BollardData, voltage: bool = False) -> family.Shape:
+def start_shape(base: ThrusterMap, data: BollardData, voltage: bool = False) -> Shape:
     """Make a shape of the base map in the directions measured, tied where both curves are equal, each with the effects
     that its curve makes use of: a map may have been extended in one direction only."""
-
-    tied = base.forward == base.backward and len(data.sides) == 2
-    curves = {"both": base.forward} if tied else {name: getattr(base, name) for name in data.sides}
+    tied = base.forward == base.backward and len(data.directions) == 2
+    curves = {"both": base.forward} if tied else {name: getattr(base, name) for name in data.directions}
     forms = tuple((name, FORMS[base.form].used_by(curve)) for name, curve in curves.items() if curve is not None)
-    return family.Shape(forms, voltage and data.step is not None)
+    return Shape(forms, voltage and data.step is not None)
 
 
 def diagnose_thrusters(
@@ -134,12 +139,12 @@ def diagnose_thrusters(
             f"the map's control signal is in {base.n_unit}, the logs' in {n_unit}; give logs and map of one signal"
         )
     sides = [name for name, _ in SIDES if getattr(base, name) is not None]
-    data = family.bollard_data(logs, thrusters, n_unit or base.n_unit, sides)
+    data = family.data_of_logs(logs, thrusters, n_unit or base.n_unit, sides)
     out = family.held_out_levels(data, seed) & (hold_out is None)
     held_out = data.where(out) if np.any(out) else None
     if hold_out is not None:
         try:
-            held_out = family.bollard_data(hold_out, thrusters, data.n_unit, data.sides, min_levels=1)
+            held_out = family.data_of_logs(hold_out, thrusters, data.n_unit, data.directions, min_levels=1)
         except FitError:
             raise FitError(
                 "the logs held out have no command in a direction that was fitted; hold out logs like those fitted"
@@ -147,52 +152,51 @@ def diagnose_thrusters(
     floor, floor_from = family.noise_level(data)
     fitted = data.where(~out)
     search = family.search_around_faults(fitted, start_shape(base, fitted, voltage), floor, seed)
-    fitted = search.base.data
-    where = _regions(search.base, floor, seed)
+    before, after = search.looks[0].before.fit, search.final.fit
+    fitted, where = before.data, _regions(before, floor, seed)
 
-    def gap(fit: family.Fitted) -> Gap | None:
+    def gap(fit: MapFit) -> Gap | None:
         if held_out is None:
             return None
-        return Gap(_rms(held_out, search.base.thrust(held_out)), _rms(held_out, fit.thrust(held_out)), floor)
+        return Gap(_rms(held_out, before.thrust(held_out)), _rms(held_out, fit.thrust(held_out)), floor)
 
     effects = _named_effects(search, floor)
-    verdict, why = _verdict(search, effects, where, gap(search.final), floor, seed)
-    final = search.final if verdict == NAMED else search.base
+    verdict, why = _verdict(before, search.final, effects, where, gap(after), floor, seed)
+    final = after if verdict == NAMED else before
     data = data.with_flags(~out, fitted.weight, fitted.flag)
     return ThrusterDiagnosis(
         verdict, why, base, data, held_out, search, final, effects if verdict in (NAMED, SUSPECTED) else (), where,
-        _faults(data, final), Gap(search.base.rmse(), final.rmse(), floor), gap(final),
-        Gap(search.base.rmse(held_out=True), final.rmse(held_out=True), floor),
+        _faults(data, final), Gap(before.rmse, final.rmse, floor), gap(final),
+        Gap(before.left_out_rmse, final.left_out_rmse, floor),
         _rms(fitted, base.force(fitted.n)), floor_from, logs.set_aside,
     )  # fmt: skip
 
 
-def _rms(data: family.BollardData, thrust: Floats) -> float:
+def _rms(data: BollardData, thrust: Floats) -> float:
     """Root mean square residual [N] of a thrust at the points, weighted as in the fit."""
-    residual = data.force - thrust
-    return float(np.sqrt(data.weight @ residual**2 / data.weight.sum()))
+    return float(np.sqrt(np.average((data.force - thrust) ** 2, weights=data.weight)))
 
 
 def _verdict(
-    search: family.MapSearch, effects: tuple[NamedEffect, ...], where: ResidualRegions, held_out: Gap | None,
-    floor: float, seed: int,
+    base: MapFit, final: family.CandidateFit, effects: tuple[NamedEffect, ...], where: ResidualRegions,
+    held_out: Gap | None, floor: float, seed: int,
 ) -> tuple[str, str]:  # fmt: skip
     """What may be said, and why no more: the rules of the diagnosis of a motion, with levels for runs."""
-    scale = search.base.data.full_scale
+    scale, fit = base.data.full_scale, final.fit
     floor = max(floor, 1e-9 * scale)
-    before, after = (max((fit.rmse() / floor) ** 2 - 1.0, 0.0) for fit in (search.base, search.final))
-    well_above = search.final.rmse() > max(WELL_ABOVE * floor, MATERIAL * scale)
-    names = " and ".join(search.p_values)
-    if well_above and after > rules.LEFT_OVER * before and _neighbours_p_value(search.final, seed) <= STRUCTURED:
+    before, after = (max((fit.rmse / floor) ** 2 - 1.0, 0.0) for fit in (base, fit))
+    well_above = fit.rmse > max(WELL_ABOVE * floor, MATERIAL * scale)
+    names = " and ".join(final.added)
+    if well_above and after > rules.LEFT_OVER * before and _neighbours_p_value(fit, seed) <= STRUCTURED:
         best = "No effect of the library gains more than chance."
         if names:
-            sizes = f"{search.final.rmse():.3g} instead of {search.base.rmse():.3g} N"
+            sizes = f"{fit.rmse:.3g} instead of {base.rmse:.3g} N"
             best = f"The best candidate is {names}, with which the residual is {sizes}."
-        times = f"The residual is correlated along the control signal and is {search.final.rmse() / floor:.2f} times"
+        times = f"The residual is correlated along the control signal and is {fit.rmse / floor:.2f} times"
         return UNEXPLAINED, f"{times} the noise. {best}"
     if names and held_out is not None and held_out.after > rules.ASTRAY * max(held_out.before, floor):
         return UNEXPLAINED, f"What explains the fitted levels ({names}) makes the held-out levels worse."
-    if not names and where.regions and search.base.rmse() > MATERIAL * scale:
+    if not names and where.regions and base.rmse > MATERIAL * scale:
         return UNEXPLAINED, f"The error is beyond chance {rules.stretch(where.regions[0])}."
     if not names:
         return rules.NOTHING, ""
@@ -204,7 +208,7 @@ def _verdict(
     return NAMED, ""
 
 
-def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
+def _neighbours_p_value(fit: MapFit, seed: int) -> float:
     """p-value of neighbouring levels' residuals being alike: products of neighbours, against signs thrown."""
     data, random = fit.data, np.random.default_rng(seed)
     step = np.zeros(len(data)) if data.step is None else data.step
@@ -217,25 +221,25 @@ def _neighbours_p_value(fit: family.Fitted, seed: int) -> float:
 
 def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
     effects = []
-    for name, p_value in search.p_values.items():
+    for name, p_value in search.final.added.items():
         odds = [
-            NamedRival(rival.candidate.effect, rival.odds, _split_by(search, name, rival.candidate, floor))
-            for rival in search.alternatives.get(name, {}).values()
+            NamedRival(rival, chance, _split_by(search.final.fit, name, candidate, floor))
+            for rival, (candidate, chance) in family.rivals_of(search, name).items()
         ]
         weight, rivals = rules.listed_rivals(odds, 1.0 - p_value)
-        values = effect_parameters(search.final, name, search.base)
+        values = effect_parameters(search.final.fit, name, search.looks[0].before.fit)
         effects.append(NamedEffect(name, "", f"{SAYS[name]}.", values, weight, p_value, rivals))
     return tuple(effects)
 
 
-def _split_by(search: family.MapSearch, effect: str, rival: family.CandidateFit, floor: float) -> str:
+def _split_by(fit: MapFit, effect: str, rival: family.CandidateFit, floor: float) -> str:
     """The pull that tells the named effect from its rival: where both fitted curves differ most."""
     for name in (rival.effect, effect):
         if name in SPLIT_BY:
             return SPLIT_BY[name]
-    n = search.final.data.n
+    n = fit.data.n
     along = np.linspace(min(float(n.min()), 0.0), max(float(n.max()), 0.0), 801)
-    mine, other = (np.nan_to_num(fit.along(along)) for fit in (search.final, rival.fit))
+    mine, other = (np.nan_to_num(curves.along(along)) for curves in (fit, rival.fit))
     at = int(np.argmax(np.abs(mine - other)))
     apart_N = max(abs(float(mine[at] - other[at])), 1e-12)
     times = int(np.ceil((3.0 * floor / apart_N) ** 2))
@@ -244,38 +248,29 @@ def _split_by(search: family.MapSearch, effect: str, rival: family.CandidateFit,
     return f"{often} at n = {along[at]:.3g}: {thrusts}"
 
 
-def effect_parameters(fit: family.Fitted, effect: str, base: family.Fitted) -> dict[str, Estimate | Given]:
+def effect_parameters(fit: MapFit, effect: str, base: MapFit) -> dict[str, Estimate | Given]:
     """Estimate the parameters of one effect; that of one direction says so in its name."""
     data = fit.data
-    if effect in (family.VOLTAGE, family.SAG):
-        column = family.multiplier_columns(fit, effect == family.VOLTAGE, effect == family.SAG)[:, 0]
-        value = fit.power if effect == family.VOLTAGE else fit.sag
-        stderr = _stderr(fit, column, data.step if effect == family.VOLTAGE else None)
-        name = "p" if effect == family.VOLTAGE else "share_lost"
+    if effect in (VOLTAGE, SAG):
+        column = multiplier_columns(fit)[:, int(effect == SAG)]
+        value = fit.power if effect == VOLTAGE else fit.sag
+        stderr = _stderr(fit, column, data.step if effect == VOLTAGE else None)
+        name = "p" if effect == VOLTAGE else "share_lost"
         return {name: Estimate.from_stderr(value, stderr, data.levels - 1, "1")}
-    if effect == family.ASYMMETRY:
+    if effect == ASYMMETRY:
         sides = [np.where(data.n * sign > 0, fit.predicted, 0.0) for sign in (1.0, -1.0)]
         ends = [fit.along(np.array([sign * np.max(np.abs(data.n))]))[0] for sign in (1.0, -1.0)]
         relative = float(np.hypot(_stderr(fit, sides[0], None), _stderr(fit, sides[1], None)))
         dof = min(int(np.count_nonzero(side)) for side in sides) - 1
         return {"backward_over_forward": Estimate.from_log(float(abs(ends[1] / ends[0])), relative, dof, "1")}
-    values = _curve_parameters(fit)
     return {
-        PARAMETER[effect] + ("" if where == "both" else f"_{where}"): values[where][PARAMETER[effect]]
+        PARAMETER[effect] + ("" if where == "both" else f"_{where}"): fit.estimates[where][PARAMETER[effect]]
         for where, form in fit.shape.forms
         if effect in form.effects - dict(base.shape.forms).get(where, FORMS["square"]).effects
     }  # fmt: skip
 
 
-def _curve_parameters(fit: family.Fitted) -> dict[str, dict[str, Estimate | Given]]:
-    """Estimates of every direction's curve ("both" where they share one), by parameter."""
-    return {
-        name: curve_estimates(side, form, fit.curves[name], fit.at_bound[name], fit.data.n_unit)
-        for name, (side, form) in fit.sides.items()
-    }
-
-
-def _stderr(fit: family.Fitted, column: Floats, steps: Ints | None) -> float:
+def _stderr(fit: MapFit, column: Floats, steps: Ints | None) -> float:
     """Standard error of one parameter from its own derivative: by levels, or by voltage steps if that is more."""
     weight = fit.data.weight
     sums = [sums_of(weight * column * fit.residual, unit) for unit in (fit.data.level, steps) if unit is not None]
@@ -283,10 +278,9 @@ def _stderr(fit: family.Fitted, column: Floats, steps: Ints | None) -> float:
     return float(most / (weight @ column**2))
 
 
-def _regions(fit: family.Fitted, floor: float, seed: int) -> ResidualRegions:
+def _regions(fit: MapFit, floor: float, seed: int) -> ResidualRegions:
     """Regions in which the residuals of a fit stand out against dealing the points in another order."""
-    data = fit.data
-    count = len(data)
+    data, count = fit.data, len(fit.data)
     if not np.any(np.abs(fit.residual) > 1e-9 * data.full_scale):
         return ResidualRegions()
     columns = [Column("n", data.n_unit, data.n)]
@@ -303,7 +297,7 @@ def _regions(fit: family.Fitted, floor: float, seed: int) -> ResidualRegions:
     return find_regions(columns, {}, gap, seed)
 
 
-def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[dict[str, Any], ...]:
+def _faults(data: BollardData, fit: MapFit) -> tuple[dict[str, Any], ...]:
     """Stretches of the data that are not to be trusted, the worst first."""
     flagged = np.flatnonzero(data.flag != "")
     new = (np.diff(flagged) > 1) | (np.diff(data.record[flagged]) != 0)
@@ -311,7 +305,7 @@ def _faults(data: family.BollardData, fit: family.Fitted) -> tuple[dict[str, Any
     return tuple(sorted(faults, key=lambda fault: -float(fault["gap_N"])))
 
 
-def _fault(data: family.BollardData, fit: family.Fitted, index: Ints) -> dict[str, Any]:
+def _fault(data: BollardData, fit: MapFit, index: Ints) -> dict[str, Any]:
     """One stretch as files have it; readings are counted from 1 in each record."""
     n, place = data.n[index], data.place(int(index[0]))
     record = np.flatnonzero(data.record == data.record[index[0]])

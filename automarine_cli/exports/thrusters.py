@@ -10,14 +10,13 @@ Ours: F = a max(min(|n|, n_sat) - n_0, 0)^p or a monotone spline, forward and ba
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import MapSubject, Target, Written, comment, filled, head, number, row
 from automarine_cli.quantities import Floats
-from automarine_cli.thrusters.curves import Curve
+from automarine_cli.thrusters.curves import Curve, PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap, thrust_both_ways
 
 GRID = 2001  # control signals at which a law is compared with the map
@@ -53,17 +52,17 @@ def write(subject: MapSubject) -> Written:
     if gazebo and subject.settings.lag is not None:
         raise SettingError("--lag means nothing to gz-thruster, whose thrust follows the command at once; leave it out")
     curves = (subject.map.forward, subject.map.backward)
-    ahead, astern = (square_side(curve, n_max) for curve in curves)
+    ahead, astern = (nearest_square(curve, n_max) for curve in curves)
     if gazebo:
-        slopes = [side.k for side, curve in zip((ahead, astern), curves) if curve]
-        ahead = astern = Side(float(np.mean(slopes)), n_max)
-    notes += _error(subject, lambda n: ahead.thrust(np.maximum(n, 0)) - astern.thrust(np.maximum(-n, 0)), n_max)
+        slopes = [law.a for law, curve in zip((ahead, astern), curves) if curve]
+        ahead = astern = PowerCurve(float(np.mean(slopes)), n_sat=n_max)
+    notes += _error(subject, lambda n: thrust_both_ways(ahead, astern, n), n_max)
+    limits = [law.n_sat or n_max for law in (ahead, astern)]
     values = {
-        "k_pos": number(ahead.k), "k_neg": number(astern.k), "n_pos": number(ahead.limit),
-        "n_neg": number(-astern.limit),
-        "coefficient": number(ahead.k / (DENSITY * DIAMETER**4)),
+        "k_pos": number(ahead.a), "k_neg": number(astern.a), "n_pos": number(limits[0]), "n_neg": number(-limits[1]),
+        "coefficient": number(ahead.a / (DENSITY * DIAMETER**4)),
     }  # fmt: skip
-    return _text(subject, notes, values, max(ahead.limit, astern.limit))
+    return _text(subject, notes, values, max(limits))
 
 
 def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -> list[str]:
@@ -98,18 +97,6 @@ def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_ma
     return Written(filled(f"thrusters_{subject.form}", fields), tuple(notes))
 
 
-@dataclass(frozen=True)
-class Side:
-    """One direction of F = k n^2 up to a `limit` [n]: k [N/n^2], 0 where not measured."""
-
-    k: float
-    limit: float
-
-    def thrust(self, n: Floats) -> Floats:
-        """Size of the thrust [N] for |n| of any shape."""
-        return np.asarray(self.k * np.minimum(n, self.limit) ** 2)
-
-
 def largest_signal(subject: MapSubject) -> float:
     """The largest control signal: of the settings, else where the stronger direction reaches the full scale measured,
     within what was measured.
@@ -124,13 +111,13 @@ def largest_signal(subject: MapSubject) -> float:
     return min(measured, *(min(curve.signal(subject.full_scale), curve.n_sat or np.inf) for curve in curves))
 
 
-def square_side(curve: Curve | None, n_max: float) -> Side:
-    """The law nearest to a curve by least squares on the thrust."""
+def nearest_square(curve: Curve | None, n_max: float) -> PowerCurve:
+    """Return the square law nearest to a curve by least squares on the thrust, up to where that ends."""
     if curve is None:
-        return Side(0.0, n_max)
+        return PowerCurve(0.0, n_sat=n_max)
     limit = n_max if curve.n_sat is None else min(curve.n_sat, n_max)
     n = np.linspace(0.0, limit, GRID)
-    return Side(float(n**2 @ curve.thrust(n) / (n**2 @ n**2)), limit)
+    return PowerCurve(float(n**2 @ curve.thrust(n) / (n**2 @ n**2)), n_sat=limit)
 
 
 def table(map_: ThrusterMap, n_max: float) -> tuple[Floats, Floats]:

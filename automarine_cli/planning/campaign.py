@@ -9,6 +9,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import floor, log10
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, Shown, Source, read_mapping, to_mapping
 from automarine_cli.planning import candidates as pool
 from automarine_cli.planning import information as info
-from automarine_cli.planning.candidates import PLAN, Candidate, Drive, Limits, Slot, Supply, consumption, drive_of
+from automarine_cli.planning.candidates import PLAN, Candidate, Limits, Slot, Supply, consumption, drive_of
 from automarine_cli.planning.information import Fitting, Intervals, Logger, PriorResults
 from automarine_cli.planning.rivals import (
     Discrimination,
@@ -42,7 +43,7 @@ from automarine_cli.planning.rivals import (
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import SIMULATION_SCHEMA, time_to_turn
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
-from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
+from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters, map_and_arm
 
 FAR_TURN_RATIO = 1.5  # a run turns far if it turns by more than this times what steps may; coasting stays below it
 MAX_SPLIT_ROUNDS = 3  # how often the wrong explanation is fitted again to the runs chosen, and the choice made again
@@ -244,6 +245,7 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
     return counts
 
 
+ROUND_DOWN = 1e-6  # share of the largest moment that is left, so that rounding asks for no more
 LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
 STEP_REPEATS, MIN_SIZES, MAX_SIZES = 2, 2, 12  # how often the first campaign makes each step, and at how many moments
 PAPER = {"I_r": 1.018, "k_rr": 1.257}
@@ -282,7 +284,7 @@ class Plan(Shown):
     splits: tuple[Split, ...]
     errors: Mapping[str, Floats]
     notes: tuple[str, ...]
-    drive: Drive | None = None
+    drive: TwinThrusters | None = None
     columns: ColumnMap = field(default_factory=ColumnMap)
     source: str = ""
     """Where the current is from, in a sentence."""
@@ -561,7 +563,7 @@ def _paper(unit: str) -> Document:
 
 def _drive(
     thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, prior: PriorResults, limits: Limits
-) -> Drive | None:
+) -> TwinThrusters | None:
     """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
     levered = map_and_arm(thrusters, arm, columns, YAW)
     if levered is None:
@@ -572,10 +574,12 @@ def _drive(
             f"{prior.stored.source} is a model of normalised moments, the thruster map gives N m; say what one unit is "
             "with thrusters.nu_in_Nm in the limits"
         )
-    return drive_of(*levered, limits.thrusters.largest_command, limits.thrusters.pairing == "equal-thrust", unit)
+    thruster_map, length = levered
+    equal_thrust = limits.thrusters.pairing == "equal-thrust"
+    return drive_of(thruster_map, length / unit, limits.thrusters.largest_command, equal_thrust)
 
 
-def _largest_moment(prior: PriorResults, limits: Limits, drive: Drive | None) -> float:
+def _largest_moment(prior: PriorResults, limits: Limits, drive: TwinThrusters | None) -> float:
     """The largest moment of runs, in the model's unit. Raises SettingError where none is told or it is too large."""
     largest, unit = limits.moments.largest, prior.stored.model.moment_unit
     if drive is None:
@@ -585,16 +589,23 @@ def _largest_moment(prior: PriorResults, limits: Limits, drive: Drive | None) ->
                 "moments.largest in the limits (--limits), or give --thrusters and --arm"
             )
         return LARGEST_NU if largest is None else largest
-    if largest is not None and largest > drive.largest:
+    most = drive.largest * (1.0 - ROUND_DOWN)
+    if largest is not None and largest > most:
         raise SettingError(
-            f"moments.largest is {largest:g} {unit}; the thrusters give at most {drive.largest:.4g} {unit} as they are "
+            f"moments.largest is {largest:g} {unit}; the thrusters give at most {most:.4g} {unit} as they are "
             "paired; ask for less, or pair them by equal commands"
         )
-    return drive.largest_rounded if largest is None else largest
+    step = 10.0 ** (floor(log10(most)) - 2)
+    return float(f"{floor(most / step) * step:.3g}") if largest is None else largest
 
 
 def _supply(
-    limits: Limits, largest: float, unit: str, drive: Drive | None, per_test: int, records: Sequence[Series] | None
+    limits: Limits,
+    largest: float,
+    unit: str,
+    drive: TwinThrusters | None,
+    per_test: int,
+    records: Sequence[Series] | None,
 ) -> tuple[Supply, str]:
     """What is drawn from the battery, and a sentence on where that is from: `records` of thruster tests, else the
     limits. Raises SettingError for tests without a drive, RunError for tests without a current or power."""

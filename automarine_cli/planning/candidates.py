@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
-from math import floor, log10, radians
+from math import radians
 from typing import Annotated, Literal
 
 import numpy as np
@@ -31,8 +31,7 @@ from automarine_cli.simulation.specification import (
     time_to_turn,
 )
 from automarine_cli.thrusters.bollard_data import Series
-from automarine_cli.thrusters.curves import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
 LIMITS_SCHEMA = "automarine/plan-limits/1"
 CANDIDATE_KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")
@@ -339,62 +338,14 @@ def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tupl
     return tuple(slots)
 
 
-ROUND_DOWN = 1e-6
 MIN_ROWS = 6  # rows of thruster tests from which on the current is told
 MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm"}
 DIGITS = 6
 
 
-@dataclass(frozen=True)
-class Drive:
-    """Two equal thrusters `arm` [m] off the centre line, control signals up to `most`.
-
-    With `equal_thrust` one pulls ahead as much as the other astern, so that the vehicle is not pushed ahead; else both
-    get the same size of signal. `unit` is one unit of the model's moment in N m."""
-
-    ahead: Curve
-    astern: Curve
-    arm: float
-    most: float
-    equal_thrust: bool
-    unit: float
-
-    @property
-    def largest(self) -> float:
-        ahead, astern = self._thrusts(self.most, self.most)
-        pull = 2.0 * min(ahead, astern) if self.equal_thrust else ahead + astern
-        return self.arm * pull / self.unit * (1.0 - ROUND_DOWN)
-
-    @property
-    def largest_rounded(self) -> float:
-        """The same, rounded down to three digits."""
-        unit = 10.0 ** (floor(log10(self.largest)) - 2)
-        return float(f"{floor(self.largest / unit) * unit:.3g}")
-
-    def forces(self, moment: float) -> tuple[float, float]:
-        """Return the thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
-        return self._thrusts(*self._signals(moment))
-
-    def commands(self, moment: float) -> tuple[float, float]:
-        """Return control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
-        if moment == 0.0:
-            return 0.0, 0.0
-        ahead, astern = self._signals(moment)
-        return (ahead, -astern) if moment > 0 else (-astern, ahead)
-
-    def _signals(self, moment: float) -> tuple[float, float]:
-        force = abs(moment) * self.unit / self.arm
-        if self.equal_thrust:
-            return self.ahead.signal(force / 2.0), self.astern.signal(force / 2.0)
-        n = optimize.brentq(lambda n: sum(self._thrusts(n, n)) - force, 0.0, self.most, xtol=1e-12 * self.most)
-        return float(n), float(n)
-
-    def _thrusts(self, ahead: float, astern: float) -> tuple[float, float]:
-        return float(self.ahead.thrust(np.asarray(ahead))), float(self.astern.thrust(np.asarray(astern)))
-
-
-def drive_of(thruster_map: ThrusterMap, arm: float, most: float | None, equal_thrust: bool, unit: float) -> Drive:
-    """Make the drive of a map. Raises SettingError for a map of one direction, and for an unknown largest signal."""
+def drive_of(thruster_map: ThrusterMap, arm: float, most: float | None, equal_thrust: bool) -> TwinThrusters:
+    """Make the twin thrusters of a map. Raises SettingError for a map of one direction, and for an unknown largest
+    signal."""
     ahead, astern = thruster_map.both_ways
     largest = thruster_map.largest if most is None else most
     if largest is None:
@@ -408,7 +359,7 @@ def drive_of(thruster_map: ThrusterMap, arm: float, most: float | None, equal_th
             f"thrusters.largest_command is {largest:g}, but the thruster map was measured {measured}; give it in the "
             "map's own unit"
         )
-    return Drive(ahead, astern, arm, largest, equal_thrust, unit)
+    return TwinThrusters(ahead, astern, arm, largest, equal_thrust)
 
 
 def consumption(records: Sequence[Series], per_test: int, volts: float) -> tuple[float, float, float]:
@@ -456,7 +407,7 @@ class CommandTable:
 
 
 def command_table(
-    candidate: Candidate, rest_s: float, unit: str, drive: Drive | None, names: ColumnMap
+    candidate: Candidate, rest_s: float, unit: str, drive: TwinThrusters | None, names: ColumnMap
 ) -> CommandTable:
     """Tabulate the moment, or `n_port` and `n_stbd` where a `drive` makes it, between a rest [s] and neutral."""
     columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
@@ -470,7 +421,7 @@ def command_table(
     return CommandTable(columns, rules, factors, tuple(rows))
 
 
-def command_file(candidate: Candidate, rest_s: float, unit: str, drive: Drive | None, names: ColumnMap) -> str:
+def command_file(candidate: Candidate, rest_s: float, unit: str, drive: TwinThrusters | None, names: ColumnMap) -> str:
     """Write CSV with `time_s` since the log's start and the commands of `command_table`, under the names and in the
     units of the logs where `names` says what these are (pulses about their neutral, percent)."""
     text = io.StringIO()

@@ -5,9 +5,9 @@ import numpy as np
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.report.sections import Content, Drawing, Sections, bullets, document, file_stems, numbers, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
-from automarine_cli.thrusters.fit import Analysis, FormScore
+from automarine_cli.thrusters.fit import MapFit
 from automarine_cli.thrusters.map import SIDES
-from automarine_cli.thrusters.result import ThrusterFit, scaled
+from automarine_cli.thrusters.result import Analysis, ThrusterFit, scaled
 
 SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all
 
@@ -20,8 +20,8 @@ def _(fit: ThrusterFit) -> Sections:
     files: dict[str, Content] = {
         "thrusters.json": fit.to_json(), "thrusters.csv": points_csv(fit), "thrusters.md": page
     }  # fmt: skip
-    parts = {name: part for name, part in fit.parts.items() if not isinstance(part, str)}
-    files |= {f"thrusters_{stem}.json": part.to_json() for stem, part in zip(file_stems([*parts]), parts.values())}
+    stems = file_stems([*fit.parts])
+    files |= {f"thrusters_{stem}.json": part.to_json() for stem, part in zip(stems, fit.parts.values())}
     chosen = {} if _is_square(analysis) else analysis.estimates
     rows = [
         {"direction": side, "form": form, "parameter": name} | cells(value)
@@ -52,7 +52,7 @@ def tables(result: ThrusterFit, details: Table) -> tuple[Table, ...]:
     """Make all tables that the result has something for, in the order of reading: the map that is used leads."""
     maps = [coefficients(result), details]
     return (
-        *([thrusters(result)] if result.parts else []),
+        *([thrusters(result)] if result.compared else []),
         *(maps if _is_square(result.analysis) else [parameters(result), *reversed(maps)]),
         *([voltages(result)] if result.voltages else []),
         *([flagged(result)] if np.any(result.points.flag != "") else []),
@@ -84,13 +84,12 @@ def thrusters(result: ThrusterFit) -> Table:
     """Lay out each thruster where a column names them: its square law, and whether it differs from the others."""
     rows, unit = [], next(iter(result.analysis.square.values())).unit
     for part in result.compared:
-        row: dict[str, object] = {result.logs.by: part.name, "points": None if part.why else part.points}
+        analysis = part.analysis
+        row: dict[str, object] = {result.logs.by: part.name, "points": len(analysis.points) if analysis else None}
         for side, _ in SIDES:
-            off = part.percent.get(side)
-            row |= {
-                f"a {side} [{unit}]": part.law.get(side),
-                f"{side} from the others": MISSING if off is None else f"{off:+.1f} %",
-            }
+            off = f"{part.off[side][0]:+.1f} %" if side in part.off else MISSING
+            law = analysis.square.get(side) if analysis else None
+            row |= {f"a {side} [{unit}]": law, f"{side} from the others": off}
         rows.append(row | {"beyond chance": part.why or ("differs" if part.differs else "alike")})
     return Table.of(f"Each thruster by itself (column {result.logs.by})", rows, [
         "Square laws [95 % interval] against the median of the others; a thruster differs where chance is below 5 % "
@@ -105,12 +104,12 @@ def coefficients(result: ThrusterFit) -> Table:
         law = analysis.square.get(side)
         row = {"direction": side, "a, one thruster": law}
         if count > 1:
-            row[f"a, {count} thrusters together"] = law and scaled(law, count)
+            row[f"a, {count} thrusters together"] = scaled(law, count)
         rows.append(row | {
             "unit": law.unit if law else analysis.without.get(side, ""),
-            "points": np.count_nonzero(analysis.points.n * sign > 0), "levels": analysis.levels.get(side, 0),
+            "points": np.count_nonzero(analysis.points.n * sign > 0), "levels": analysis.levels(side),
         })  # fmt: skip
-    errors = _errors(analysis, analysis.law, analysis.r2)
+    errors = _errors(analysis, analysis.law)
     return Table.of("Square law F = a |n| n, least squares [95 % interval]", rows, [errors])
 
 
@@ -123,10 +122,10 @@ def forms(result: ThrusterFit) -> Table:
             "parameters": score.parameters, "cv rmse [N]": number(score.cv_rmse, 3),
             "cv [% of full scale]": number(analysis.percent(score.cv_rmse), 3), "rmse [N]": number(score.rmse, 3),
             "rmse [% of full scale]": number(analysis.percent(score.rmse), 3),
-            "within reach of best": "yes" if score.within_reach else "no",
+            "within reach of best": "yes" if score.form.name in analysis.reach else "no",
             "at bound": "; ".join(f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at),
         }
-        for score in analysis.scores
+        for score in analysis.fits
     ])  # fmt: skip
 
 
@@ -139,7 +138,7 @@ def parameters(result: ThrusterFit) -> Table:
             value = analysis.estimates[name, side]
             row = {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value)}
             rows.append(row | {"unit": value.unit})
-    notes = [_errors(analysis, chosen, analysis.chosen_r2)]
+    notes = [_errors(analysis, chosen)]
     if len(rows) < len(analysis.estimates):
         notes.append(f"{len(rows)} of {len(analysis.estimates)} levels; thrusters.json has all.")
     return Table.of(f"Chosen form {chosen.form.name}: {chosen.form.equation}", rows, notes)
@@ -149,10 +148,10 @@ def _is_square(analysis: Analysis) -> bool:
     return analysis.chosen.form.name == "square"
 
 
-def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
+def _errors(analysis: Analysis, score: MapFit) -> str:
     cross = "" if score.cv_rmse is None else f", {number(analysis.percent(score.cv_rmse), 3)} % cross-validated"
     text = (
-        f"R² {r2:.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "
+        f"R² {analysis.r2(score):.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "
         f"full scale ({number(analysis.full_scale)} N){cross}."
     )
     if not (less := int(np.count_nonzero(analysis.points.flag != ""))):
@@ -195,11 +194,11 @@ def points_csv(result: ThrusterFit) -> str:
     import pandas as pd
 
     points, analysis = result.points, result.analysis
-    fitted = analysis.fitted(points.n)
+    fitted = analysis.chosen.along(points.n)
     columns = {
         "n": points.n, "force_N": points.force, "spread_N": points.spread, "count": points.count,
         "stderr_N": points.stderr, "voltage_V": points.voltage, "fitted_N": fitted,
-        "square_law_N": analysis.fitted(points.n, square=True), "residual_N": points.force - fitted,
+        "square_law_N": analysis.law.along(points.n), "residual_N": points.force - fitted,
         "weight": points.weight,
     }  # fmt: skip
     records = [result.logs.records[int(index)] for index in points.record]

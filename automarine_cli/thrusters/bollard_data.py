@@ -209,7 +209,7 @@ class Points:
             raw=np.zeros(size, dtype=bool), weight=np.ones(size), flag=np.full(size, "", dtype="<U120"),
         )  # fmt: skip
 
-    def where(self, mask: NDArray[np.bool_]) -> Self:
+    def where(self, mask: NDArray[np.bool_] | Ints) -> Self:
         return replace(self, **{name: x[mask] for name, x in vars(self).items() if isinstance(x, np.ndarray)})
 
     def divided(self, thrusters: int) -> "Points":
@@ -301,15 +301,10 @@ def flag_contradictions(points: Points, step: Ints | None) -> Points:
     return replace(points, weight=weight, flag=flag)
 
 
-def _scale(force: Floats) -> float:
-    """Full scale [N]: the second largest thrust, because one wild reading must not set it."""
-    return float(np.sort(np.abs(force))[-2:].min(initial=np.inf))
-
-
 def _contradictions(n: Floats, force: Floats) -> Found:
     """First what breaks the rise of the curve, then, worst first, what lies off its course or repeats."""
     force = force - _rest(n, force)
-    scale = _scale(force)
+    scale = float(np.sort(np.abs(force))[-2:].min(initial=np.inf))  # the second largest, as one reading may be wild
     if not np.isfinite(scale) or scale == 0.0:
         return {}
     level = levels_of(n)
@@ -508,10 +503,10 @@ def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:
     good = points.flag == ""
     order = np.argsort(points.n[good], kind="stable")
     residual = points.force[good][order] - left_out(points.n[good][order], points.force[good][order])
-    rough = 1.4826 * float(np.nanmedian(np.abs(residual))) if np.any(np.isfinite(residual)) else 0.0
+    if np.any(np.isfinite(residual)):
+        return 1.4826 * float(np.nanmedian(np.abs(residual))) / np.sqrt(len(values))
     # Too few levels to tell how rough the table is: half a percent of full scale.
-    is_rough = np.any(np.isfinite(residual))
-    return (rough if is_rough else 0.005 * points.full_scale) / np.sqrt(len(values))
+    return 0.005 * points.full_scale / np.sqrt(len(values))
 
 
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
@@ -576,11 +571,12 @@ def _steady(n: Floats) -> list[tuple[int, int]]:
     where they are not most of it, as in a sweep or a table in random order."""
     span = float(np.ptp(n))
     for window in WINDOWS:
-        ranges = [
-            (start, stop)
-            for start, stop in _between_changes(n, window, span)
-            if stop - start >= 3 * window and _level_throughout(n[start:stop], span)
-        ]
+        ranges = []
+        for start, stop in _between_changes(n, window, span):
+            first, second = np.array_split(n[start:stop], 2)
+            level = stop - start >= 3 * window and abs(first.mean() - second.mean()) <= NOISY * span
+            if level and float(np.std(n[start:stop])) <= UNSTEADY * span:
+                ranges.append((start, stop))
         if len(ranges) >= 3 and sum(stop - start for start, stop in ranges) >= 0.5 * len(n):
             return ranges
     return []
@@ -602,11 +598,6 @@ def _between_changes(n: Floats, window: int, span: float) -> list[tuple[int, int
     return [*ranges, (start, len(n))]
 
 
-def _level_throughout(n: Floats, span: float) -> bool:
-    halves = np.array_split(n, 2)
-    return abs(halves[0].mean() - halves[1].mean()) <= NOISY * span and float(np.std(n)) <= UNSTEADY * span
-
-
 def settled_from(force: Floats) -> tuple[int, bool]:
     """First sample of the steady part of a plateau, and whether it had settled at all.
 
@@ -624,16 +615,13 @@ def settled_from(force: Floats) -> tuple[int, bool]:
     score = np.maximum(squares - remaining * centre**2, 0.0) / remaining**2
     latest = count // 2
     cut = int(np.argmin(score[: latest + 1]))
-    return cut * batch, cut < latest or not _trend(means[latest:])
-
-
-def _trend(means: Floats) -> bool:
-    """Whether a series of batch means still climbs or falls by more than its own scatter explains."""
-    place = np.arange(len(means)) - (len(means) - 1) / 2
-    slope = float(place @ means / (place @ place))
-    residual = means - means.mean() - slope * place
-    scatter = np.sqrt(float(residual @ residual) / max(len(means) - 2, 1))
-    return abs(slope) * np.sqrt(float(place @ place)) > 6.0 * scatter
+    # at the latest place it has settled if it climbs or falls no more than its own scatter explains
+    late = means[latest:] - means[latest:].mean()
+    place = np.arange(len(late)) - (len(late) - 1) / 2
+    length = float(place @ place)
+    slope = float(place @ late) / length
+    scatter = np.sqrt(float(np.sum((late - slope * place) ** 2)) / max(len(late) - 2, 1))
+    return cut * batch, cut < latest or abs(slope) * np.sqrt(length) <= 6.0 * scatter
 
 
 def standard_error(force: Floats) -> float:

@@ -1,60 +1,25 @@
-"""Points of a bollard test -> square law (equation 2), the form chosen by cross-validation, its parameters."""
+"""Points of a bollard test by direction, and maps fitted to them: a curve each way, and what multiplies both."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import usual_neutral
-from automarine_cli.text import plural
 from automarine_cli.thrusters.bollard_data import Ints, Points, folds_of, groups_of, levels_of
-from automarine_cli.thrusters.curves import FORMS, Curve, Form, amplitude_unit
-from automarine_cli.thrusters.map import SIDES, ThrusterMap, thrust_both_ways
+from automarine_cli.thrusters.curves import CURVE_EFFECTS, Curve, Form
+from automarine_cli.thrusters.map import SIDES, thrust_both_ways
 
 MIN_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
 ENOUGH_REPEATS = 6  # degrees of freedom among repeats from which their scatter does
 PLAIN, UNBIASED, JACKKNIFE = 0.0, 0.5, 1.0
-
-
-@dataclass(frozen=True)
-class Side:
-    """Points of one direction with positive thrust: |n| [unit of n], thrust [N], weights, all of shape (P,).
-
-    `index` is their place among all points; `stderr` [N] is of each point's own samples, 0 for one reading; `group`
-    numbers what counts as one independent measurement (see `groups_of`); `record` the test records or voltage steps,
-    where these are a second source of scatter, else None."""
-
-    name: str
-    sign: float
-    magnitude: Floats
-    thrust: Floats
-    weight: Floats
-    group: Ints
-    record: Ints | None
-    stderr: Floats
-    tare_stderr: float
-    index: Ints
-
-    @property
-    def levels(self) -> int:
-        return int(levels_of(self.magnitude).max()) + 1
-
-    @property
-    def is_between(self) -> Floats:
-        """1 for a point of any level but the highest, else 0, (P,)."""
-        level = levels_of(self.magnitude)
-        return np.asarray(level < level.max(), dtype=float)
-
-    def can_leave_out(self, form: Form) -> bool:
-        return len(np.unique(self.group)) >= form.least_groups
-
-    def without(self, gain: Floats) -> "Side":
-        """The side as it would have been without what multiplies its thrust."""
-        return replace(self, thrust=self.thrust / gain, weight=self.weight * gain**2)
+ASYMMETRY, VOLTAGE, SAG = "thrust-asymmetry", "voltage-exponent", "battery-sag"
+ALTERNATIONS = 6  # rounds of curves and what multiplies them; they hardly depend on each other
+MAX_EXPLAINED = 0.8  # share of the run order that the levels explain from which a drift cannot be told from the curve
 
 
 def value_json(value: Estimate | Given) -> object:
@@ -68,94 +33,160 @@ def value_json(value: Estimate | Given) -> object:
 def parameters_json(
     parameters: Mapping[str, Mapping[str, Estimate | Given]], curves: Sequence[Curve | None]
 ) -> dict[str, object]:
-    """Lay out the parameters of both directions, null for one without."""
-    return {
-        side: curve and curve.layout({name: value_json(value) for name, value in parameters[side].items()})
-        for (side, _), curve in zip(SIDES, curves)
-    }
+    """Lay out the parameters of both directions, or those of "both" for each; null for one without."""
+    result: dict[str, object] = {}
+    for (side, _), curve in zip(SIDES, curves):
+        values = {
+            name: value_json(value) for name, value in (parameters.get(side) or parameters.get("both", {})).items()
+        }
+        result[side] = None if curve is None else curve.layout(values)
+    return result
 
 
-def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str, Side]:
-    """Both directions of the points; a direction without points is left out."""
-    sides = {}
-    for name, sign in SIDES:
-        inside = points.n * sign > 0
-        if np.any(inside):
-            part = points.where(inside)
-            group, record = groups_of(np.abs(part.n)), part.record if step is None else step[inside]
-            levels = [len(np.unique(group[record == number])) for number in np.unique(record)]
-            crossed = len(levels) > 1 and min(levels) >= MIN_LEVELS
-            sides[name] = Side(
-                name, sign, magnitude=np.abs(part.n), thrust=sign * part.force, weight=part.weight, group=group,
-                record=record if crossed else None, stderr=np.nan_to_num(part.stderr), tare_stderr=tare_stderr,
-                index=np.flatnonzero(inside),
+@dataclass(frozen=True)
+class BollardData(Points):
+    """Measured points of one thruster, without those at zero command; all arrays have shape (P,).
+
+    `step` numbers the voltage steps (None with one voltage or none), `level` signed commands at one voltage: the unit
+    of chance, `group` what cross-validation leaves out; `order` runs from 0 to 1; `places` are the records' names.
+    Errors may count points at zero command, where every map says zero, with a sum of squares [N²] and a weight."""
+
+    step: Ints | None
+    level: Ints
+    group: Ints
+    order: Floats
+    tare_stderr: float
+    n_unit: str
+    places: tuple[str, ...] = ()
+    zero_squares: float = 0.0
+    zero_weight: float = 0.0
+
+    @property
+    def directions(self) -> dict[str, float]:
+        """Names and signs of the directions that have points."""
+        return {name: sign for name, sign in SIDES if np.any(self.n * sign > 0)}
+
+    @property
+    def levels(self) -> int:
+        return len(np.unique(self.level))
+
+    def with_flags(self, index: Ints | NDArray[np.bool_], weight: Floats | float, flag: object) -> "BollardData":
+        weights, flags = self.weight.copy(), self.flag.copy()
+        weights[index], flags[index] = weight, flag
+        return replace(self, weight=weights, flag=flags)
+
+    def parts(self, tied: bool) -> dict[str, tuple[Ints, "BollardData"]]:
+        """Places and points of each direction, or of both together as one curve (`tied`), with positive n and force;
+        groups as standard errors count them."""
+        signs, parts = {"both": 0.0} if tied else self.directions, {}
+        for name, sign in signs.items():
+            inside = np.flatnonzero(self.n * sign >= 0)
+            part = self.where(inside)
+            record = np.zeros(len(part), dtype=np.int64) if tied else part.record
+            parts[name] = inside, replace(
+                part, n=np.abs(part.n), force=np.sign(part.n) * part.force, group=groups_of(np.abs(part.n)),
+                record=record, step=None if tied else part.step, stderr=np.nan_to_num(part.stderr),
             )  # fmt: skip
-    return sides
+        return parts
+
+    @property
+    def is_between(self) -> NDArray[np.bool_]:
+        """Which points of one direction are of any level but the highest, (P,)."""
+        level = levels_of(self.n)
+        return np.asarray(level < level.max())
+
+    def can_leave_out(self, form: Form) -> bool:
+        return len(np.unique(self.group)) >= form.least_groups
+
+    def without(self, gain: Floats) -> "BollardData":
+        """The points as they would have been without what multiplies their thrust."""
+        return replace(self, force=self.force / gain, weight=self.weight * gain**2)
+
+    def order_is_free(self) -> bool:
+        """Whether the run order can be told from the command: then a drift with it can be a candidate."""
+        n = self.n
+        volts = [] if self.step is None else [self.voltage]
+        matrix = np.stack([np.ones(len(n)), n, np.abs(n), n**2, n * np.abs(n), *volts], axis=1)
+        residual = self.order - matrix @ np.linalg.lstsq(matrix, self.order, rcond=None)[0]
+        return bool(np.ptp(self.order) > 0 and 1.0 - residual.var() / self.order.var() < MAX_EXPLAINED)
+
+    def place(self, index: int) -> str:
+        return self.places[int(self.record[index])]
 
 
-def square_law(side: Side, unit: str) -> Estimate:
-    """Coefficient a of F = a |n| n (equation 2) [`unit`] by least squares through zero."""
-    x = side.magnitude**2
-    value = float((side.weight * x) @ side.thrust / ((side.weight * x) @ x))
-    return _estimates(side, x[:, None], side.thrust - value * x, np.array([value]), (unit,), UNBIASED)[0]
+def bollard_data(
+    points: Points, step: Ints | None, tare_stderr: float, n_unit: str, sides: Collection[str], *places: str
+) -> BollardData:
+    """Make data of the points in the directions `sides`, tared and flagged; `step` numbers the voltage steps, (P,)."""
+    inside, group = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=np.int64)
+    for offset, (name, sign) in zip((0, 1000), SIDES):  # groups of both directions are numbered apart
+        if name in sides:
+            mask = points.n * sign > 0
+            inside |= mask
+            group[mask] = groups_of(np.abs(points.n[mask])) + offset
+    order = np.arange(len(points), dtype=float) / max(len(points) - 1, 1)
+    step = None if step is None or step.max() == 0 else step[inside]
+    level = levels_of(points.n[inside])
+    if step is not None:
+        level = np.unique(np.stack([level, step]), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
+    return BollardData(
+        **vars(points.where(inside)), step=step, level=level, group=group[inside], order=order[inside],
+        tare_stderr=tare_stderr, n_unit=n_unit, places=places,
+    )  # fmt: skip
 
 
 def curve_estimates(
-    side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str
+    side: BollardData, form: Form, curve: Curve, at_bound: tuple[str, ...]
 ) -> dict[str, Estimate | Given]:
-    """Return estimates of a curve's parameters by name; one at its bound has no standard error and says so, one that
-    the form fixes is a plain number (None: no saturation)."""
-    values, units, slopes = curve.values, curve.units(n_unit), curve.slopes(side.magnitude)
+    """Return estimates of a curve's parameters by name, of points of one direction; one at its bound has no standard
+    error and says so, one that the form fixes is a plain number (None: no saturation)."""
+    values, units, slopes = curve.values, curve.units(side.n_unit), curve.slopes(side.n)
     free = [name for name in form.free(curve) if name not in at_bound and np.any(slopes[name] != 0.0)]
-    matrix, fitted = np.stack([slopes[name] for name in free], axis=1), np.array([values[name] for name in free])
-    of_units = tuple(units[name] for name in free)
+    matrix = np.stack([slopes[name] for name in free], axis=1)
     if form.interpolates:
-        estimates = _level_estimates(side, matrix, fitted, of_units, form)
+        stderr, dof = _level_errors(side, matrix, form)
     else:
-        residual, freed_by = side.thrust - curve.thrust(side.magnitude), UNBIASED if free == ["a"] else JACKKNIFE
-        estimates = _estimates(side, matrix, residual, fitted, of_units, freed_by)
+        freed_by = UNBIASED if free == ["a"] else JACKKNIFE
+        stderr, dof = _robust_errors(side, matrix, side.force - curve.thrust(side.n), freed_by)
     result: dict[str, Estimate | Given] = {name: Given(value, unit=units[name]) for name, value in values.items()}
-    result |= zip(free, estimates)
+    for name, error, freedom in zip(free, stderr, dof):
+        result[name] = Estimate.from_stderr(values[name] or 0.0, error, freedom, units[name])
     for name in set(form.free(curve)) - set(free):
         why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
         result[name] = Given(values[name], unit=units[name], at_bound=why)
     return result
 
 
-def _level_estimates(
-    side: Side, matrix: Floats, values: Floats, units: tuple[str, ...], form: Form
-) -> tuple[Estimate, ...]:
-    """Estimates of means of levels (K,); `matrix` (P, K) says whose a point is. Scatter is pooled over repeats at one
-    command, with too few of them over levels left out between others, which misses by the bend of the curve too."""
-    level = levels_of(side.magnitude)
-    mean = np.bincount(level, side.weight * side.thrust) / np.bincount(level, side.weight)
-    squares, dof = side.weight * (side.thrust - mean[level]) ** 2, len(level) - len(mean)
+def _level_errors(side: BollardData, matrix: Floats, form: Form) -> tuple[Floats, Floats]:
+    """Standard errors [N] of means of levels and their degrees of freedom, (K,); `matrix` (P, K) says whose a point is.
+    Scatter is pooled over repeats at one command, with too few of them over levels left out between others, which
+    misses by the bend of the curve too."""
+    level = levels_of(side.n)
+    mean = np.bincount(level, side.weight * side.force) / np.bincount(level, side.weight)
+    squares, dof = side.weight * (side.force - mean[level]) ** 2, len(level) - len(mean)
     if dof < ENOUGH_REPEATS:
         squares, dof = left_out_squares(side, form) * side.is_between, max(len(mean) - 1, 1)
     variance = squares.sum() / dof / np.maximum(side.weight @ matrix, 1e-300)
     variance = np.maximum(variance, (side.weight * side.stderr) ** 2 @ matrix / (side.weight @ matrix) ** 2)
-    stderr = np.sqrt(variance + side.tare_stderr**2)
-    return tuple(Estimate.from_stderr(value, error, dof, unit) for value, error, unit in zip(values, stderr, units))
+    return np.sqrt(variance + side.tare_stderr**2), np.full(matrix.shape[1], float(dof))
 
 
-def _estimates(
-    side: Side, matrix: Floats, residual: Floats, values: Floats, units: tuple[str, ...], freed_by: float
-) -> tuple[Estimate, ...]:
-    """Estimates with cluster-robust standard errors; `matrix` is the derivative of the thrust, shape (P, K).
+def _robust_errors(side: BollardData, matrix: Floats, residual: Floats, freed_by: float) -> tuple[Floats, Floats]:
+    """Cluster-robust standard errors and their degrees of freedom, (K,); `matrix` (P, K): derivative of the thrust.
 
     Clusters are levels; where records or voltage steps cross them, both (Cameron, Gelbach & Miller 2011, J. Bus. Econ.
     Stat. 29:238), never less than the levels alone say. The tare's own error is common to all points."""
-    size = np.sqrt(np.sum(matrix**2, axis=0))
-    scaled = matrix / size
-    root = np.sqrt(side.weight)
-    rows, errors = root[:, None] * scaled, root * residual
+    size, root = np.sqrt(np.sum(matrix**2, axis=0)), np.sqrt(side.weight)
+    rows, errors = root[:, None] * (matrix / size), root * residual
     inverse = np.linalg.pinv(rows.T @ rows)
     variance, dof = _clustered(rows, errors, inverse, side.group, freed_by)
-    if side.record is not None:
-        crossed = np.unique(np.stack([side.group, side.record]), axis=1, return_inverse=True)[1].ravel()
+    record = side.record if side.step is None else side.step
+    levels = [len(np.unique(side.group[record == number])) for number in np.unique(record)]
+    if len(levels) > 1 and min(levels) >= MIN_LEVELS:
+        crossed = np.unique(np.stack([side.group, record]), axis=1, return_inverse=True)[1].ravel()
         of_both, _ = _clustered(rows, errors, inverse, crossed.astype(np.int64), freed_by)
-        many = len(np.unique(side.record)) >= ENOUGH_RECORDS
-        of_records, dof_records = _clustered(rows, errors, inverse, side.record, freed_by if many else PLAIN)
+        many = len(levels) >= ENOUGH_RECORDS
+        of_records, dof_records = _clustered(rows, errors, inverse, record, freed_by if many else PLAIN)
         if many:
             variance = np.maximum(variance, variance + of_records - of_both)
             dof = np.minimum(dof, dof_records)
@@ -164,8 +195,7 @@ def _estimates(
     # A few levels may agree by chance better than the samples behind them allow.
     variance = np.maximum(variance, (inverse @ (rows * root[:, None]).T) ** 2 @ side.stderr**2)
     tare = inverse @ (rows.T @ root) * side.tare_stderr
-    stderr = np.sqrt(variance + tare**2) / size
-    return tuple(Estimate.from_stderr(*column) for column in zip(values, stderr, dof, units))
+    return np.sqrt(variance + tare**2) / size, dof
 
 
 def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed_by: float) -> tuple[Floats, Floats]:
@@ -194,262 +224,229 @@ def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed
     return variance, trace**2 / np.maximum(np.sum(between**2, axis=(1, 2)), 1e-300)
 
 
-EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
-CLEAR = 4.0  # deviance from which a form is clearly behind: two standard errors, were the errors normal
+@dataclass(frozen=True)
+class Shape:
+    """Which effects act where: `forms` pairs each direction ("both": one curve for both) with the form of its curve.
+
+    `voltage`: thrust follows the voltage to a power; `sag`: it falls evenly with the run order."""
+
+    forms: tuple[tuple[str, Form], ...]
+    voltage: bool = False
+    sag: bool = False
+
+    @classmethod
+    def alike(cls, form: Form, sides: Sequence[str]) -> "Shape":
+        """One form in all directions."""
+        return cls(tuple((side, form) for side in sides))
+
+    @property
+    def tied(self) -> bool:
+        return self.forms[0][0] == "both"
+
+    @property
+    def form(self) -> Form:
+        """The form with the effects of all directions."""
+        return self.forms[0][1].with_effects(frozenset().union(*(form.effects for _, form in self.forms)))
+
+    @property
+    def parameters(self) -> int:
+        """Free parameters, those of a spline apart, to which no curve adds any."""
+        return sum(1 + len(form.effects) for _, form in self.forms) + self.voltage + self.sag
+
+    def effects_at(self, side: str) -> frozenset[str]:
+        """Return the effects of the curve of a direction."""
+        forms = dict(self.forms)
+        form = forms.get(side) or forms.get("both")
+        return form.effects if form else frozenset()
+
+    def without(self, effect: str, base: "Shape") -> "Shape":
+        """Return the shape with one effect taken back to what it is in `base`."""
+        if effect in (VOLTAGE, SAG):
+            return replace(self, voltage=base.voltage) if effect == VOLTAGE else replace(self, sag=base.sag)
+        if effect == ASYMMETRY:
+            return replace(self, forms=(("both", self.forms[0][1]),))
+        forms = dict(self.forms)
+        for side, form in self.forms:
+            forms[side] = form.with_effects((form.effects - {effect}) | ({effect} & base.effects_at(side)))
+        return replace(self, forms=tuple(forms.items()))
+
+    def additions(self, data: BollardData) -> Iterator[tuple[str, str, "Shape"]]:
+        """List every effect that can be added once: name, where ("both", "forward", "backward"), and the new shape."""
+        for effect in CURVE_EFFECTS:
+            more = {
+                side: form.with_effects(form.effects | {effect}) for side, form in self.forms if form.can_add(effect)
+            }
+            for side in more:
+                yield effect, side, replace(self, forms=tuple((dict(self.forms) | {side: more[side]}).items()))
+            if len(more) > 1:
+                yield effect, "both", replace(self, forms=tuple((dict(self.forms) | more).items()))
+        if self.tied:
+            shared = self.forms[0][1]
+            yield ASYMMETRY, "both", replace(self, forms=(("forward", shared), ("backward", shared)))
+        if data.step is not None and not self.voltage:
+            yield VOLTAGE, "both", replace(self, voltage=True)
+        if not self.sag and data.order_is_free():
+            yield SAG, "both", replace(self, sag=True)
 
 
 @dataclass(frozen=True)
-class FormScore:
-    """One form; errors [N] over all points, weighted as in the fit; `cv_rmse` at levels left out, `between_rmse` at
-    those between others, None where a direction has few levels; `within_reach`: no other form is clearly better."""
+class MapFit:
+    """A shape fitted to bollard data.
 
-    form: Form
+    `power` is the exponent of the voltage against `reference` [V]; `sag` the share of thrust lost from the first
+    reading to the last."""
+
+    data: BollardData
+    shape: Shape
     curves: dict[str, Curve]
     at_bound: dict[str, tuple[str, ...]]
-    rmse: float
-    cv_rmse: float | None
-    between_rmse: float | None
-    within_reach: bool = False
+    power: float = 0.0
+    sag: float = 0.0
+    reference: float = 1.0
+
+    @property
+    def form(self) -> Form:
+        return self.shape.form
 
     @property
     def both_ways(self) -> tuple[Curve | None, Curve | None]:
-        return self.curves.get("forward"), self.curves.get("backward")
+        shared = self.curves.get("both")
+        return self.curves.get("forward", shared), self.curves.get("backward", shared)
+
+    @cached_property
+    def sides(self) -> dict[str, tuple[Ints, BollardData, Form]]:
+        """Of each direction, or of both as one: places and points without what multiplies the curve, and its form."""
+        gain, forms, parts = self.gain(self.data), dict(self.shape.forms), self.data.parts(self.shape.tied)
+        return {name: (index, side.without(gain[index]), forms[name]) for name, (index, side) in parts.items()}
+
+    @cached_property
+    def predicted(self) -> Floats:
+        return self.thrust(self.data)
+
+    @cached_property
+    def residual(self) -> Floats:
+        """Measured less fitted [N], (P,)."""
+        return self.data.force - self.predicted
+
+    def gain(self, data: BollardData) -> Floats:
+        """What multiplies the curves at each point [1]."""
+        gain = 1.0 - self.sag * data.order
+        return gain * (data.voltage / self.reference) ** self.power if self.power else gain
+
+    def thrust(self, data: BollardData) -> Floats:
+        """Thrust [N] at the points of any bollard data."""
+        return self.along(data.n) * self.gain(data)
+
+    def along(self, n: Floats) -> Floats:
+        """Thrust [N] of the curves alone; NaN in a direction without a curve."""
+        return thrust_both_ways(*self.both_ways, n)
+
+    @cached_property
+    def estimates(self) -> dict[str, dict[str, Estimate | Given]]:
+        """Estimates of every direction's curve ("both" where they share one), by parameter."""
+        return {
+            name: curve_estimates(side, form, self.curves[name], self.at_bound[name])
+            for name, (_, side, form) in self.sides.items()
+        }
+
+    @property
+    def squares(self) -> float:
+        return float(self.data.weight @ self.residual**2)
+
+    @property
+    def can_leave_out(self) -> bool:
+        return all(side.can_leave_out(form) for _, side, form in self.sides.values())
+
+    @cached_property
+    def left_out(self) -> tuple[Floats, Floats, float]:
+        """Squares [N²] of each group, in rising number, predicted by fits without its level; of points between others
+        alone, as beyond its ends a spline cannot know more than a straight line; and the weight of these points."""
+        squares, between = np.zeros((2, len(self.data)))
+        for index, side, form in self.sides.values():
+            squares[index], between[index] = left_out_squares(side, form), side.is_between
+        every, inner = (sums_of(x, self.data.group) for x in (squares, squares * between))
+        return every, inner, float(self.data.weight @ between)
+
+    @property
+    def loss(self) -> Floats:
+        return self.left_out[0]
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square error [N], weighted as in the fit."""
+        return self._root_mean(self.squares)
+
+    @property
+    def left_out_rmse(self) -> float:
+        """The same at levels left out."""
+        return self._root_mean(float(self.loss.sum()))
+
+    def _root_mean(self, squares: float) -> float:
+        data = self.data
+        return float(np.sqrt((squares + data.zero_squares) / (data.weight.sum() + data.zero_weight)))
+
+    @property
+    def cv_rmse(self) -> float | None:
+        """`left_out_rmse`, None where a direction has few levels."""
+        return self.left_out_rmse if self.can_leave_out else None
+
+    @property
+    def between_rmse(self) -> float | None:
+        """Error [N] at levels left out between others, None where a direction has few levels."""
+        return float(np.sqrt(self.left_out[1].sum() / self.left_out[2])) if self.can_leave_out else None
 
     @property
     def error(self) -> float:
         """Error [N] to tell: of a form that passes through each level that at levels left out."""
-        return self.between_rmse if self.form.interpolates and self.between_rmse is not None else self.rmse
+        between = self.between_rmse if self.form.interpolates else None
+        return self.rmse if between is None else between
 
     @property
     def parameters(self) -> int:
         """Fitted parameters in a direction; of a spline in the one with more levels."""
-        return max(len(self.form.free(curve)) for curve in self.curves.values())
+        return max(len(form.free(self.curves[name])) for name, form in self.shape.forms)
 
 
-def select_form(
-    sides: dict[str, Side], zero_squares: float, total_weight: float, full_scale: float, forced: str | None = None
-) -> tuple[tuple[FormScore, ...], FormScore, str]:
-    """All forms in the order of the family, the one that is chosen, and why in a sentence, by leave-one-level-out
-    cross-validation: the simplest equation that is not clearly behind the best; a spline only where the best is clearly
-    behind it, and by more than a standard error over levels (Breiman et al. 1984, section 3.4.3).
-
-    The spline is compared at levels between others: beyond its ends it cannot know more than a straight line.
-    `zero_squares` [N^2] and `total_weight` carry the points at zero command, where every form says zero."""
-    scores, every, inner = dict[str, FormScore](), dict[str, Floats](), dict[str, Floats]()
-    inner_weight = sum(float(side.weight @ side.is_between) for side in sides.values())
-    for form in FORMS.values():
-        curves, bounds, squares, cross, between = {}, {}, zero_squares, None, None
-        for name, side in sides.items():
-            curves[name], bounds[name] = form.fit(side.magnitude, side.thrust, side.weight)
-            squares += float(side.weight @ (side.thrust - curves[name].thrust(side.magnitude)) ** 2)
-        if all(side.can_leave_out(form) for side in sides.values()):
-            every[form.name], inner[form.name] = _losses(sides, form)
-            cross = float(np.sqrt((zero_squares + every[form.name].sum()) / total_weight))
-            between = float(np.sqrt(inner[form.name].sum() / inner_weight))
-        rmse = float(np.sqrt(squares / total_weight))
-        scores[form.name] = FormScore(form, curves, bounds, rmse, cross, between)
-    if not every:
-        chosen = scores[forced or next(iter(scores))]
-        return tuple(scores.values()), chosen, f"The {chosen.form.name} form is used: too few levels to leave one out."
-    rounding = total_weight * (EQUAL * full_scale) ** 2
-    equations = [name for name in every if not FORMS[name].interpolates]
-    best = min(equations, key=lambda name: (every[name].sum(), scores[name].parameters))
-    reach = [name for name in equations if _deviance(every[name], every[best], rounding) <= CLEAR]
-    for name in every.keys() - equations:
-        behind, stderr = behind_of(inner[best], inner[name])
-        if behind > stderr and _deviance(inner[best], inner[name], rounding) > CLEAR:
-            reach = [name]
-    scores = {name: replace(score, within_reach=name in reach) for name, score in scores.items()}
-    simplest = min((scores[name] for name in reach), key=lambda score: (score.parameters, score.cv_rmse))
-    chosen = scores[forced or simplest.form.name]
-    because = f"The {forced} form was asked for (--form); cross-validation would choose {simplest.form.name}."
-    if forced is None:
-        because = _sentence(simplest, scores[best], full_scale)
-    if chosen.form.interpolates:
-        because += f" Beyond its levels it is {chosen.form.beyond}."
-    return tuple(scores.values()), chosen, because
+def fit_shape(data: BollardData, shape: Shape) -> MapFit:
+    """Fit a shape by least squares: curves direction by direction, in turn with what multiplies them."""
+    reference = float(np.median(data.voltage)) if data.step is not None else 1.0
+    fit = MapFit(data, shape, {}, {}, reference=reference)
+    for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
+        curves, at_bound = dict[str, Curve](), dict[str, tuple[str, ...]]()
+        for name, (_, side, form) in fit.sides.items():
+            curves[name], at_bound[name] = form.fit(side.n, side.force, side.weight)
+        fit = _with_multipliers(replace(fit, curves=curves, at_bound=at_bound))
+    return fit
 
 
-def _losses(sides: Mapping[str, Side], form: Form) -> tuple[Floats, Floats]:
-    """Left-out squares [N²] by groups, (G,): of all levels, and of those between others."""
-    of_sides = [(side, left_out_squares(side, form)) for side in sides.values()]
-    every = np.concatenate([sums_of(squares, side.group) for side, squares in of_sides])
-    return every, np.concatenate([sums_of(squares * side.is_between, side.group) for side, squares in of_sides])
+def multiplier_columns(fit: MapFit) -> Floats:
+    """Derivatives of the thrust [N] by the voltage's power and by the sag, (P, 2)."""
+    order = fit.data.order
+    volts = np.zeros(len(order)) if fit.data.step is None else np.log(fit.data.voltage / fit.reference)
+    return np.stack([fit.predicted * volts, -fit.predicted * order / (1.0 - fit.sag * order)], axis=1)
 
 
-def _deviance(loss: Floats, other: Floats, rounding: float) -> float:
-    """Deviance by which left-out squares of groups, (G,), are behind another form's; `rounding` [N²] is no evidence."""
-    return float(len(loss) * np.log((loss.sum() + rounding) / (other.sum() + rounding)))
+def _with_multipliers(fit: MapFit) -> MapFit:
+    """One Gauss-Newton step of the voltage's power and the sag, with the amplitudes free beside them."""
+    data, free = fit.data, [fit.shape.voltage, fit.shape.sag]
+    if not any(free):
+        return fit
+    sides = [np.where(data.n * sign > 0, fit.predicted, 0.0)[:, None] for _, sign in SIDES]
+    root, step = np.sqrt(data.weight), np.zeros(2)
+    columns = np.hstack([multiplier_columns(fit)[:, free], *sides])
+    step[free] = np.linalg.lstsq(root[:, None] * columns, root * fit.residual, rcond=None)[0][: sum(free)]
+    power, sag = np.clip(np.array([fit.power, fit.sag]) + step, [-4.0, -0.9], [4.0, 0.9])
+    return replace(fit, power=float(power), sag=float(sag))
 
 
-def left_out_squares(side: Side, form: Form) -> Floats:
-    """Weighted squared error [N²] of each point, (P,), predicted by a fit without its fold."""
-    numbers, place = np.unique(folds_of(side.magnitude), return_inverse=True)
+def left_out_squares(side: BollardData, form: Form) -> Floats:
+    """Weighted squared error [N²] of each point of a direction, (P,), predicted by a fit without its fold."""
+    numbers, place = np.unique(folds_of(side.n), return_inverse=True)
     weights = np.where(place == np.arange(len(numbers))[:, None], 0.0, side.weight)
-    predicted = form.predictions(side.magnitude, side.thrust, weights)
-    return side.weight * (side.thrust - predicted[place, np.arange(len(place))]) ** 2
+    predicted = form.predictions(side.n, side.force, weights)
+    return side.weight * (side.force - predicted[place, np.arange(len(place))]) ** 2
 
 
 def sums_of(values: Floats, group: Ints) -> Floats:
     """Sum of what each group has of `values` (P,), by rising number, (G,)."""
     return np.bincount(np.unique(group, return_inverse=True)[1], weights=values).astype(np.float64)
-
-
-def behind_of(loss: Floats, other: Floats) -> tuple[float, float]:
-    """Left-out squares [N²] more than another fit's, by groups (G,), and the standard error of that over groups."""
-    gap = loss - other
-    return float(gap.sum()), float(np.sqrt(len(gap)) * np.std(gap, ddof=1)) if len(gap) > 1 else np.inf
-
-
-def _sentence(chosen: FormScore, best: FormScore, full_scale: float) -> str:
-    """Why a form is chosen; `best` is the best equation."""
-    spline = chosen.form.interpolates
-    errors = (score.between_rmse if spline else score.cv_rmse for score in (chosen, best))
-    error, least = (f"{100.0 * (value or 0.0) / full_scale:.3g}" for value in errors)
-    if spline:
-        return (
-            f"The {chosen.form.name} form is chosen, a curve through the mean of each level: at levels left out "
-            f"between others its error is {error} % of full scale, that of the best equation, {best.form.name} "
-            f"({best.parameters}), {least} %."
-        )
-    parameters = f"{plural(chosen.parameters, 'parameter')} per direction"
-    return (
-        f"The {chosen.form.name} form is chosen: {parameters}, cross-validated error {error} % of full scale. It is "
-        f"the simplest not clearly behind the best, {best.form.name} ({best.parameters}, {least} %)."
-    )
-
-
-OPPOSITE = (
-    "thrust has the opposite sign of the control signal; if ahead is logged as negative force, write "
-    'force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
-)
-ROUNDING = 1e-12  # errors below this share of full scale are zero
-MIXED = 0.2  # share of readings with thrust of either sign from which a direction is two directions
-FAINT = 0.05  # thrust the wrong way that is smaller than this share of full scale is "none", not a sign error
-
-
-@dataclass(frozen=True)
-class Analysis:
-    """What one set of points says of one thruster: `square` law (equation 2) and the chosen form's `parameters` by
-    direction, `without` why a direction has none; `r2` is the square law's, weighted as in the fit."""
-
-    points: Points
-    n_unit: str
-    full_scale: float
-    sides: dict[str, Side]
-    square: dict[str, Estimate]
-    without: dict[str, str]
-    scores: tuple[FormScore, ...]
-    chosen: FormScore
-    because: str
-    parameters: dict[str, dict[str, Estimate | Given]]
-    r2: float
-    chosen_r2: float
-
-    @property
-    def law(self) -> FormScore:
-        """The square law."""
-        return self.scores[0]
-
-    @property
-    def levels(self) -> dict[str, int]:
-        return {name: side.levels for name, side in self.sides.items()}
-
-    @property
-    def estimates(self) -> dict[tuple[str, str], Estimate | Given]:
-        free = {side: self.chosen.form.free(curve) for side, curve in self.chosen.curves.items()}
-        return {(key, side): of[key] for side, of in self.parameters.items() for key in free[side]}
-
-    @property
-    def map(self) -> ThrusterMap:
-        return ThrusterMap(self.chosen.form.name, *self.chosen.both_ways, self.n_unit, self.points.n_range)
-
-    def fitted(self, n: Floats, square: bool = False) -> Floats:
-        """Thrust [N] by the chosen form or the square law, shape of n; NaN in a direction that has no fit."""
-        return thrust_both_ways(*(self.law if square else self.chosen).both_ways, n)
-
-    def over_all(self, score: FormScore) -> float:
-        """Root mean square error [N] of a form over all points, those that contradict their neighbours alike."""
-        off = self.points.force - thrust_both_ways(*score.both_ways, self.points.n)
-        return float(np.sqrt(np.nanmean(off**2)))
-
-    def percent(self, value: float | None) -> float | None:
-        if value is None:
-            return None
-        return 0.0 if value < ROUNDING * self.full_scale else 100.0 * value / self.full_scale
-
-
-def analyse(
-    points: Points, step: Ints | None, tare_stderr: float, n_unit: str, forced: str | None = None,
-    where: str = "the logs",
-) -> Analysis:  # fmt: skip
-    """Fit both directions of `points` (one thruster, tared, flagged); `step` numbers the voltage steps, (P,).
-
-    Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels."""
-    full_scale = points.full_scale
-    if len(points) == 0 or full_scale == 0.0:
-        check = "Check that the force column is the load cell's"
-        raise FitError(f"{where}: every thrust is zero; expected pulls at several commands. {check}")
-    sides = sides_of(points, step, tare_stderr)
-    without = _refused_directions(sides, full_scale, where)
-    sides = {name: side for name, side in sides.items() if name not in without}
-    if not sides:
-        expected = f"expected at least {MIN_LEVELS} different commands in one direction. Pull at more levels"
-        raise FitError(f"{where}: no direction can be fitted ({'; '.join(without.values())}); {expected}")
-    square = {name: square_law(side, amplitude_unit(n_unit)) for name, side in sides.items()}
-    used = points.where(np.isin(np.sign(points.n), [0.0, *(side.sign for side in sides.values())]))
-    zero = used.n == 0.0
-    zero_squares = float(used.weight[zero] @ used.force[zero] ** 2)
-    total = float(used.weight.sum())
-    scores, chosen, because = select_form(sides, zero_squares, total, full_scale, forced)
-    estimates = {
-        name: curve_estimates(side, chosen.form, chosen.curves[name], chosen.at_bound[name], n_unit)
-        for name, side in sides.items()
-    }
-    mean = float(used.weight @ used.force) / total
-    spread = float(used.weight @ (used.force - mean) ** 2) / total
-    r2 = (1.0 - score.rmse**2 / spread for score in (scores[0], chosen))
-    return Analysis(points, n_unit, full_scale, sides, square, without, scores, chosen, because, estimates, *r2)
-
-
-def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -> dict[str, str]:
-    """Why a direction has no fit. Raises FitError where thrust opposes the command."""
-    without, against = {}, []
-    for name, _ in SIDES:
-        if name not in sides:
-            without[name] = f"no {name} points"
-            continue
-        side = sides[name]
-        count = side.levels
-        ahead, astern = (np.mean(sign * side.thrust > FAINT * full_scale) for sign in (1.0, -1.0))
-        if min(ahead, astern) > MIXED:
-            raise FitError(
-                f"{where}: commands of one sign push both ways; the control signal looks counted from its "
-                'end, not from rest, or without its sign. Write n = { from = "NAME", subtract = REST } (a pulse width '
-                'rests at about 1500), or n = { from = "NAME", sign_from = "COLUMN" } where another column says the '
-                "direction, under [columns] in the --columns file"
-            )
-        low, high, thrust = float(side.magnitude.min()), float(side.magnitude.max()), np.abs(side.thrust)
-        if len(sides) == 1 and low > 0.5 * high and thrust.min() < FAINT * thrust.max():
-            idle = usual_neutral(low, high, float(side.magnitude[np.argmin(thrust)]))
-            raise FitError(
-                f"{where}: commands go from {low:.4g} to {high:.4g} and the thruster gives nothing at {idle:.4g}; the "
-                'control signal looks counted from its end, not from rest. Write n = { from = "NAME", subtract = '
-                f"{idle:.4g} }} under [columns] in the --columns file"
-            )
-        mean = float((side.weight * side.magnitude**2) @ side.thrust / (side.weight @ side.magnitude**2))
-        if count < MIN_LEVELS:
-            without[name] = f"{count} {name} level{'s' if count > 1 else ''}, at least {MIN_LEVELS} needed"
-        elif -FAINT * full_scale <= mean <= 0.0:
-            without[name] = f"no {name} thrust measured"
-        elif mean < 0.0:
-            against.append(name)
-    if against and set(against) == set(sides) - set(without):
-        raise FitError(f"{where}: {OPPOSITE}")
-    if against:
-        raise FitError(
-            f"{where}: {against[0]} thrust has the sign of the other direction; it looks logged as a "
-            'magnitude. Write force_N = { from = "NAME", sign_from = "COLUMN" } with a column that says the direction '
-            "under [columns] in the --columns file, or give thrust astern a minus sign in the log"
-        )
-    return without

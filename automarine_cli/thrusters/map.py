@@ -26,6 +26,7 @@ from automarine_cli.thrusters.curves import FORMS, Curve, CurveEntry, PowerCurve
 
 SIDES = (("forward", 1.0), ("backward", -1.0))
 FORCE_DECIMALS = 3
+OUTPUT_STEP = 1.0 / 800.0
 
 
 def thrust_both_ways(forward: Curve | None, backward: Curve | None, n: Floats, unmeasured: float = np.nan) -> Floats:
@@ -120,19 +121,15 @@ class ThrusterMap:
 
     def to_json(self) -> dict[str, object]:
         """The least that a map file holds; `a` of a direction is the square law's, null for another form."""
-        curves, square = {name: getattr(self, name) for name, _ in SIDES}, self.form == "square"
-
-        def laid_out(curve: Curve) -> object:
-            return curve.layout({key: value and {"value": value} for key, value in curve.values.items()})
-
-        return {
-            "schema": THRUSTER_MAP.schema,
-            **{name: {"a": {"value": curve.a} if curve and square else None} for name, curve in curves.items()},
-            "form": self.form,
-            "parameters": {name: curve and laid_out(curve) for name, curve in curves.items()},
-            "n_unit": self.n_unit,
-            **({} if self.n_range is None else {"n_range": list(self.n_range)}),
-        }
+        result: dict[str, object] = {"schema": THRUSTER_MAP.schema, "form": self.form, "n_unit": self.n_unit}
+        if self.n_range is not None:
+            result["n_range"] = list(self.n_range)
+        parameters = dict[str, object]()
+        for (name, _), curve in zip(SIDES, (self.forward, self.backward)):
+            values = {key: value and {"value": value} for key, value in (curve.values if curve else {}).items()}
+            result[name] = {"a": values["a"] if curve and self.form == "square" else None}
+            parameters[name] = curve.layout(values) if curve else None
+        return result | {"parameters": parameters}
 
     @classmethod
     def from_json(cls, data: Mapping[str, object], where: str = "thruster map") -> "ThrusterMap":
@@ -143,10 +140,9 @@ class ThrusterMap:
         low, high = file.n_range or (0.0, 1.0)
         if not low < high:
             raise codec.refusal(("n_range",), f"found {low:g} and {high:g}, expected the lower one first")
-        of = file.parameters
         forward, backward = (
             FORMS[file.form].read(entry, codec, ("parameters", side)) if entry else None
-            for side, entry in (("forward", of.forward), ("backward", of.backward))
+            for (side, _), entry in zip(SIDES, (file.parameters.forward, file.parameters.backward))
         )
         if forward is None and backward is None:
             raise codec.refusal((), "parameters has neither a forward nor a backward direction; expected one or both")
@@ -162,6 +158,70 @@ class ThrusterMap:
     def load(cls, path: Source) -> "ThrusterMap":
         """The map of a `thrusters.json`. Raises ModelError with the file and the key's path."""
         return cls.from_json(read_plain(path, "JSON", ModelError), printable(path.name))
+
+
+@dataclass(frozen=True)
+class TwinThrusters:
+    """Two equal thrusters off the centre line, of which one pulls ahead and one astern, with control signals up to
+    `most`; `arm` [m] is the moment by newton, in whatever unit the moment has.
+
+    With `equal_thrust` one pulls ahead as much as the other astern, so that the vehicle is not pushed ahead; else both
+    get the same size of signal."""
+
+    ahead: Curve
+    astern: Curve
+    arm: float
+    most: float
+    equal_thrust: bool = False
+
+    @property
+    def largest(self) -> float:
+        ahead, astern = self._thrusts(self.most, self.most)
+        return self.arm * (2.0 * min(ahead, astern) if self.equal_thrust else ahead + astern)
+
+    def scaled_to(self, largest: float) -> "TwinThrusters":
+        """Return the thrusters with another largest moment."""
+        return replace(self, arm=self.arm * largest / self.largest)
+
+    def moment(self, output: Floats) -> Floats:
+        """Return the moment of both at the same size of signal; `output` of any shape is its share of `most`."""
+        size = self.most * np.abs(output)
+        return np.asarray(np.sign(output) * self.arm * (self.ahead.thrust(size) + self.astern.thrust(size)))
+
+    def slope(self, output: Floats) -> Floats:
+        """Return the change of the moment per change of an output between 0 and 1, over a small step of it."""
+        low, high = output - OUTPUT_STEP, np.minimum(output + OUTPUT_STEP, 1.0)
+        return np.asarray((self.moment(high) - self.moment(low)) / (high - low))
+
+    def signals(self, moment: float) -> tuple[float, float]:
+        """Return the sizes of the signals of the thruster that pulls ahead and of the one that pulls astern."""
+        force = abs(moment) / self.arm
+        if self.equal_thrust:
+            return self.ahead.signal(force / 2.0), self.astern.signal(force / 2.0)
+        if abs(moment) >= self.largest:
+            return self.most, self.most
+        from scipy.optimize import brentq  # takes long to import
+
+        n = brentq(lambda n: sum(self._thrusts(n, n)) - force, 0.0, self.most, xtol=1e-12 * self.most)
+        return float(n), float(n)
+
+    def output(self, moment: float) -> float:
+        """Return the share of `most` that gives a moment; in the dead band it jumps to its edge."""
+        return self.commands(moment)[0] / self.most
+
+    def forces(self, moment: float) -> tuple[float, float]:
+        """Return the thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
+        return self._thrusts(*self.signals(moment))
+
+    def commands(self, moment: float) -> tuple[float, float]:
+        """Return control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
+        if moment == 0.0:
+            return 0.0, 0.0
+        ahead, astern = self.signals(moment)
+        return (ahead, -astern) if moment > 0 else (-astern, ahead)
+
+    def _thrusts(self, ahead: float, astern: float) -> tuple[float, float]:
+        return float(self.ahead.thrust(np.asarray(ahead))), float(self.astern.thrust(np.asarray(astern)))
 
 
 def bollard_columns(bollard: Bollard, seed: int) -> dict[str, Floats]:
@@ -199,10 +259,9 @@ def drive_run_by_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
     ahead positive; in surge and heave with the force [N]. A moment in the log gives way. Raises as `thrust_of` does."""
     dof, thrust = run.dof, thrust_of(run, thrusters, arm)
     lever = arm if dof.levered else 1.0
-    moment = np.asarray(lever * sum(side * force for side, force in zip(dof.sides, thrust)))
     shares = [side * lever * force for side, force in zip(dof.sides, thrust)]
     commanded = thrusters.compared(dof.thrusters, [run.extras[name] for name in dof.thrusters])
-    return run.with_moment(moment, dof.units.forces[1], parts_of(shares, dof), commanded)
+    return run.with_moment(np.sum(shares, axis=0), dof.units.forces[1], parts_of(shares, dof), commanded)
 
 
 def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:
@@ -272,11 +331,12 @@ def driven_by(runs: Sequence[Run], drive: Callable[[Run], Run]) -> tuple[list[Ru
 
 
 def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
-    """The run driven by two equal thrusters `arm` [m] off the centre line; raises as `thrust_of` does."""
+    """The run driven by two equal thrusters `arm` [m] off the centre line: X = F_port + F_stbd, N = arm (F_port -
+    F_stbd), clockwise; Fossen (2021), control allocation. Raises as `thrust_of` does."""
     port, starboard = thrust_of(run, thrusters, arm)
-    extras = {**run.extras, SURGE.command: port + starboard, SWAY.command: 0.0 * port}
-    moment = arm * port - arm * starboard
+    extras = {**run.extras, SURGE.command: port + starboard, SWAY.command: np.zeros(len(run))}
     commanded = thrusters.compared(YAW.thrusters, [run.extras[name] for name in YAW.thrusters])
+    moment = arm * (port - starboard)
     return replace(run.with_moment(moment, YAW.units.forces[1], commanded=commanded), extras=extras)
 
 

@@ -1,89 +1,221 @@
 """The result of `fit-thrusters`: the map over all points and at each voltage, thrusters compared, and its JSON."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 from scipy import special
 
 from automarine_cli.errors import FitError
-from automarine_cli.estimate import Estimate
+from automarine_cli.estimate import Estimate, Given
 from automarine_cli.logs import ColumnRule
 from automarine_cli.logs.columns import likely_column
 from automarine_cli.logs.recognise import is_called
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import runs_json
+from automarine_cli.runs.run import runs_json, usual_neutral
 from automarine_cli.text import listed
 from automarine_cli.thrusters import bollard_data as bollard
 from automarine_cli.thrusters.bollard_data import Ints, Points, Reduction, Tare, ThrusterLogs, levels_of
-from automarine_cli.thrusters.fit import MIN_LEVELS, Analysis, FormScore, Side, analyse, parameters_json
+from automarine_cli.thrusters.curves import FORMS
+from automarine_cli.thrusters.family import OPPOSITE, choose_form
+from automarine_cli.thrusters.fit import (
+    MIN_LEVELS,
+    BollardData,
+    MapFit,
+    Shape,
+    bollard_data,
+    fit_shape,
+    parameters_json,
+)
 from automarine_cli.thrusters.map import SIDES, THRUSTER_MAP, ThrusterMap
 
 MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean
 CHANCE = 0.05  # that any of the thrusters of one make is told to differ
+ROUNDING = 1e-12  # errors below this share of full scale are zero
+MIXED = 0.2  # share of readings with thrust of either sign from which a direction is two directions
+FAINT = 0.05  # thrust the wrong way that is smaller than this share of full scale is "none", not a sign error
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What one set of points says of one thruster: the fits of all forms, the `chosen` one and why, the names of those
+    within `reach` of the best, `without` why a direction has none; `spread` [N²] is the variance of the thrust."""
+
+    points: Points
+    full_scale: float
+    without: dict[str, str]
+    fits: tuple[MapFit, ...]
+    chosen: MapFit
+    because: str
+    reach: frozenset[str]
+    spread: float
+
+    @property
+    def law(self) -> MapFit:
+        """The square law."""
+        return self.fits[0]
+
+    @property
+    def square(self) -> dict[str, Estimate]:
+        """Coefficient a of F = a |n| n (equation 2) by direction."""
+        laws = {side: of["a"] for side, of in self.law.estimates.items()}
+        return {side: law for side, law in laws.items() if isinstance(law, Estimate)}
+
+    @property
+    def n_unit(self) -> str:
+        return self.chosen.data.n_unit
+
+    @property
+    def sides(self) -> dict[str, BollardData]:
+        return {name: side for name, (_, side, _) in self.law.sides.items()}
+
+    def levels(self, side: str) -> int:
+        return len(np.unique(levels_of(self.sides[side].n))) if side in self.sides else 0
+
+    @property
+    def estimates(self) -> dict[tuple[str, str], Estimate | Given]:
+        """The parameters that were fitted, by name and direction."""
+        free = {side: self.chosen.form.free(curve) for side, curve in self.chosen.curves.items()}
+        return {(key, side): of[key] for side, of in self.chosen.estimates.items() for key in free[side]}
+
+    @property
+    def map(self) -> ThrusterMap:
+        return ThrusterMap(self.chosen.form.name, *self.chosen.both_ways, self.n_unit, self.points.n_range)
+
+    def r2(self, fit: MapFit) -> float:
+        """Coefficient of determination, weighted as in the fit."""
+        return 1.0 - fit.rmse**2 / self.spread
+
+    def over_all(self, fit: MapFit) -> float:
+        """Root mean square error [N] of a form over all points, those that contradict their neighbours alike."""
+        return float(np.sqrt(np.nanmean((self.points.force - fit.along(self.points.n)) ** 2)))
+
+    def percent(self, value: float | None) -> float | None:
+        if value is None:
+            return None
+        return 0.0 if value < ROUNDING * self.full_scale else 100.0 * value / self.full_scale
+
+
+def analyse(
+    points: Points, step: Ints | None, tare_stderr: float, n_unit: str, forced: str | None = None,
+    where: str = "the logs",
+) -> Analysis:  # fmt: skip
+    """Fit both directions of `points` (one thruster, tared, flagged); `step` numbers the voltage steps, (P,).
+
+    Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels."""
+    full_scale = points.full_scale
+    if len(points) == 0 or full_scale == 0.0:
+        check = "Check that the force column is the load cell's"
+        raise FitError(f"{where}: every thrust is zero; expected pulls at several commands. {check}")
+    data = bollard_data(points, step, tare_stderr, n_unit, [name for name, _ in SIDES])
+    without = _refused_directions(data, full_scale, where)
+    signs = {name: sign for name, sign in data.directions.items() if name not in without}
+    if not signs:
+        expected = f"expected at least {MIN_LEVELS} different commands in one direction. Pull at more levels"
+        raise FitError(f"{where}: no direction can be fitted ({'; '.join(without.values())}); {expected}")
+    used = points.where(np.isin(np.sign(points.n), [0.0, *signs.values()]))
+    at_rest, total = used.where(used.n == 0.0), float(used.weight.sum())
+    data = replace(
+        data.where(np.isin(np.sign(data.n), [*signs.values()])),
+        zero_squares=float(at_rest.weight @ at_rest.force**2), zero_weight=float(at_rest.weight.sum()),
+    )  # fmt: skip
+    fits = tuple(fit_shape(data, Shape.alike(form, [*signs])) for form in FORMS.values())
+    spread = float(used.weight @ (used.force - float(used.weight @ used.force) / total) ** 2) / total
+    return Analysis(points, full_scale, without, fits, *choose_form(fits, full_scale, forced), spread)
+
+
+def _refused_directions(data: BollardData, full_scale: float, where: str) -> dict[str, str]:
+    """Why a direction has no fit. Raises FitError where thrust opposes the command."""
+    without, against, parts = dict[str, str](), [], data.parts(tied=False)
+    for name, _ in SIDES:
+        if name not in parts:
+            without[name] = f"no {name} points"
+            continue
+        side = parts[name][1]
+        n, thrust, count = side.n, side.force, len(np.unique(levels_of(side.n)))
+        if min(np.mean(thrust > FAINT * full_scale), np.mean(thrust < -FAINT * full_scale)) > MIXED:
+            raise FitError(
+                f"{where}: commands of one sign push both ways; the control signal looks counted from its "
+                'end, not from rest, or without its sign. Write n = { from = "NAME", subtract = REST } (a pulse width '
+                'rests at about 1500), or n = { from = "NAME", sign_from = "COLUMN" } where another column says the '
+                "direction, under [columns] in the --columns file"
+            )
+        low, high, size = float(n.min()), float(n.max()), np.abs(thrust)
+        if len(parts) == 1 and low > 0.5 * high and size.min() < FAINT * size.max():
+            idle = usual_neutral(low, high, float(n[np.argmin(size)]))
+            raise FitError(
+                f"{where}: commands go from {low:.4g} to {high:.4g} and the thruster gives nothing at {idle:.4g}; the "
+                'control signal looks counted from its end, not from rest. Write n = { from = "NAME", subtract = '
+                f"{idle:.4g} }} under [columns] in the --columns file"
+            )
+        mean = float((side.weight * n**2) @ thrust / (side.weight @ n**2))
+        if count < MIN_LEVELS:
+            without[name] = f"{count} {name} level{'s' if count > 1 else ''}, at least {MIN_LEVELS} needed"
+        elif -FAINT * full_scale <= mean <= 0.0:
+            without[name] = f"no {name} thrust measured"
+        elif mean < 0.0:
+            against.append(name)
+    if against and set(against) == set(parts) - set(without):
+        raise FitError(f"{where}: {OPPOSITE}")
+    if against:
+        raise FitError(
+            f"{where}: {against[0]} thrust has the sign of the other direction; it looks logged as a "
+            'magnitude. Write force_N = { from = "NAME", sign_from = "COLUMN" } with a column that says the direction '
+            "under [columns] in the --columns file, or give thrust astern a minus sign in the log"
+        )
+    return without
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One thruster beside the others: its square law by direction, by how much its thrust differs from their median
-    [percent], the chance of a difference as large, and whether that is beyond chance; or `why` it has no map."""
+    """One thruster beside the others: by direction how much its square law differs from their median [percent] and the
+    chance of a difference as large, and whether that is beyond chance; or `why` it has no map."""
 
     name: str
-    points: int
-    law: Mapping[str, Estimate]
-    percent: Mapping[str, float]
-    p_value: Mapping[str, float]
-    differs: bool
-    form: str = ""
-    rmse_percent: float = 0.0
+    analysis: Analysis | None = None
+    off: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    differs: bool = False
     why: str = ""
 
     def to_json(self) -> dict[str, object]:
-        if self.why:
+        if self.analysis is None:
             return {"thruster": self.name, "why": self.why}
+        chosen, result = self.analysis.chosen, dict[str, object]()
+        for side, law in self.analysis.square.items():
+            percent, p_value = self.off.get(side, (None, None))
+            result[side] = {"a": law.to_json(), "differs_percent": percent, "p_value": p_value}
         return {
-            "thruster": self.name, "points": self.points, "form": self.form,
-            "rmse_percent_of_full_scale": self.rmse_percent, "differs": self.differs,
-            **{
-                side: {"a": law.to_json(), "differs_percent": self.percent.get(side), "p_value": self.p_value.get(side)}
-                for side, law in self.law.items()
-            },
+            "thruster": self.name, "points": len(self.analysis.points), "form": chosen.form.name,
+            "rmse_percent_of_full_scale": self.analysis.percent(chosen.error), "differs": self.differs, **result,
         }  # fmt: skip
 
 
-def compared(parts: Mapping[str, Analysis | str]) -> tuple[Compared, ...]:
-    """Each thruster, or why it has no map, against the median of the others, which one that differs does not move;
-    beyond chance over all thrusters and directions together (Bonferroni)."""
-    laws = {name: part.square for name, part in parts.items() if not isinstance(part, str)}
-    tests = sum(len(law) for law in laws.values())
-
-    def against_others(name: str, part: Analysis | str) -> Compared:
-        if isinstance(part, str):
-            return Compared(name, 0, {}, {}, {}, False, why=part)
-        percent, chance = {}, {}
-        for side, law in part.square.items():
-            if references := [theirs[side] for other, theirs in laws.items() if other != name and side in theirs]:
-                percent[side], chance[side] = _against(law, references)
-        differs, error = any(p < CHANCE / tests for p in chance.values()), float(part.percent(part.chosen.error) or 0.0)
-        return Compared(name, len(part.points), part.square, percent, chance, differs, part.chosen.form.name, error)
-
-    return tuple(against_others(name, part) for name, part in parts.items())
+def compared(analyses: Mapping[str, Analysis]) -> dict[str, Compared]:
+    """Each thruster against the median of the others, which one that differs does not move; beyond chance over all
+    thrusters and directions together (Bonferroni)."""
+    tests, rows = sum(len(analysis.square) for analysis in analyses.values()), {}
+    for name, analysis in analyses.items():
+        off = {}
+        for side, law in analysis.square.items():
+            others = [x.square[side] for other, x in analyses.items() if other != name and side in x.square]
+            if others:
+                off[side] = _against(law, others)
+        differs = any(p_value < CHANCE / tests for _, p_value in off.values())
+        rows[name] = Compared(name, analysis, off, differs)
+    return rows
 
 
-def _against(law: Estimate, references: list[Estimate]) -> tuple[float, float]:
-    """Difference from the others' median [percent], and the chance of one as large."""
-    middle = float(np.median([reference.value for reference in references]))
-    spread = MEDIAN * float(np.median([_error(reference) for reference in references])) / np.sqrt(len(references))
-    off = law.value - middle
-    return 100.0 * off / middle, float(2.0 * special.ndtr(-abs(off) / max(np.hypot(_error(law), spread), 1e-300)))
-
-
-def _error(law: Estimate) -> float:
-    """Standard error, widened for few levels as the 95 % interval is."""
-    return float(np.ptp(law.ci95) / (2.0 * special.ndtri(0.975)))
+def _against(law: Estimate, others: list[Estimate]) -> tuple[float, float]:
+    """Difference from the others' median [percent], and the chance of one as large; standard errors are widened for few
+    levels as the 95 % intervals are."""
+    error, *errors = (float(np.ptp(x.ci95) / (2.0 * special.ndtri(0.975))) for x in (law, *others))
+    middle = float(np.median([other.value for other in others]))
+    spread = MEDIAN * float(np.median(errors)) / np.sqrt(len(others))
+    gap = law.value - middle
+    return 100.0 * gap / middle, float(2.0 * special.ndtr(-abs(gap) / max(np.hypot(error, spread), 1e-300)))
 
 
 PLACES = 20
@@ -96,36 +228,29 @@ def voltage_exponent(fits: Sequence[tuple[float, Analysis]], name: str) -> Estim
     sides = [fit.sides[name] for _, fit in fits if name in fit.sides]
     if len(sides) < len(fits):
         return None
-    table = _at(sides, _places(sides))
-    clear = np.all(table > TOO_FAINT * max(float(np.max(side.thrust)) for side in sides), axis=0)
+    places, rows = _places(sides), []
+    for side in sides:  # repeats averaged, straight lines between levels
+        level = levels_of(side.n)
+        n, force = (np.bincount(level, side.weight * x) / np.bincount(level, side.weight) for x in (side.n, side.force))
+        rows.append(np.interp(places, n, force))
+    table = np.array(rows)
+    clear = np.all(table > TOO_FAINT * max(float(np.max(side.force)) for side in sides), axis=0)
     if np.count_nonzero(clear) < 2:
         return None
     return _slope(np.log([volts for volts, _ in fits]), np.log(table[:, clear]))
 
 
-def _places(sides: list[Side]) -> Floats:
+def _places(sides: list[BollardData]) -> Floats:
     """Commands |n| to compare at: those measured at every voltage, else evenly over the range they share."""
-    everything = np.concatenate([side.magnitude for side in sides])
-    owner = np.repeat(np.arange(len(sides)), [len(side.magnitude) for side in sides])
+    everything = np.concatenate([side.n for side in sides])
+    owner = np.repeat(np.arange(len(sides)), [len(side.n) for side in sides])
     level = levels_of(everything)
     shared = [number for number in np.unique(level) if len(np.unique(owner[level == number])) == len(sides)]
     # A measured speed meets itself by chance; a command is met nearly everywhere.
     if len(shared) >= max(2, 0.5 * len(np.unique(level))):
         return np.array([np.median(everything[level == number]) for number in shared])
-    low, high = max(side.magnitude.min() for side in sides), min(side.magnitude.max() for side in sides)
+    low, high = max(side.n.min() for side in sides), min(side.n.max() for side in sides)
     return np.linspace(low, high, PLACES) if high > low else np.empty(0)
-
-
-def _at(sides: list[Side], places: Floats) -> Floats:
-    """Thrust [N] of each voltage at |n|, (steps, places): repeats averaged, straight lines between levels."""
-    rows = []
-    for side in sides:
-        level = levels_of(side.magnitude)
-        n, force = (
-            np.bincount(level, side.weight * x) / np.bincount(level, side.weight) for x in (side.magnitude, side.thrust)
-        )
-        rows.append(np.interp(places, n, force))
-    return np.array(rows)
 
 
 def _slope(x: Floats, y: Floats) -> Estimate | None:
@@ -153,7 +278,8 @@ ONE_PULLED = (
 class ThrusterFit(Shown):
     """The pooled analysis of one thruster, one for each voltage step, and how the data were treated.
 
-    `parts` are the fits of each thruster by itself where a column names them (`logs.by`), or why there is none."""
+    `parts` are the fits of each thruster by itself where a column names them (`logs.by`), `without_map` why one has
+    none."""
 
     logs: ThrusterLogs
     reduction: Reduction
@@ -163,7 +289,8 @@ class ThrusterFit(Shown):
     voltages: tuple[tuple[float, Analysis], ...]
     exponents: dict[str, Estimate | None]
     notes: tuple[str, ...]
-    parts: Mapping[str, "ThrusterFit | str"] = field(default_factory=dict)
+    parts: Mapping[str, "ThrusterFit"] = field(default_factory=dict)
+    without_map: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def map(self) -> ThrusterMap:
@@ -171,7 +298,9 @@ class ThrusterFit(Shown):
 
     @property
     def compared(self) -> tuple[Compared, ...]:
-        return compared({name: part if isinstance(part, str) else part.analysis for name, part in self.parts.items()})
+        rows = compared({name: part.analysis for name, part in self.parts.items()})
+        rows |= {name: Compared(name, why=why) for name, why in self.without_map.items()}
+        return tuple(rows[name] for name in self.logs.parts if name in rows)
 
     @property
     def points(self) -> Points:
@@ -179,6 +308,13 @@ class ThrusterFit(Shown):
 
     def place(self, index: int) -> str:
         return self.logs.records[int(self.points.record[index])].place
+
+    def _flagged_json(self, i: int) -> dict[str, object]:
+        points, record = self.points, self.logs.records[int(self.points.record[i])]
+        return {
+            "file": record.source, "run": record.run, "n": float(points.n[i]), "force_N": float(points.force[i]),
+            "weight": float(points.weight[i]), "why": str(points.flag[i]),
+        }  # fmt: skip
 
     def document(self, option: str) -> Document:
         return json_document("thrusters.json", self.to_json())
@@ -202,14 +338,7 @@ class ThrusterFit(Shown):
                 "used": len(points), "plateaus": reduction.plateaus, "samples": reduction.samples,
                 "samples_left_out": reduction.left_out, "rows_with_missing_values": self.logs.missing,
             },
-            "flagged": [
-                {
-                    "file": record.source, "run": record.run, "n": float(points.n[i]),
-                    "force_N": float(points.force[i]), "weight": float(points.weight[i]), "why": str(points.flag[i]),
-                }
-                for i in np.flatnonzero(points.flag != "")
-                for record in (self.logs.records[int(points.record[i])],)
-            ],
+            "flagged": [self._flagged_json(int(i)) for i in np.flatnonzero(points.flag != "")],
         }  # fmt: skip
         if np.any(np.isfinite(points.voltage)):
             result["voltage_range_V"] = [float(np.nanmin(points.voltage)), float(np.nanmax(points.voltage))]
@@ -218,9 +347,10 @@ class ThrusterFit(Shown):
                 {"voltage_V": volts, **_square_json(a), **_scores_json(a)} for volts, a in self.voltages
             ]
             result["voltage_exponent"] = {
-                side: power and {"thrust_at_fixed_n": power.to_json()} for side, power in self.exponents.items()
+                side: None if power is None else {"thrust_at_fixed_n": power.to_json()}
+                for side, power in self.exponents.items()
             }
-        if self.parts:
+        if self.compared:
             result["by"] = {"column": self.logs.by, "thrusters": [thruster.to_json() for thruster in self.compared]}
         return {**result, "notes": list(self.notes), "runs": runs_json(self.logs.used, self.logs.set_aside)}
 
@@ -242,7 +372,7 @@ def _square_json(analysis: Analysis) -> dict[str, object]:
         side: {
             "a": json_or_none(analysis.square.get(side)),
             "points": int(np.count_nonzero(analysis.points.n * sign > 0)),
-            "levels": analysis.levels.get(side, 0),
+            "levels": analysis.levels(side),
             **({"why": analysis.without[side]} if side in analysis.without else {}),
         }
         for side, sign in SIDES
@@ -253,9 +383,9 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
     """The square law's scores, all forms side by side, the chosen one and why."""
     chosen = analysis.chosen
 
-    def errors(score: FormScore, r2: float) -> dict[str, object]:
+    def errors(score: MapFit) -> dict[str, object]:
         return {
-            "r2": r2, "rmse_N": score.rmse, "rmse_percent_of_full_scale": analysis.percent(score.rmse),
+            "r2": analysis.r2(score), "rmse_N": score.rmse, "rmse_percent_of_full_scale": analysis.percent(score.rmse),
             "rmse_all_points_N": analysis.over_all(score), "cv_rmse_N": score.cv_rmse,
         }  # fmt: skip
 
@@ -264,23 +394,23 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
             "form": score.form.name, "equation": score.form.equation,
             "parameters_per_direction": score.parameters, "cv_rmse_N": score.cv_rmse,
             "cv_rmse_between_levels_N": score.between_rmse, "rmse_N": score.rmse,
-            "within_reach_of_best": score.within_reach,
+            "within_reach_of_best": score.form.name in analysis.reach,
             "at_bound": {name: list(bound) for name, bound in score.at_bound.items() if bound},
         }
-        for score in analysis.scores
+        for score in analysis.fits
     ]  # fmt: skip
     return {
-        **errors(analysis.law, analysis.r2),
+        **errors(analysis.law),
         "full_scale_N": analysis.full_scale,
         "forms": forms,
         "form": chosen.form.name,
         "chosen_because": analysis.because,
         "chosen": {
             "form": chosen.form.name,
-            **errors(chosen, analysis.chosen_r2),
+            **errors(chosen),
             "error_percent_of_full_scale": analysis.percent(chosen.error),
         },
-        "parameters": parameters_json(analysis.parameters, chosen.both_ways),
+        "parameters": parameters_json(chosen.estimates, chosen.both_ways),
         "beyond_n_range": chosen.form.beyond,
     }
 
@@ -312,15 +442,16 @@ def fit_records(
     except FitError as refusal:
         raise _with_rest(refusal, logged, thrusters, loaded.rule) from None
     voltages, exponents, notes = _by_voltage(points, varied, tare, n_unit, form, jobs, progress)
-    unused = (UNUSED,) * bool(step is None and np.any(np.isfinite(points.voltage)))
-    notes = (*apart, *reduction.notes, *unused, *notes)
-    parts: dict[str, ThrusterFit | str] = {}
+    if step is None and np.any(np.isfinite(points.voltage)):
+        notes = (UNUSED, *notes)
+    parts, without_map = dict[str, ThrusterFit](), dict[str, str]()
     for name in loaded.parts if loaded.asked else ():
         try:
             parts[name] = fit_records(loaded.of(name), thrusters, n_unit, form, 1, silent)
         except FitError as refusal:
-            parts[name] = str(refusal)
-    return ThrusterFit(loaded, reduction, analysis, tare, thrusters, voltages, exponents, notes, parts)
+            without_map[name] = str(refusal)
+    notes = (*apart, *reduction.notes, *notes)
+    return ThrusterFit(loaded, reduction, analysis, tare, thrusters, voltages, exponents, notes, parts, without_map)
 
 
 def _refuse_mirrored(loaded: ThrusterLogs, points: Points, where: str) -> None:
@@ -414,8 +545,8 @@ def _by_voltage(
     groups = [points.where(step == number) for number in np.unique(step)]
     judge = partial(_one_voltage, tare_stderr=tare.thrust_stderr, n_unit=n_unit, form=form)
     outcomes = ordered_map(judge, groups, jobs, progress=progress, stage="voltages")
-    notes = [f"No map at this voltage: {refusal}." for refusal in outcomes if isinstance(refusal, str)]
-    fits = [outcome for outcome in outcomes if not isinstance(outcome, str)]
+    notes = [f"No map at this voltage: {refusal}." for refusal in outcomes if isinstance(refusal, FitError)]
+    fits = [outcome for outcome in outcomes if not isinstance(outcome, FitError)]
     exponents = {name: voltage_exponent(fits, name) for name, _ in (SIDES if len(fits) > 1 else ())}
     powers = [power.value for power in exponents.values() if power]
     if powers and max(abs(power) for power in powers) > FELT:
@@ -426,9 +557,11 @@ def _by_voltage(
     return tuple(fits), exponents, tuple(notes)
 
 
-def _one_voltage(points: Points, *, tare_stderr: float, n_unit: str, form: str | None) -> tuple[float, Analysis] | str:
+def _one_voltage(
+    points: Points, *, tare_stderr: float, n_unit: str, form: str | None
+) -> tuple[float, Analysis] | FitError:
     volts = float(np.median(points.voltage))
     try:
         return volts, analyse(points, None, tare_stderr, n_unit, form, f"{volts:.4g} V")
     except FitError as refusal:
-        return str(refusal)
+        return refusal

@@ -15,10 +15,10 @@ from automarine_cli.control.design import ClosedLoopRun, fly, nominal_of, scores
 from automarine_cli.control.knowledge import turning
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.base import Gains, Target
-from automarine_cli.control.vehicles import ThrustCurve, Vehicles
+from automarine_cli.control.vehicles import Vehicles
 from automarine_cli.errors import SettingError
 from automarine_cli.thrusters.curves import PowerCurve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
 BLUEROV = DATA / "ardusub" / "small.BIN"
 AT_REST = np.zeros((1, 1))
@@ -89,15 +89,15 @@ TWINS = ThrusterMap("dead-band", PowerCurve(40.0, 2.0, 0.06, 1.0), PowerCurve(30
 
 
 def test_the_map_inverted_gives_back_the_share_across_its_dead_band() -> None:
-    bend, most = turning(TWINS, 0.25)
-    assert most == pytest.approx(0.25 * 70.0 * 0.94**2)
-    wanted = np.array([-1.0, -0.3, -0.01, 0.0, 0.01, 0.3, 1.0])
-    assert np.allclose(bend.of(bend.inverse(wanted)), wanted, atol=1e-6)
-    assert bend.inverse(np.array([1e-6]))[0] > 0.05
-    assert np.all(bend.of(np.array([-0.05, 0.05])) == 0.0)
-    line = ThrustCurve(np.array([0.0, 0.1, 1.0]), np.array([0.0, 0.0, 1.0]))
-    assert line.of(np.array([0.05, 0.55, -1.0])) == pytest.approx([0.0, 0.5, -1.0])
-    assert line.slope(np.array([0.05, 0.5])) == pytest.approx([0.0, 1.0 / 0.9])
+    bend = turning(TWINS, 0.25)
+    assert bend.largest == pytest.approx(0.25 * 70.0 * 0.94**2)
+    moments = bend.largest * np.array([-1.0, -0.3, -0.01, 0.0, 0.01, 0.3, 1.0])
+    assert np.allclose(bend.moment(np.array([bend.output(moment) for moment in moments])), moments, atol=1e-9)
+    assert bend.output(1e-6) > 0.05
+    assert np.all(bend.moment(np.array([-0.05, 0.05])) == 0.0)
+    straight = TwinThrusters(PowerCurve(0.5, 1.0, 0.1), PowerCurve(0.5, 1.0, 0.1), 1.0, 1.0).scaled_to(1.0)
+    assert straight.moment(np.array([0.05, 0.55, -1.0])) == pytest.approx([0.0, 0.5, -1.0])
+    assert straight.slope(np.array([0.05, 0.5, 1.0])) == pytest.approx([0.0, 1.0 / 0.9, 1.0 / 0.9])
 
 
 def test_files_of_gains() -> None:

@@ -25,8 +25,8 @@ from automarine_cli.link.vehicles import can
 from automarine_cli.link.vehicles.base import StuckError
 from automarine_cli.link.vehicles.can import CanBus
 from automarine_cli.logs import read_column_map
-from automarine_cli.planning.candidates import Drive
 from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import TwinThrusters
 
 Act = Callable[[Vessel, pytest.MonkeyPatch], None]
 SPEED = 20.0
@@ -41,7 +41,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "QUIET_S", PATIENCE_S)
 
 
-def on(vessel: Vessel, folder: Path, text: str = MOMENT, drive: Drive | None = None) -> CanBus:
+def on(vessel: Vessel, folder: Path, text: str = MOMENT, drive: TwinThrusters | None = None) -> CanBus:
     """What drives the vessel."""
     return CanBus(f"virtual:{vessel.channel}", read_column_map(column_map(folder, text)), drive, vessel.speed)
 
@@ -245,7 +245,7 @@ def test_a_bus_that_hung_is_sent_nothing_that_was_missed(
 
 def test_two_thrusters_get_pulses(tmp_path: Path) -> None:
     curve = PowerCurve(a=1e-3, n_0=0.0, p=2.0)
-    drive = Drive(curve, curve, 0.1, 100.0, True, 1.0)
+    drive = TwinThrusters(curve, curve, 0.1, 100.0, True)
     campaign = replace(made_campaign(2), moment_unit="N m")
     steps = on(Vessel(SPEED), tmp_path, PULSES, drive).steps(campaign, campaign.runs[0])
     n = (0.4 / 0.1 / 2 / 1e-3) ** 0.5  # each pulls half of moment / arm
@@ -280,7 +280,7 @@ def test_commands_beyond_the_signal_are_refused(tmp_path: Path) -> None:
         on(Vessel(SPEED), tmp_path).refuse(campaign)
     with pytest.raises(SettingError, match="plan for a model in N m, or leave --thrusters out"):
         curve = PowerCurve(a=1e-3, n_0=0.0, p=2.0)
-        on(Vessel(SPEED), tmp_path, PULSES, Drive(curve, curve, 0.1, 100.0, True, 1.0)).refuse(made_campaign())
+        on(Vessel(SPEED), tmp_path, PULSES, TwinThrusters(curve, curve, 0.1, 100.0, True)).refuse(made_campaign())
 
 
 def test_a_dry_run_over_can(run: Callable[..., Result], tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def test_the_inverse_gives_the_command_back() -> None:
     for n in (10.5, 20.0, 33.0, 59.0, 80.0, 95.0):
         assert CURVE.signal(float(CURVE.thrust(np.array(n)))) == pytest.approx(n, rel=1e-9)
     assert (CURVE.signal(0.0), FLAT.signal(5.0), FLAT.signal(6.0)) == (10.0, pytest.approx(20.0), 20.0)
-    drive = drive_of(MAP, 0.5, 30.0, True, 1.0)
+    drive = drive_of(MAP, 0.5, 30.0, True)
     ahead, astern = drive.commands(3.0)
     assert 0.5 * (MAP.force(ahead) - MAP.force(astern)) == pytest.approx(3.0)
 
@@ -84,7 +84,7 @@ def test_an_s_shape_takes_the_spline_and_a_square_law_does_not(tmp_path: Path) -
         estimate.ci95[0] <= abs(s_shaped(sign * LEVELS[k : k + 1])[0]) <= estimate.ci95[1]
         for fit in fits
         for side, sign in (("forward", 1.0), ("backward", -1.0))
-        for k, estimate in enumerate(fit.analysis.parameters[side].values())
+        for k, estimate in enumerate(fit.analysis.chosen.estimates[side].values())
         if isinstance(estimate, Estimate)
     ]
     assert len(within) == 400 and np.mean(within) > 0.93
@@ -104,7 +104,7 @@ def test_both_directions_are_alike_and_falls_are_evened_out() -> None:
 def test_a_diagnosis_names_what_a_spline_cannot_follow(tmp_path: Path) -> None:
     n = np.concatenate([N, N])
     fit = bollard_test(tmp_path, s_shaped(n) * (1.0 - 0.2 * np.arange(len(n)) / len(n)), n)
-    (tmp_path / "map.json").write_text(json.dumps(ThrusterMap("spline", *fit.analysis.scores[-1].both_ways).to_json()))
+    (tmp_path / "map.json").write_text(json.dumps(ThrusterMap("spline", *fit.analysis.fits[-1].both_ways).to_json()))
     result = diagnose([tmp_path / "bollard_0.csv"], model=tmp_path / "map.json")
     assert result.verdict == "named" and [effect.name for effect in result.effects] == ["battery-sag"]
     extended = ThrusterMap.from_json(result.extended_map)

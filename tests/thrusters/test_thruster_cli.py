@@ -96,7 +96,7 @@ def test_points_of_less_weight_are_printed_and_counted_beside(run: Run, tmp_path
     assert data["flagged"][0]["n"] == 110.0 and data["flagged"][0]["weight"] < 0.01
     assert data["forward"]["points"] == 15
     assert data["forward"]["a"]["value"] == pytest.approx(AHEAD, rel=0.01)
-    off = fit.points.force - fit.analysis.fitted(fit.points.n, square=True)
+    off = fit.points.force - fit.analysis.law.along(fit.points.n)
     assert data["rmse_all_points_N"] == pytest.approx(np.sqrt(np.mean(off**2)))
     assert data["rmse_all_points_N"] > 3 * data["rmse_N"]
 

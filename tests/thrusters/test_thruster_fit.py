@@ -15,7 +15,8 @@ from automarine_cli.thrusters.bollard_data import (
     subtract_tare,
 )
 from automarine_cli.thrusters.curves import FORMS, PowerCurve
-from automarine_cli.thrusters.fit import analyse, sides_of, square_law
+from automarine_cli.thrusters.fit import Shape, bollard_data, fit_shape
+from automarine_cli.thrusters.result import analyse
 
 # The source paper's equation 3 for two thrusters, halved (PHYSICS 4.5): N per control count squared.
 AHEAD, ASTERN = 2.6165e-4, 0.6640e-4
@@ -28,6 +29,13 @@ def points(n: np.ndarray, force: np.ndarray, record: int = 0) -> Points:
     return Points.measured(np.asarray(n, dtype=float), force, np.arange(float(len(n))), None, record)
 
 
+def square_law(data: Points, side: str = "forward") -> Estimate:
+    fit = fit_shape(bollard_data(data, None, 0.0, "", [side]), Shape.alike(FORMS["square"], [side]))
+    law = fit.estimates[side]["a"]
+    assert isinstance(law, Estimate)
+    return law
+
+
 def paper(n: np.ndarray) -> np.ndarray:
     return np.where(n > 0, AHEAD, ASTERN) * n * np.abs(n)
 
@@ -38,7 +46,7 @@ def test_equation_three_comes_back_from_its_own_data() -> None:
     assert analysis.square["backward"].value == pytest.approx(ASTERN, rel=EXACT)
     assert analysis.square["forward"].value / analysis.square["backward"].value == pytest.approx(3.9405, abs=1e-4)
     assert analysis.chosen.form.name == "square"
-    assert analysis.r2 == pytest.approx(1.0, abs=EXACT)
+    assert analysis.r2(analysis.law) == pytest.approx(1.0, abs=EXACT)
     assert analysis.map.force(150.0) == pytest.approx(5.89, abs=0.005)
     assert analysis.map.force(-150.0) == pytest.approx(-1.49, abs=0.005)
 
@@ -51,7 +59,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(proportional: bool) -> No
         rng = np.random.default_rng(seed)
         noise = rng.standard_normal(len(BOTH))
         force = paper(BOTH) * (1.0 + 0.05 * noise) if proportional else paper(BOTH) + 0.1 * noise
-        low, high = square_law(sides_of(points(BOTH, force), None, 0.0)["forward"], "N").ci95
+        low, high = square_law(points(BOTH, force)).ci95
         held += low <= AHEAD <= high
     assert 0.95 - 3 * np.sqrt(0.95 * 0.05 / campaigns) <= held / campaigns <= 0.99
 
@@ -60,8 +68,8 @@ def test_repeats_of_a_level_count_once() -> None:
     """An error common to a level's repeats is not averaged away by logging it ten times."""
     rng = np.random.default_rng(4)
     force = paper(LEVELS) + 0.1 * rng.standard_normal(len(LEVELS))
-    once = square_law(sides_of(points(LEVELS, force), None, 0.0)["forward"], "N")
-    tenfold = square_law(sides_of(points(np.tile(LEVELS, 10), np.tile(force, 10)), None, 0.0)["forward"], "N")
+    once = square_law(points(LEVELS, force))
+    tenfold = square_law(points(np.tile(LEVELS, 10), np.tile(force, 10)))
     assert tenfold.value == pytest.approx(once.value, rel=EXACT)
     assert tenfold.stderr == pytest.approx(once.stderr, rel=EXACT)
 
@@ -71,7 +79,7 @@ def of_records(gains: np.ndarray) -> Estimate:
     n = np.tile(LEVELS, len(gains))
     together = points(n, np.repeat(gains, len(LEVELS)) * paper(n))
     together = Points(**{**vars(together), "record": np.repeat(np.arange(len(gains)), len(LEVELS))})
-    return square_law(sides_of(together, None, 0.0)["forward"], "N")
+    return square_law(together)
 
 
 def test_gain_that_differs_between_records_widens_the_interval() -> None:
@@ -93,7 +101,7 @@ def test_mirrored_data_swap_the_directions() -> None:
         assert plain.square[here].value == pytest.approx(mirrored.square[there].value, rel=EXACT)
         assert plain.square[here].stderr == pytest.approx(mirrored.square[there].stderr, rel=EXACT)
     assert plain.chosen.form == mirrored.chosen.form
-    errors = [[score.cv_rmse for score in analysis.scores] for analysis in (plain, mirrored)]
+    errors = [[score.cv_rmse for score in analysis.fits] for analysis in (plain, mirrored)]
     assert errors[0] == pytest.approx(errors[1], rel=1e-6)
 
 
@@ -122,13 +130,14 @@ def test_cross_validation_finds_the_form_and_its_truth(name: str) -> None:
     noisy = force + 0.01 * np.max(np.abs(force)) * np.random.default_rng(7).standard_normal(len(n))
     analysis = analyse(points(n, noisy), None, 0.0, "")
     assert analysis.chosen.form.name == name
-    for (side, data), truth in zip(sides_of(points(n, force), None, 0.0).items(), TRUTHS[name], strict=True):
-        exact, _ = FORMS[name].fit(data.magnitude, data.thrust, data.weight)
+    parts = bollard_data(points(n, force), None, 0.0, "", ["forward", "backward"]).parts(tied=False)
+    for (side, (_, data)), truth in zip(parts.items(), TRUTHS[name], strict=True):
+        exact, _ = FORMS[name].fit(data.n, data.force, data.weight)
         assert isinstance(exact, PowerCurve) and exact.a == pytest.approx(truth.a, rel=1e-4)
         assert (exact.p, exact.n_0) == pytest.approx((truth.p, truth.n_0), abs=1e-4)
         assert exact.n_sat == (truth.n_sat if truth.n_sat is None else pytest.approx(truth.n_sat, abs=1e-4))
         for key in FORMS[name].free(exact):
-            estimate = analysis.parameters[side][key]
+            estimate = analysis.chosen.estimates[side][key]
             assert isinstance(estimate, Estimate) and abs(estimate.value - getattr(truth, key)) < 4.0 * estimate.stderr
 
 
@@ -162,8 +171,8 @@ def test_contradictions_are_flagged_and_barely_matter(what: str, sign: float) ->
     flagged = flag_contradictions(points(n, force), None)
     assert np.flatnonzero(flagged.flag != "").tolist() == wrong
     assert np.all(flagged.weight[wrong] < 0.01) and np.all(np.delete(flagged.weight, wrong) == 1.0)
-    side = sides_of(subtract_tare(flagged)[0], None, 0.0)["forward" if sign > 0 else "backward"]
-    assert square_law(side, "N").value == pytest.approx(AHEAD, rel=0.02)
+    law = square_law(subtract_tare(flagged)[0], "forward" if sign > 0 else "backward")
+    assert law.value == pytest.approx(AHEAD, rel=0.02)
 
 
 def test_clean_data_have_no_contradictions() -> None:
@@ -211,7 +220,7 @@ def raw(
 def fitted(points: Points) -> Estimate:
     """The square law ahead."""
     tared, _ = subtract_tare(flag_contradictions(points, None))
-    return square_law(sides_of(tared, None, 0.0)["forward"], "N")
+    return square_law(tared)
 
 
 def test_one_plateau_for_each_command_with_its_transient_dropped() -> None:

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from automarine_cli.dofs import YAW
+from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.planning.candidates import drive_of
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.curves import FORMS, PowerCurve
-from automarine_cli.thrusters.map import ThrusterMap, drive_run_by_thrusters
+from automarine_cli.thrusters.map import ThrusterMap, by_two_thrusters, drive_run_by_thrusters
 
 MAP = ThrusterMap("square", PowerCurve(2.6165e-4), PowerCurve(0.6640e-4))
 RANGE = ThrusterMap("square", PowerCurve(2.0), PowerCurve(1.0), "us", (-300.0, 400.0))
@@ -26,6 +26,10 @@ def test_force_and_moment_keep_shape_and_sign() -> None:
     extras = {"n_port": np.array([100.0, -100.0, 80.0]), "n_stbd": np.array([-100.0, 100.0, 80.0])}
     run = Run("a", "a.csv", np.arange(3.0), np.zeros(3), None, "", extras, dof=YAW)
     assert drive_run_by_thrusters(run, MAP, 0.5).command == pytest.approx(0.5 * np.array([3.2805, -3.2805, 0.0]))
+    planar = by_two_thrusters(run, MAP, 0.5)
+    assert planar.command == pytest.approx(0.5 * np.array([3.2805, -3.2805, 0.0]))
+    ahead, abeam = (planar.extras[dof.command] for dof in (SURGE, SWAY))
+    assert ahead == pytest.approx([1.9525, 1.9525, 3.34912]) and not np.any(abeam)
     curve = PowerCurve(10.0, 1.5, 0.1, 0.6)
     assert curve.thrust(np.array([0.05, 0.1, 0.6, 1.0])) == pytest.approx([0.0, 0.0, 10 * 0.5**1.5, 10 * 0.5**1.5])
     assert [len(form.effects) for form in FORMS.values()] == [0, 1, 1, 2, 1, 2, 2, 3, 0]
@@ -49,9 +53,9 @@ def test_a_map_says_from_where_to_where_it_was_measured() -> None:
             ThrusterMap.from_json({**data, "n_range": wrong})
     del data["n_range"]  # a map of old
     assert ThrusterMap.from_json(data).compared(("n_port",), [np.ones(3)]) is None
-    assert [drive_of(RANGE, 0.2, most, False, 1.0).most for most in (None, 350.0)] == [300.0, 350.0]
+    assert [drive_of(RANGE, 0.2, most, False).most for most in (None, 350.0)] == [300.0, 350.0]
     with pytest.raises(SettingError, match="measured from -300 to 400 us; give it in the map's own unit"):
-        drive_of(RANGE, 0.2, 1900.0, False, 1.0)
+        drive_of(RANGE, 0.2, 1900.0, False)
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,8 @@ from automarine_cli.logs.can import messages_of
 from automarine_cli.logs.columns import CANONICAL, LABELS
 from automarine_cli.logs.streams import needed
 from automarine_cli.pipeline.records import Document, Source
-from automarine_cli.planning.candidates import CommandTable, Drive, command_table, drive_of
-from automarine_cli.thrusters.map import map_and_arm
+from automarine_cli.planning.candidates import CommandTable, command_table, drive_of
+from automarine_cli.thrusters.map import TwinThrusters, map_and_arm
 
 BUS_LISTEN_S = 0.5
 """So long a run listens before it sends, to a compass that speaks; to one that does not, `MAX_MUTE_S`."""
@@ -50,7 +50,7 @@ class CanBus:
 
     place: str
     names: ColumnMap
-    drive_by: Drive | None
+    drive_by: TwinThrusters | None
     speed: float = 1.0
 
     @classmethod
@@ -60,7 +60,7 @@ class CanBus:
         """The bus with the signals of a column map and the drive of a thruster map. Raises SettingError, ModelError."""
         names = given_columns(columns)
         levered = map_and_arm(thrusters, arm, names, YAW)
-        return cls(place, names, levered and drive_of(*levered, most=None, equal_thrust=True, unit=1.0))
+        return cls(place, names, levered and drive_of(*levered, most=None, equal_thrust=True))
 
     @property
     def messages(self) -> Mapping[str, Any]:

@@ -40,19 +40,20 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     chosen, along = pooled.chosen.form.name, np.linspace(min(0.0, *n), max(0.0, *n), 801)
     law, where = ("", " at levels left out") if pooled.chosen.form.interpolates else (" law", "")
     for square in (True, False) if chosen != "square" else (False,):
+        fit = pooled.law if square else pooled.chosen
         colour = COLOURS["vermilion" if square else "blue"]
         label, line = ("square law", "--") if square else (f"chosen: {chosen}{law}", "-")
         label += sizes * (square or chosen == "square")
-        thrust.plot(along, pooled.fitted(along, square=square), color=colour, ls=line, label=label, zorder=3)
-        residual = force - pooled.fitted(n, square=square)
+        thrust.plot(along, fit.along(along), color=colour, ls=line, label=label, zorder=3)
+        residual = force - fit.along(n)
         residuals.plot(n, residual, "o", color=colour, mfc="none" if square else colour)
     for side, sign in SIDES:
         if isinstance(curve := pooled.chosen.curves.get(side), SplineCurve):
-            values = pooled.parameters[side].values()
+            values = pooled.chosen.estimates[side].values()
             low, high = sign * np.array([value.ci95 for value in values if isinstance(value, Estimate)]).T
             thrust.fill_between(sign * np.array(curve.n[1:]), low, high, color=COLOURS["blue"], alpha=0.25, lw=0)
     error = number(pooled.percent(pooled.chosen.error), 2)
-    title = f"{chosen.capitalize()}{law}: R² {pooled.chosen_r2:.4f}, error {error} % of full scale{where}"
+    title = f"{chosen.capitalize()}{law}: R² {pooled.r2(pooled.chosen):.4f}, error {error} % of full scale{where}"
     thrust.set_title(title, loc="left")
     thrust.legend(loc="upper left")
     return figure

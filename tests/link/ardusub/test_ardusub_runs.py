@@ -118,12 +118,12 @@ def test_the_turns_of_a_run_are_taken_back(side: float) -> None:
 
 def test_moments_become_outputs_and_outputs_moments(tmp_path: Path) -> None:
     whole = authority(campaign_of(0.5), 2.0, None, None)
-    assert whole.full == 2.0 and whole.inverse(np.array(-0.25)) == whole.of(np.array(-0.25)) == -0.25
+    assert (whole.largest, whole.output(-0.5), whole.moment(np.array(-0.25))) == pytest.approx((2.0, -0.25, -0.5))
     file = tmp_path / "thrusters.json"
     map_ = ThrusterMap("square", PowerCurve(8.0, 2.0, 0.05, None), PowerCurve(6.0, 2.0, 0.05, None), "", (-1.0, 1.0))
     file.write_text(json.dumps(map_.to_json()))
     bent = authority(replace(campaign_of(0.5), moment_unit="N m"), None, file, 0.2)
-    assert bent.full == pytest.approx(0.2 * 14.0 * 0.95**2)
-    shares = np.array([-2.0, -0.5, 0.0, 0.1, 1.5]) / bent.full
-    assert bent.of(bent.inverse(shares)) == pytest.approx(shares, abs=1e-3)
-    assert bent.inverse(np.array(1.0 / bent.full)) == pytest.approx(0.05 + np.sqrt(1.0 / 2.8), abs=1e-3)
+    assert bent.largest == pytest.approx(0.2 * 14.0 * 0.95**2)
+    for moment in (-2.0, -0.5, 0.0, 0.1, 1.5):
+        assert bent.moment(np.array(bent.output(moment))) == pytest.approx(moment, abs=1e-9)
+    assert bent.output(1.0) == pytest.approx(0.05 + np.sqrt(1.0 / 2.8), abs=1e-9)

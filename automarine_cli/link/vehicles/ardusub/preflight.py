@@ -2,20 +2,20 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from automarine_cli.control.knowledge import turning
-from automarine_cli.control.vehicles import ThrustCurve
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import STATION_ID, Heard, Link
 from automarine_cli.link.vehicles.base import refuse_beyond
 from automarine_cli.logs.mixing import Part, Unclear, part_of
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
 STICK_CENTRE, STICK_SPAN = 1500.0, 0.4
 """Of the pulse that a stick becomes [us]: its middle, and what each thousandth adds at a gain of 1."""
@@ -75,20 +75,20 @@ class Stick:
         return int(np.clip(round(np.copysign(off, signed) / (STICK_SPAN * self.gain)), -FULL_STICK, FULL_STICK))
 
 
-def authority(campaign: LinkCampaign, full: float | None, thrusters: Path | None, arm: float | None) -> ThrustCurve:
+def authority(campaign: LinkCampaign, full: float | None, thrusters: Path | None, arm: float | None) -> TwinThrusters:
     """What outputs give for a campaign; where nothing else is said the whole output is 1 nu. Raises SettingError."""
-    straight = np.array([0.0, 10.0])  # outputs as read may lie beyond 1
-    curve = None if thrusters is None or arm is None else turning(ThrusterMap.load(thrusters), arm)[0]
+    straight = PowerCurve(0.5, p=1.0)
+    twins = None if thrusters is None or arm is None else turning(ThrusterMap.load(thrusters), arm)
     unit = campaign.moment_unit
     if full is None:
-        full = 1.0 if unit == "nu" else None if curve is None else curve.full
+        full = 1.0 if unit == "nu" else None if twins is None else twins.largest
     if full is None:
         raise SettingError(
             "the campaign's moments are in N m, and ArduSub commands outputs from -1 to 1; give --full with the moment "
             "[N m] of the whole output, or --thrusters MAP.json and --arm METRES"
         )
     refuse_beyond(campaign, full)
-    return replace(curve or ThrustCurve(straight, straight), full=full)
+    return (twins or TwinThrusters(straight, straight, 1.0, 1.0)).scaled_to(full)
 
 
 ARDUPILOT, SUBMARINE = 3, 12  # MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_SUBMARINE
@@ -110,7 +110,7 @@ PREFLIGHT_PARAMETERS = (
 
 
 def preflight(
-    link: Link, campaign: LinkCampaign, number: int, authority: ThrustCurve, depth_limit: float
+    link: Link, campaign: LinkCampaign, number: int, authority: TwinThrusters, depth_limit: float
 ) -> tuple[Stick, Part]:
     """How the sticks work, and how the outputs are read, of a vehicle that may be armed for a campaign from the run of
     a `number` on, down to `depth_limit` [m]. Raises SettingError."""
@@ -130,7 +130,7 @@ def preflight(
         link.wait(PILOT_LISTEN_S / ASK_ROUNDS)
     link.wait(NAMED_S, lambda: "PilotGain" in heard.named_values)
     most = max(abs(moment) for run in campaign.runs[number:] for moment, _ in run.commands)
-    output, seconds = float(authority.inverse(np.array(most / authority.full))), link.now() - begun
+    output, seconds = authority.output(most), link.now() - begun
     for why in chain(_complaints(heard, output, seconds), _battery_and_depth(heard, campaign, number, depth_limit)):
         raise SettingError(why)
     return Stick.of(heard), outputs_are_known(heard)

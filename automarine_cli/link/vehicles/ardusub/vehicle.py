@@ -10,7 +10,6 @@ from typing import Annotated
 
 import numpy as np
 
-from automarine_cli.control.vehicles import ThrustCurve
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.link.vehicles.ardusub.packets import STICK_HZ, Attitude, Clock, Halt, Link, reached_by
@@ -19,6 +18,7 @@ from automarine_cli.link.vehicles.base import Halted
 from automarine_cli.logs.mixing import Part
 from automarine_cli.planning.candidates import MOMENT_COLUMNS
 from automarine_cli.simulation.specification import Limit, Settings
+from automarine_cli.thrusters.map import TwinThrusters
 
 STABILIZE, MANUAL = 0, 19
 DO_SET_MODE, ARM_DISARM = 176, 400
@@ -43,7 +43,7 @@ class Limits(Settings):
 
 
 class RunSession:
-    def __init__(self, link: Link, stick: Stick, part: Part, authority: ThrustCurve, limits: Limits) -> None:
+    def __init__(self, link: Link, stick: Stick, part: Part, authority: TwinThrusters, limits: Limits) -> None:
         self._link, self._stick, self._part, self._authority, self._limits = link, stick, part, authority, limits
         self._mode, self._is_armed = STABILIZE, False
         self._untwisted = self._heading - 360.0 * link.heard.named_values.get("TetherTrn", 0.0)
@@ -82,7 +82,7 @@ class RunSession:
         """The rows of the run's log, each when its time has come. Raises SettingError, Halt."""
         run, link = campaign.runs[number], self._link
         moments = np.array([moment for moment, _ in run.commands])
-        outputs = (0.0, *self._authority.inverse(moments / self._authority.full), 0.0)
+        outputs = (0.0, *map(self._authority.output, moments), 0.0)
         edges = list(accumulate((campaign.rest_s, *(seconds for _, seconds in run.commands))))
         begun, start, agreed = link.now(), self._heading, link.now()
         link.heard.readings.clear()
@@ -183,7 +183,7 @@ class RunSession:
         return float(self._part.wishes(np.array([[pulses.get(number, 0.0)] for number in self._part.channels]))[0, 0])
 
     def _row(self, at: Attitude) -> str:
-        moment = self._authority.full * float(self._authority.of(np.array(self._output(at.pulses))))
+        moment = float(self._authority.moment(np.array(self._output(at.pulses))))
         more = ("" if value is None else f"{value:.2f}" for value in (at.volts, at.depth))
         outputs = (f"{at.pulses.get(number, 0.0):.0f}" for number in self._part.channels)
         first = (f"{at.time:.3f}", f"{at.heading % 360.0:.3f}", f"{at.rate:.3f}", f"{moment + 0.0:.5g}")
@@ -239,5 +239,5 @@ class ArduSub(Settings):
                 yield from session.rows()  # they end in neutral
                 raise cut
 
-    def _authority(self, campaign: LinkCampaign) -> ThrustCurve:
+    def _authority(self, campaign: LinkCampaign) -> TwinThrusters:
         return authority(campaign, self.full, self.thrusters, self.arm)
