@@ -11,7 +11,6 @@ from repository import SAMPLE_RUNS
 
 from automarine_cli.commands import load
 from automarine_cli.commands.campaign import Campaign, read_campaign
-from automarine_cli.commands.init import init
 from automarine_cli.commands.report import report
 from automarine_cli.commands.run import run_campaign, why_made_again
 from automarine_cli.control import design
@@ -65,33 +64,6 @@ def test_heave_has_its_own_steps_and_report(tmp_path: Path) -> None:
     ):
         assert part in text
     assert "## Yaw model" not in text and "heave/steps.png" in text
-
-
-def test_init_writes_the_sections_that_run_takes(tmp_path: Path) -> None:
-    for name in ("surge", "heave", "planar"):
-        for folder in (name, f"{name}_validation"):
-            shutil.copytree(SAMPLE_RUNS / folder, tmp_path / folder)
-    shutil.copytree(SAMPLE_RUNS / "hidden_surge", tmp_path / "hidden_surge")
-    result = init(tmp_path)
-    assert result.questions == ()
-    campaign = read_campaign(tmp_path / "campaign.toml")
-    assert not campaign.sections["logs"]["steps"] and not campaign.sections["logs"]["manoeuvres"]
-    kinds = ("steps", "manoeuvres", "validation")
-    assert [len(campaign.logs("surge", kind)) for kind in kinds] == [34, 4, 3]
-    assert [len(campaign.logs("heave", kind)) for kind in kinds] == [1, 0, 3]
-    assert campaign.sections["planar"] == {"runs": ["planar"], "validation": ["planar_validation"]}
-
-
-def test_planar_steps_take_their_logs(tmp_path: Path) -> None:
-    campaign = read_campaign(SAMPLE_RUNS / "planar_day.toml")
-    assert len(settings(campaign, "fit-planar", tmp_path)["logs"]) == 8
-    for name in ("validate-planar", "diagnose-planar"):
-        assert campaign.plan(STEP[name], tmp_path) == "it needs the planar model, and fit-planar gave none"
-    (tmp_path / "planar").mkdir()
-    shutil.copy(SAMPLE_RUNS / "planar_bare.json", tmp_path / "planar" / "planar_model.json")
-    assert len(settings(campaign, "validate-planar", tmp_path)["logs"]) == 2
-    diagnosis = settings(campaign, "diagnose-planar", tmp_path)
-    assert (len(diagnosis["logs"]), len(diagnosis["hold_out"])) == (8, 2)
 
 
 def test_a_section_has_the_settings_of_its_command(tmp_path: Path) -> None:

@@ -67,13 +67,3 @@ def test_a_choice_is_recorded_and_plans_count_on_the_model_s_gyro(steps: Path, r
     assert fitting_of(compass, Limits()).channels is None
     limited = fitting_of(compass, Limits(logger=Logger(rate_noise_deg_s=0.5)))
     assert limited.channels == ("heading", "yaw_rate") and limited.rate_noise == np.deg2rad(0.5)
-
-
-def test_what_is_no_sensor_is_refused(steps: Path, run: Run, tmp_path: Path) -> None:
-    result = run("fit-yaw", steps, "--channels", "gyro")
-    assert result.exit_code == 1
-    assert "channels is 'gyro'; expected auto, position, all, or some of heading, yaw_rate" in result.stderr
-    file = tmp_path / "thrusters.json"
-    file.write_text('{"schema": "automarine/thruster-map/1"}')
-    result = run("diagnose", file, "--model", file, "--channels", "all")
-    assert result.exit_code == 1 and "--channels belongs to a motion; leave it out" in result.stderr

@@ -10,10 +10,6 @@ import pytest
 from click.testing import Result
 from made_runs import mirrored, step_run, written
 
-from automarine_cli.commands.check import check
-from automarine_cli.errors import LogError, RunError
-from automarine_cli.report.sections import sections
-
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
@@ -51,36 +47,6 @@ def test_what_is_in_a_folder(campaign: Path, run: Callable[..., Result]) -> None
     (test,) = data["thruster_tests"]
     assert (test["points"], test["missing"], test["levels"], test["voltages"]) == (6, 1, 3, [12])
     assert (test["lowest_force_N"], test["highest_force_N"]) == (-19.6133, 19.6133)
-
-
-def test_refusals(campaign: Path, run: Callable[..., Result]) -> None:
-    result = run("check", campaign / "a_ahead.csv", campaign / "d_broken.csv")
-    assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (1, "", 1)
-    assert result.stderr.startswith("Error: d_broken.csv, row 3, column heading_deg: found 'x'")
-    strict = run("check", campaign, "--strict")
-    assert strict.exit_code == 1 and strict.stderr.endswith("(refused because of --strict)\n")
-    (campaign / "f.csv").write_text("u,force_N\n1,2\n")
-    with pytest.raises(LogError, match="no control signal; found the columns u, force_N"):
-        check([campaign / "f.csv"])
-    (campaign / "sub").mkdir()
-    (campaign / "d_broken.csv").rename(campaign / "sub/d.csv")
-    with pytest.raises(RunError, match="no usable run in 1 log: "):
-        check([campaign / "sub"])
-
-
-def test_thruster_commands_count_by_their_difference_and_spikes_are_dropped(tmp_path: Path) -> None:
-    run = step_run(0.5)
-    heading = np.rad2deg(run.position) % 360
-    heading[30] += 150
-    commands = {"n_port": 100 * run.command, "n_stbd": -100 * run.command}
-    path = written(run, tmp_path / "run.csv", heading_deg=heading, **commands)
-    pd.read_csv(path).drop(columns="tau").to_csv(path, index=False)
-    result = check([path])
-    (checked,) = result.runs
-    assert checked.moment_unit == "n_port - n_stbd" and checked.levels == [0, 100]
-    assert checked.half_turn is not None and checked.half_turn[checked.dof.words.force] == 100
-    assert checked.counts["glitches"] == 1
-    assert "run: 1 heading spike dropped" in sections(result).text()
 
 
 def test_what_runs_share_is_said_once(tmp_path: Path, run: Callable[..., Result]) -> None:

@@ -12,7 +12,7 @@ from made_campaigns import campaign
 
 from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
-from automarine_cli.logs.recognise import Span, places_of, recognise
+from automarine_cli.logs.recognise import places_of
 from automarine_cli.report.campaign_file import NewCampaign
 from automarine_cli.runs.run import Run
 
@@ -173,21 +173,6 @@ def test_signals(tmp_path: Path, columns: dict[str, Any], rules: dict[str, Any],
     file = answer(tmp_path, {"per_test": "1"} | ({"force_N": "-1"} if questions else {}))
     done = run_campaign(file, out=tmp_path / "out", until="fit-thrusters")
     assert "R² 1.000" in done.says["fit-thrusters"] or "R² 0.99" in done.says["fit-thrusters"]
-
-
-@pytest.mark.parametrize(
-    ("name", "step", "key", "sure"),
-    [
-        ("t", 0.1, "time_s", True), ("t", 100.0, "time_ms", True), ("t", 1e5, "time_us", True),
-        ("time_ms", 100.0, "time_ms", True), ("time_s", 100.0, "time_s", False), ("t", 1e9, "time_s", False),
-        ("stamp_us", 20000.0, "time_us", True), ("time (s)", 0.00199999999999978, "time_s", True),
-        ("time (s)", 5e-4, "time_s", True), ("t", 1e-3, "time_s", True), ("time_ms", 0.1, "time_s", False),
-    ],
-)  # fmt: skip
-def test_clocks(name: str, step: float, key: str, sure: bool) -> None:
-    clock = recognise("time", [name], {name: Span(0.0, 100 * step, step, 3 * step)})
-    assert clock is not None
-    assert (clock.key, not clock.open) == (key, sure)
 
 
 @pytest.mark.parametrize(

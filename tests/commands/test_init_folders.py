@@ -13,12 +13,11 @@ from small_campaign import make_small_campaign
 from test_init import AHEAD, ASTERN, CANONICAL, FORCE, HEADING, PULSES, PWM, TIME, Column, answer, started, write_table
 from test_init import write_logs as write_four
 
-from automarine_cli.commands.campaign import read_campaign
 from automarine_cli.commands.check import check
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.init import init
 from automarine_cli.commands.run import run_campaign
-from automarine_cli.errors import LogError, OutputError, SettingError
+from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs.columns import read_column_map
 from automarine_cli.report.campaign import CampaignRun
 
@@ -85,28 +84,6 @@ def test_results_are_no_logs_and_what_cannot_be_read_is_named(tmp_path: Path) ->
         init(pool / "out")
 
 
-def test_a_line_of_units_below_the_names_is_pointed_to(tmp_path: Path, run: Callable[..., Result]) -> None:
-    (tmp_path / "a.csv").write_text("t;psi;pwm\ns;deg;us\n0,0;1,2;1500\n0,1;1,2;1500\n0,2;1,3;1600\n")
-    result = run("init", tmp_path)
-    assert (result.exit_code, result.stderr) == (0, "")
-    assert "No column is recognised; delete a line of units below the names." in result.stdout
-
-
-def test_a_folder_of_which_nothing_serves_is_refused_with_reasons(tmp_path: Path, run: Callable[..., Result]) -> None:
-    for name in "ab":
-        (tmp_path / f"{name}.csv").write_text("4.05;-0.017;1544017908486\n4.47;-0.014;1544017908536\n")
-    refused = run("init", tmp_path)
-    assert (refused.exit_code, refused.stdout) == (1, "") and not (tmp_path / "campaign.toml").exists()
-    assert "no usable run in 2 logs: " in refused.stderr and "write a header such as time_s" in refused.stderr
-
-
-def test_columns_not_read_are_listed_and_roll_is_no_yaw(tmp_path: Path) -> None:
-    columns = CANONICAL | {"roll_rate_deg_s": lambda run: 0.1 * run.time, "north": lambda run: 0.0 * run.time}
-    result, data = started(write_logs(tmp_path / "logs", columns).parent)
-    assert data["columns"] == {} and result.questions == ()
-    assert "Columns not read: roll_rate_deg_s, north (roll and pitch are not covered)." in repr(result)
-
-
 def test_a_campaign_file_is_a_column_map(tmp_path: Path) -> None:
     write_logs(tmp_path / "runs", TIME | {"q7": HEADING["heading_deg"], "torque": lambda run: run.command})
     file = tmp_path / "campaign.toml"
@@ -117,20 +94,6 @@ def test_a_campaign_file_is_a_column_map(tmp_path: Path) -> None:
     file.write_text(head + 'heading_deg = "q7"\ntau = "torque"\n', encoding="utf-8")
     assert len(check([tmp_path / "runs"], columns=file).runs) == len(MOMENTS)
     assert read_column_map(file).defaults == {"arm_m": 0.3}
-
-
-def test_nothing_is_replaced_unless_wanted(tmp_path: Path, run: Callable[..., Result]) -> None:
-    write_logs(tmp_path / "logs", CANONICAL)
-    first = init(tmp_path)
-    with pytest.raises(OutputError, match=r"campaign\.toml is there already; give --overwrite"):
-        init(tmp_path)
-    assert init(tmp_path, overwrite=True).text == first.text
-    elsewhere = init(tmp_path, out=tmp_path / "a" / "b" / "c.toml")
-    assert tomllib.loads(elsewhere.text)["logs"]["steps"] == ["../../logs"]
-    assert read_campaign(tmp_path / "a" / "b" / "c.toml").logs("logs", "steps")
-    (tmp_path / "empty").mkdir()
-    refused = run("init", tmp_path / "empty")
-    assert refused.exit_code == 1 and "no logs in this directory" in refused.stderr
 
 
 def test_what_a_column_map_says_is_not_asked(tmp_path: Path) -> None:

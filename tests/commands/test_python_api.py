@@ -66,18 +66,6 @@ def test_a_prompt_and_a_notebook_show_tables(results: dict[str, Any]) -> None:
     assert "<var>k</var><sub>r|r|</sub>" in results["fit"]._repr_html_()
 
 
-def test_frames_hold_the_numbers(results: dict[str, Any]) -> None:
-    frame = results["fit"].to_frame()
-    likely = frame[(frame.model == "3") & (frame.method == "maximum likelihood")].set_index("parameter")
-    inertia = results["fit"].output_error["3"].estimates["I_r"]
-    assert likely.loc["I_r", ["value", "low", "high"]].tolist() == [inertia.value, *inertia.ci95]
-    scores = results["validation"].to_frame()
-    assert set(scores.run) == {"there_and_back"} and np.isfinite(scores.rmse_deg).all()
-    assert results["comparison"].to_frame().verdict.tolist() == ["no difference shown"] * 2
-    assert set(results["check"].to_frame().kind) == {"yaw run", "thruster test"}
-    assert len(results["simulation"].to_frame()) == 23
-
-
 @pytest.mark.parametrize("name", ["validation", "diagnosis", "comparison"])
 def test_every_figure_is_drawn(results: dict[str, Any], name: str) -> None:
     listed = sections(results[name]).figures

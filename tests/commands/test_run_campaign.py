@@ -161,14 +161,6 @@ def test_a_step_runs_for_another_version_and_by_force(place: Path, monkeypatch: 
         again(place, until="fit")
 
 
-def test_steps_without_logs_are_skipped_and_their_former_results_go(place: Path) -> None:
-    edit(place, 'thrusters = ["thrusters"]\n', "")
-    result = again(place)
-    assert fates(result)["fit-thrusters"] == "skipped"
-    assert reasons(result)["fit-thrusters"] == "the campaign names no thruster tests; its former result was removed"
-    assert not (place / "out" / "thrusters").exists()
-
-
 def test_a_refused_step_is_named_and_the_others_go_on(place: Path, run: Callable[..., Result]) -> None:
     for log in (place / "pool" / "steps").glob("tau_*"):
         if "still" not in log.name:
@@ -191,19 +183,6 @@ def test_a_refused_step_is_named_and_the_others_go_on(place: Path, run: Callable
     assert refused in (place / "out" / "report.md").read_text(encoding="utf-8").splitlines()
 
 
-def test_too_few_runs_for_a_diagnosis_are_no_refusal(place: Path, run: Callable[..., Result]) -> None:
-    """Nothing can be corrected: the step is skipped, the report says why, and the exit status is 0."""
-    for log in sorted((place / "pool" / "steps").glob("tau_*"))[3:]:
-        log.unlink()
-    edit(place, 'manoeuvres = ["driving/*.csv"]\n', "")
-    result = run("run", place / "pool" / "campaign.toml", "-o", place / "out")
-    assert result.exit_code == 0, result.stderr
-    content = json.loads((place / "out" / "run.json").read_text(encoding="utf-8"))
-    steps = {step["step"]: step for step in content["steps"]}
-    assert "too few to tell a missing effect from chance" in steps["diagnose"]["skipped"]
-    assert "| diagnose | skipped: " in (place / "out" / "report.md").read_text(encoding="utf-8")
-
-
 def test_other_results_are_not_replaced_unless_wanted(place: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="already holds results of fit-yaw; give --overwrite"):
         run_campaign(place / "pool" / "campaign.toml", out=place / "out" / "yaw", until="check")
@@ -215,18 +194,6 @@ def test_other_results_are_not_replaced_unless_wanted(place: Path, tmp_path: Pat
         run_campaign(other, out=tmp_path / "out")
     second = run_campaign(other, out=tmp_path / "out", overwrite=True)
     assert fates(second)["check"] == "kept" and fates(second)["report"] == "done"
-
-
-def test_without_out_results_stand_beside_the_campaign(place: Path, run: Callable[..., Result]) -> None:
-    result = run("run", place / "pool" / "campaign.toml", "--until", "check")
-    assert result.exit_code == 0
-    assert f"Results are in {place / 'pool' / 'results'}: check/" in result.stdout
-    again = run("run", place / "pool" / "campaign.toml", "--until", "check", "--json", "-v")
-    content = json.loads(again.stdout)
-    assert (content["schema"], content["title"]) == ("automarine/run/1", "A small campaign")
-    assert again.stderr.splitlines() == ["1/1 check: kept (inputs, settings and versions unchanged)."]
-    assert run("run").exit_code == 2
-    assert run("run", place / "pool" / "campaign.toml", "--until", "fit").exit_code == 2
 
 
 # Several campaigns: a folder each, an overview, and one that is refused stops no other

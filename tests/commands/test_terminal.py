@@ -81,17 +81,6 @@ def test_what_does_not_fit_is_named_or_follows_below() -> None:
     assert "unforeseeable" in full and full.count("parameter") == 2
 
 
-def test_a_pipe_is_told_how_far_long_work_is(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seconds = iter([0.0, 3.0, 20.0, 20.0, 25.0, 36.0, 36.0])
-    monkeypatch.setattr("automarine_cli.commands.terminal.time.monotonic", lambda: next(seconds))
-    progress = terminal_progress()
-    for done in (1, 2, 3, 4):
-        progress("fitting models", done, 4)
-    assert capsys.readouterr().err == "fitting models: 2 of 4\nfitting models: 4 of 4\n"
-
-
 def test_what_takes_minutes_is_foretold_in_a_pipe_and_on_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     for progress in (terminal_progress(), Bar()):
         foretell(progress, "the diagnosis", 59.0)

@@ -10,7 +10,7 @@ from made_planar import Craft, driven, quadratic_drags, solved
 from repository import SAMPLE_RUNS
 
 import automarine_cli as am
-from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs, planar_start
+from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs
 from automarine_cli.comparison.validation import PLANAR_SCORES, Scored, compare, planar_errors, pooled
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.models.store import StoredModels, planar_json
@@ -69,17 +69,6 @@ def test_the_error_is_the_noise_and_a_wrong_model_s_is_more() -> None:
         assert low < truth[name].value < high
     assert truth["heading_rmse_deg"].value == pytest.approx(np.rad2deg(0.02), rel=0.3)
     assert wrong["sway_rmse_m_s"].value > 1.5 * truth["sway_rmse_m_s"].value  # type: ignore[operator]
-
-
-def test_starts() -> None:
-    still = planar_start(logged(2, noise=0.05), MODEL)
-    np.testing.assert_allclose(still[:3], (1.0, 2.0, 0.3), atol=0.05)
-    assert not still[3:].any()
-    run = logged(2, moving=True)
-    np.testing.assert_allclose(planar_start(run, MODEL), (1.0, 2.0, 0.3, 0.5, 0.1, 0.2), atol=0.01)
-    bare = replace(run, extras={name: run.extras[name] for name in ("force_X", "force_Y")})
-    np.testing.assert_allclose(planar_start(bare, MODEL)[:2], 0.0, atol=1e-6)
-    assert planar_start(bare, MODEL)[5] == pytest.approx(0.2, abs=0.01)
 
 
 def test_channels_that_are_not_logged_have_no_score() -> None:

@@ -2,34 +2,22 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import ClassVar
 
 import numpy as np
 import pytest
 from made_runs import INERTIA, K_RR, mirrored, step_run
 from made_sequences import STEPS, model_file, sequence_run
-from numpy.typing import NDArray
 from tolerances import assert_close
 
 from automarine_cli import effects
-from automarine_cli.comparison import simulated_runs
-from automarine_cli.comparison.simulated_runs import (
-    FreeRun,
-    find_restarts,
-    free_runs,
-    rest_state,
-    restarted_errors,
-    start_states,
-)
+from automarine_cli.comparison.simulated_runs import FreeRun, find_restarts, free_runs, restarted_errors, start_states
 from automarine_cli.comparison.validation import SCORES, Validation, compare, pooled, rate_error
 from automarine_cli.dofs import YAW
-from automarine_cli.effects import Effect, Parameter, Place
 from automarine_cli.models.store import StoredModels, read_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import parts_of
 
-Floats = NDArray[np.float64]
 TRUE = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
 
 
@@ -151,34 +139,12 @@ def test_mirrored_runs_score_the_same(stored: StoredModels) -> None:
             assert_close(values(back, number, name), values(there, number, name), "closed form")  # type: ignore[arg-type]
 
 
-def test_a_shifted_clock_order_and_groups_change_nothing(stored: StoredModels, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = [*noisy(3), step_run(0.5)]
-    plain, other = compare(stored, runs), compare(stored, runs[::-1])
-    later = compare(stored, [replace(run, time=run.time + 1e4) for run in runs])
-    monkeypatch.setattr(simulated_runs, "GROUP_SAMPLES", 300)
-    assert len(simulated_runs.groups(runs)) == 4
-    apart = compare(stored, runs)
-    for name in SCORES:
-        assert_close(values(later, "3", name), values(plain, "3", name), "optimiser")  # type: ignore[arg-type]
-        assert_close(values(other, "3", name)[::-1], values(plain, "3", name), "closed form")  # type: ignore[arg-type]
-        assert_close(values(apart, "2", name), values(plain, "2", name), "optimiser")  # type: ignore[arg-type]
-
-
 def test_a_command_delay_acts_later() -> None:
     run = sequence_run()
     early = replace(run, moment=np.append(run.command[1:], run.command[-1]))  # shown one sample too early
     (plain,) = free_runs(TRUE, [early])
     (moved,) = free_runs(TRUE.delayed(0.5 * run.sample_period), [early])  # which is half of it
     assert np.abs(moved.error).max() == pytest.approx(0.5 * np.abs(plain.error).max(), rel=0.02)
-
-
-def test_start_at_rest() -> None:
-    state = rest_state(sequence_run(noise_deg=1.0))
-    assert state is not None and state.rate == 0 and state.how.startswith("from rest: mean heading of 20 samples")
-    assert state.position == pytest.approx(0.4, abs=4 * np.deg2rad(1) / np.sqrt(20))
-    coasting = sequence_run((0.0, 0.5), rest=0, rate0=0.5, noise_deg=1.0)
-    assert rest_state(coasting) is None
-    assert rest_state(sequence_run(rest=0)) is None
 
 
 @pytest.mark.parametrize("rate0", [-0.7, 0.0, 0.5])
@@ -216,18 +182,6 @@ def test_where_runs_are_restarted() -> None:
     assert np.diff(run.time[list(at[:-1])]).min() >= 1.0 - 1e-9
 
 
-def test_rate_from_the_log_where_it_has_one() -> None:
-    run = sequence_run(noise_deg=1.0)
-    (free,) = free_runs(TRUE, [run])
-    wave = np.deg2rad(0.2) * np.sin(2.0 * np.pi * run.time)
-    measured = free.rate + np.deg2rad(3.0) + wave
-    measured[::7] = np.nan
-    logged = replace(run, extras={"yaw_rate": measured}, position=free.position)
-    finite = np.isfinite(measured)
-    np.testing.assert_allclose(rate_error(replace(free, run=logged)), np.rad2deg(wave[finite]), atol=0.02)
-    assert len(rate_error(replace(free, run=logged))) == finite.sum()
-
-
 def test_rate_errors_never_reach_across_a_gap() -> None:
     run = sequence_run()
     (free,) = free_runs(TRUE, [run])
@@ -258,45 +212,6 @@ def test_a_model_that_runs_away_is_told_of(stored: StoredModels) -> None:
     nothing = compare(replace(stored, models={"2": wild}, preferred="2"), noisy(2))
     assert nothing.best is None and nothing.models["2"].diverged == ("run 0", "run 1")
     assert all(score.value is None for score in nothing.models["2"].overall.values())
-
-
-def test_intervals_want_three_runs_and_hold_the_value(stored: StoredModels) -> None:
-    two, five = compare(stored, noisy(2)), compare(stored, noisy(5))
-    assert all(score.ci95 is None for score in two.models["3"].overall.values())
-    for name, score in five.models["1"].overall.items():
-        if name == "max_abs":
-            assert score.ci95 is None
-        else:
-            assert score.ci95[0] < score.value < score.ci95[1]  # type: ignore[index, operator]
-    assert compare(stored, noisy(5)).models["1"].overall == five.models["1"].overall
-    assert compare(stored, noisy(5), seed=1).models["1"].overall != five.models["1"].overall
-
-
-class Crooked(Effect):
-    """A compass that shows 30 % too much and 0.2 rad besides."""
-
-    name = "crooked"
-    place = Place.SENSOR
-    parameters = (Parameter("c", "scale", "1", -1.0, 1.0, 0.0),)
-    equation, says, reveals, source = "", "", "", ""
-    needs: ClassVar[tuple[str, ...]] = ()
-
-    def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
-        return heading * (1 + values[0]) + 0.2
-
-
-def test_start_and_restart_state_are_what_the_models_compass_shows(monkeypatch: pytest.MonkeyPatch) -> None:
-    by_name = effects.get
-    monkeypatch.setattr(effects, "get", lambda name: Crooked() if name == "crooked" else by_name(name))
-    model = TRUE.with_effect("crooked", (0.3,))
-    for run in (sequence_run(), sequence_run(rest=0, rate0=0.4)):
-        read = replace(run, position=1.3 * run.position + 0.2)
-        (free,) = free_runs(model, [read])
-        assert np.rad2deg(np.abs(free.error).max()) < 0.02
-        assert free.start.position == pytest.approx(0.4, abs=1e-3)
-        (again,) = restarted_errors(model, [free], [find_restarts(read)])
-        restarts = [i + 1 for i in find_restarts(read).at[1:-1]]
-        assert np.rad2deg(np.abs(again[restarts]).max()) < 0.1
 
 
 def test_every_effect_of_the_library_can_be_validated(stored: StoredModels) -> None:

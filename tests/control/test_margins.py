@@ -116,19 +116,3 @@ def test_the_linear_vehicle_is_that_of_the_simulator() -> None:
     wanted = 10.0 / (2.0 * s * s + 0.8 * s) * np.exp(-0.2 * s) / (1.0 + 0.3 * s)
     assert np.allclose(position[0], wanted, rtol=1e-9)
     assert np.allclose(velocity[0], s * wanted, rtol=1e-9)
-
-
-def test_margins_are_those_of_the_loop_at_rest() -> None:
-    """Quadratic drag damps nothing about rest: the loop is that of the inertia alone."""
-    target = get("ardusub")
-    own = tuned(target)
-    bare, dragged = vehicle(drag=0.0, linear=0.05), vehicle(drag=3.0, linear=0.05)
-    omega = frequencies(np.pi / target.period, 1000)
-    first, second = (all_margins(target, own, one, omega).disk[0] for one in (bare, dragged))
-    assert second == pytest.approx(first, abs=1e-4)
-
-
-def test_a_loop_that_gives_nothing_has_margins_without_a_warning() -> None:
-    """Within a dead-band no output moves the vehicle: the loop is 0 at every frequency."""
-    found = margins(lambda s: np.zeros((1, len(s)), complex), frequencies(10.0, 50), np.array([[-1.0 + 0j]]), 0)
-    assert found.stable.all() and found.disk[0] == pytest.approx(2.0) and np.isinf(found.phase[0])

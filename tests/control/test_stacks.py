@@ -14,10 +14,8 @@ from repository import DATA
 from automarine_cli.control.design import ClosedLoopRun, fly, nominal_of, scores, step_and_load
 from automarine_cli.control.knowledge import turning
 from automarine_cli.control.targets import TARGETS, get
-from automarine_cli.control.targets.ardupilot import distance_to, gyro, gyro_response, root_law
 from automarine_cli.control.targets.base import Gains, Target
-from automarine_cli.control.targets.loops import low_pass, share
-from automarine_cli.control.vehicles import Spread, ThrustCurve, Vehicles, crowd
+from automarine_cli.control.vehicles import ThrustCurve, Vehicles
 from automarine_cli.thrusters.curves import PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -29,36 +27,6 @@ def halfway(target: Target, plant: Vehicles) -> Gains:
     """Gains in the middle of what a target proposes."""
     proposed = target.propose(np.full((1, target.numbers), 0.5), nominal_of(plant, 1.0))
     return {key: value[:, None] for key, value in proposed.items()}
-
-
-def test_the_root_law_is_in_proportion_near_and_stops_in_time_far_off() -> None:
-    gain, limit, step = np.array(4.0), np.array(2.0), 0.0025
-    law = root_law(gain, limit, step)
-    near = 2.0 / 16.0
-    error = np.array([0.1, near, 1.0, -1.0, 0.0])
-    wanted = [0.4, 4.0 * near, np.sqrt(2 * 2.0 * (1.0 - near / 2)), -np.sqrt(2 * 2.0 * (1.0 - near / 2)), 0.0]
-    assert np.allclose(law(error), wanted)
-    assert np.allclose(distance_to(law(error[:3]), gain, limit), error[:3])
-    assert np.allclose(root_law(gain, np.array(0.0), step)(np.array([3.0])), 12.0)  # no limit
-    assert np.allclose(root_law(np.array(900.0), limit * 1e6, step)(np.array([0.01])), 0.01 / step)  # never beyond
-
-
-def test_the_low_passes_answer_a_step_and_a_sine_as_they_should() -> None:
-    step, cutoff = 0.0025, 5.0
-    weight, y, found = share(step, cutoff), 0.0, []
-    for _ in range(200):
-        y = y + weight * (1.0 - y)
-        found.append(float(y))
-    assert np.allclose(found, 1.0 - (1.0 - weight) ** np.arange(1, 201))
-    assert float(share(step, 0.0)) == 1.0
-    z = np.exp(1j * 2 * np.pi * cutoff * step)
-    assert abs(low_pass(weight, np.array([z])))[0] == pytest.approx(2**-0.5, abs=0.03)
-    slow, slower, last = np.zeros(1), np.zeros(1), []
-    for k in range(4000):
-        slow, slower = gyro(slow, slower, np.array([np.sin(30.0 * step * k)]), step, 20.0)
-        last.append(float(slower[0]))
-    size = abs(gyro_response(np.exp(np.array([30j * step])), step, 20.0)[0])
-    assert max(last[2000:]) == pytest.approx(size, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -111,19 +79,6 @@ def test_readings_have_the_noise_of_the_logs_and_flights_the_motion_that_it_make
     assert 0.0 < noisy.std() < 0.02 and abs(noisy.mean()) < 0.01 and moved(0.04).std() > 1.5 * noisy.std()
 
 
-def test_what_is_not_uncertain_is_not_drawn() -> None:
-    """Laws are numbers that others are compared with: a draw about them must not move them at all."""
-    model = vehicle(lag=0.1, delay=0.05).model
-    covariance = np.zeros((len(model.theta), len(model.theta)))
-    covariance[:2, :2] = [[4e-4, 3e-4], [3e-4, 9e-4]]
-    covariance[model.index("thruster-lag.T"), model.index("thruster-lag.T")] = 1e-5
-    spread = Spread(0.03, 0.0, (1.0, 0.9, 1.1))
-    drawn = crowd(model, covariance, spread, 30.0, None, 200, np.random.default_rng(1))
-    fixed = np.diagonal(covariance) == 0
-    assert np.array_equal(drawn.theta[:, fixed], np.tile(model.theta[fixed], (200, 1)))
-    assert np.all(drawn.theta[:, ~fixed].std(axis=0) > 0)
-
-
 TWINS = ThrusterMap("dead-band", PowerCurve(40.0, 2.0, 0.06, 1.0), PowerCurve(30.0, 2.0, 0.06, 1.0), "")
 
 
@@ -164,17 +119,6 @@ def test_scores_of_a_known_response() -> None:
     assert good.error[0] == pytest.approx(0.2, rel=1e-6)
     assert good.settling[0] == pytest.approx(time[np.flatnonzero(np.abs(step - 1.0) > 0.02)[-1] + 1])
     assert not scores(ClosedLoopRun(time, both[None] * [[[0.5], [1.0]]]), 1.0, 0.02).settles[0]
-
-
-@pytest.mark.parametrize(("unit", "reach"), [("us", 400.0), ("%", 100.0), ("", 1.0)])
-def test_the_whole_output_is_as_far_as_the_map_was_measured(unit: str, reach: float) -> None:
-    """Pulses, percent and outputs of one thruster: the same moment, the same curve."""
-    curves = [PowerCurve(a / reach**2, 2.0, 0.06 * reach) for a in (40.0, 30.0)]
-    known = ThrusterMap("dead-band", *curves, unit, (-reach, reach))
-    plain, most = turning(ThrusterMap("dead-band", PowerCurve(40.0, 2.0, 0.06), PowerCurve(30.0, 2.0, 0.06)), 0.25)
-    bend, found = turning(known, 0.25)
-    assert found == pytest.approx(most, rel=1e-12)
-    np.testing.assert_allclose(bend.share, plain.share, atol=1e-12)
 
 
 @pytest.mark.skipif(not BLUEROV.is_file(), reason="needs the real logs beside the checkout")

@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans
 from few_candidates import few_candidates
-from matplotlib.colors import to_rgba
-from matplotlib.patches import Rectangle
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.residual_regions import ResidualRegions
 from automarine_cli.report import diagnosis_report  # noqa: F401  registers what a diagnosis shows
-from automarine_cli.report.figures.diagnosis import STATUS, motion_before_after, where_figure
-from automarine_cli.report.figures.style import COLOURS
+from automarine_cli.report.figures.diagnosis import motion_before_after, where_figure
 from automarine_cli.report.sections import sections
 
 BASE = base_for("")
@@ -41,13 +38,6 @@ def nothing() -> Diagnosis:
     return diagnosed(seed=2)
 
 
-def test_a_missing_lag_is_seen_and_names_of_runs_are_shown_as_they_are(lag: Diagnosis) -> None:
-    assert {"time-since-command-change", "time-in-run"} & {region.variable for region in lag.where.regions}
-    assert lag.verdict == "named" and any(region.runs for region in lag.where.regions)
-    text = page(lag)
-    assert "<b>" not in text.replace("\\<b\\>", "") and "lap|" not in text
-
-
 def test_nothing_missing_says_what_would_have_been_seen(nothing: Diagnosis) -> None:
     assert nothing.verdict == "nothing-missing" and nothing.where.regions == ()
     text = page(nothing)
@@ -64,18 +54,6 @@ def test_where_draws_what_stands_out_and_lists_the_rest(lag: Diagnosis, nothing:
     assert drawn == out and all(axes.patches for axes in figure.axes if axes.axison)
     assert all(name in figure.get_suptitle() for name in {variable.column.name for variable in variables} - out)
     assert len(where_figure(nothing.where).axes) == len(where_figure(ResidualRegions()).axes) == 1
-
-
-def test_why_sorts_candidates_and_marks_those_named(lag: Diagnosis) -> None:
-    bars = max(sections(lag).figures["why"]().axes, key=lambda axes: len(axes.patches))
-    drawn = {round(bar.get_y() + 0.4): bar for bar in bars.patches if isinstance(bar, Rectangle)}
-    lengths = [drawn[place].get_width() for place in sorted(drawn, reverse=True)]  # the best is on top, at 0
-    trials = lag.result.rounds[0].trials
-    assert lengths == sorted(lengths) and len(lengths) == len(trials)
-    assert f"needed {lag.result.rounds[0].threshold:.3g}" in bars.get_title("left")
-    labels, colour = [label.get_text() for label in bars.get_yticklabels()], to_rgba(COLOURS[STATUS["named"]])
-    blue = {name for place, name in enumerate(labels) if drawn[place].get_facecolor() == colour}
-    assert blue == set(lag.result.final.added) & {trial.added[-1] for trial in trials}
 
 
 def test_before_and_after_share_their_axes_and_do_without_held_out_runs(lag: Diagnosis) -> None:

@@ -13,16 +13,13 @@ from automarine_cli.diagnosis.residual_regions import (
     columns,
     edges,
     find_where,
-    last_side,
     of_runs,
     of_samples,
     over_variables,
-    pushes,
 )
 from automarine_cli.diagnosis.search import CandidateFit, candidate_fit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -133,13 +130,6 @@ def test_chance_claims_at_most_as_often_as_it_says() -> None:
     assert claims <= 14  # 120 campaigns at 5 %: more than 14 comes by chance once in 1000
 
 
-def test_the_disturbance_moment_is_the_one_that_was_planted() -> None:
-    study, base = studied(campaign(TRUTH.with_effect("bias-moment", [0.05]), 6, scatter=0.005, noise=0.2))
-    assert isinstance(base.fit, MixedFit)
-    moment = pushes(study, base.model, base.fit)[study.batch.seen]
-    assert 0.03 < moment.mean() < 0.06
-
-
 def test_other_columns_are_looked_at_too_in_bins_of_equal_numbers() -> None:
     runs = [
         replace(r, extras={"depth_m": 0.1 * i + 0 * r.time, "tilt": np.sin(r.time)})
@@ -153,10 +143,3 @@ def test_other_columns_are_looked_at_too_in_bins_of_equal_numbers() -> None:
     cut = edges(values, 10)
     assert 0.0 in cut and cut[0] == values.min() and cut[-1] > values.max()  # and never both sides
     assert np.histogram(values, cut)[0].sum() == 1000 and len(edges(np.array([1.0, 2.0, 2.0, 3.0]), 10)) == 4
-
-
-def test_the_side_is_that_of_the_last_moment_that_pushed() -> None:
-    side = last_side(np.array([run.command for run in campaign(TRUTH, 8, runs=4)]))
-    assert np.all(np.abs(side) == 1.0)
-    assert side[3, 0] == 1.0 and side[3, -1] == -1.0  # a reversal
-    assert np.all(side[2] == -1.0)  # a coast-down keeps its side

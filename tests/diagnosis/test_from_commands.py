@@ -94,10 +94,3 @@ def test_they_stand_together_and_are_read_back(found: Mapping[float, Diagnosis])
     assert DIAGNOSIS.of({**data, "from_commands": {"held_out_runs": None}}, "").from_commands is None
     del data["from_commands"]  # as earlier versions wrote it
     assert DIAGNOSIS.of(data, "").from_commands is None
-
-
-def test_a_model_that_diverges_has_no_error_from_commands(found: Mapping[float, Diagnosis]) -> None:
-    gap = found[0.05].from_commands
-    assert gap is not None
-    lost = replace(found[0.05], from_commands=replace(gap, before=np.inf, ci95=(None, gap.ci95[1])))
-    assert errors(lost)[1]["before_deg"] is None and "goes from ∞ to" in verdict_sentence(lost)

@@ -18,7 +18,6 @@ from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.models.parameter import Parameter, Parameters
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import signals_of, without_noise
 
 BASE = base_for("")
 
@@ -93,19 +92,6 @@ def test_gains_that_go_up_and_down_with_a_column_are_seen() -> None:
     assert follows(runs[:4], luck[:4]) == ""  # too few to say
     drawn = np.random.default_rng(7).standard_normal((100, len(runs)))
     assert sum(bool(follows(runs, gains)) for gains in drawn) <= 5  # of 100 at 1 %: more than 5 once in 1000
-
-
-def test_a_column_of_nothing_but_noise_counts_as_its_mean() -> None:
-    random = np.random.default_rng(2)
-    noise, slow = 0.05 * random.standard_normal(250), np.sin(np.linspace(0.0, 3.0, 250))
-    assert (without_noise(15.0 + noise) == (15.0 + noise).mean()).all()
-    for values in (15.0 + slow + noise, np.full(5, 3.0), np.array([1.0]), np.arange(20.0)):
-        assert without_noise(values) is values
-    runs = [replace(run, extras={"voltage": 12.0 + 0.1 * random.standard_normal(len(run))}) for run in in_water(3)]
-    runs = [replace(run, extras={**run.extras, "port_forward": run.extras["voltage"]}) for run in runs]
-    assert all(values is run.extras["port_forward"] for run, values in zip(runs, signals_of(runs, "port_forward")))
-    for run, values in zip(runs, signals_of(runs, "voltage")):
-        assert np.ptp(values) == 0.0 and values[0] == pytest.approx(run.extras["voltage"].mean())
 
 
 def test_over_a_few_runs_no_curve_runs_over_what_only_stands_for_time() -> None:

@@ -6,7 +6,6 @@ from dataclasses import fields
 import pytest
 
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, SWAY, TRANSLATIONS, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR, alone
 
 
 @pytest.mark.parametrize("dof", DOFS.values(), ids=DOFS)
@@ -23,16 +22,6 @@ def test_every_word_and_symbol_is_there_and_a_record_is_one_object_in_every_proc
 def test_no_two_motions_share_a_symbol_of_a_parameter() -> None:
     every = [name for dof in DOFS.values() for name in (dof.symbols.inertia, dof.symbols.linear, dof.symbols.quadratic)]
     assert len(set(every)) == len(every) == 3 * len(DOFS)
-
-
-def test_templates_are_filled_in_the_words_of_the_motion() -> None:
-    template = "The {position} {moves} {to_positive}; -{quadratic} |{v}| {v}, {forces} [{shown_unit}]"
-    assert YAW.fill(template) == "The heading turns to starboard; -k_rr |r| r, moments [deg]"
-    assert SURGE.fill(template) == "The distance moves ahead; -X_uu |u| u, forces [cm]"
-    assert SWAY.fill(template) == "The distance moves to starboard; -Y_vv |v| v, forces [cm]"
-    assert HEAVE.fill(template) == "The depth moves down; -Z_ww |w| w, forces [cm]"
-    with pytest.raises(KeyError):
-        YAW.fill("{no_such_word}")
 
 
 @pytest.mark.parametrize(
@@ -55,8 +44,3 @@ def test_positions_in_the_units_of_people_and_of_logs() -> None:
     assert YAW.shown(YAW.inner(90.0)) == pytest.approx(90.0) == YAW.logged(YAW.inner(90.0))
     for dof in TRANSLATIONS.values():
         assert dof.shown(dof.inner(0.5)) == 50.0 and dof.logged(dof.inner(0.5)) == 0.5
-
-
-def test_the_plane_is_surge_sway_and_yaw() -> None:
-    assert PLANAR.dofs == (SURGE, SWAY, YAW) and PLANAR.turns
-    assert all(not alone(dof).turns and alone(dof).dofs == (dof,) for dof in DOFS.values())

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from effect_contract import Floats, base_for, long_plans, measured, planted, short_plans, unmeasured
+from effect_contract import Floats, base_for, long_plans, measured, short_plans, unmeasured
 from few_candidates import few_candidates
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
-from automarine_cli.diagnosis.search import CandidateFit, add_effect, candidate_fit
+from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.effects.history_force import SHARES, TIMES
 from automarine_cli.models.yaw_model import YawModel
@@ -279,18 +279,3 @@ def test_such_waves_are_named() -> None:
     assert found.verdict == "named" and [one.name for one in found.effects] == ["periodic-disturbance"]
     assert found.effects[0].parameters["phase"].value == 1.0
     assert np.rad2deg(found.gap.after) == pytest.approx(0.5, rel=0.1)
-
-
-def test_friction_near_rest_ends_alike_from_every_start() -> None:
-    """Where it stands for another law, the speed at which it fades goes to its bound, and it may not stand."""
-    base = base_for("cubic-drag")
-    study = study_of(planted(base, "cubic-drag", seed=1, plans=short_plans()), base)
-    alone, fits = candidate_fit(study, base, (), study.fit(base)), []
-    for fades in (0.05, 0.3, 0.5):
-        trial = add_effect(study, alone, ("coulomb-drag", np.array([0.0, 1.0, 0.03, fades])))
-        assert trial is not None and trial.fit.converged and trial.evidence < alone.evidence
-        fits.append(trial.fit)
-    assert np.ptp([fit.log_likelihood for fit in fits]) < 0.1
-    np.testing.assert_allclose(
-        [fit.value("coulomb-drag.c_s") for fit in fits], fits[0].value("coulomb-drag.c_s"), rtol=0.01
-    )

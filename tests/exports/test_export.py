@@ -119,12 +119,6 @@ def test_every_file_is_stamped_with_its_frame_its_origin_and_its_unit(tmp_path: 
 # What cannot be
 
 
-def test_an_effect_of_no_size_is_nobodys_loss_and_drag_twice_is_summed(tmp_path: Path) -> None:
-    off = export(model_file(tmp_path, {"bias-moment": {"b": 0.0}}), to="gz-sim")
-    assert off.left_out == () and off.carried == ("inertia", "quadratic-drag", "linear-drag")
-    assert "<nR>-0.51</nR>" in export(model_file(tmp_path, {"linear-drag": {"k_r": 0.2}}), to="gz-sim").text
-
-
 def test_normalised_moments_need_their_size_where_the_target_is_in_si(tmp_path: Path) -> None:
     path = model_file(tmp_path, unit="nu")
     with pytest.raises(

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from automarine_cli.commands.export import export
-from automarine_cli.errors import ModelError
 from automarine_cli.pipeline.results_folder import sha256
 
 
@@ -92,27 +91,3 @@ def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
     assert "moment: -2.000 to 1.000 N m" in text
     assert f"Grew from `yaw_model.json`, SHA-256 `{'ab' * 32}`." in text
     assert "there is no manifest.json beside the model file" in text
-
-
-@pytest.mark.parametrize(
-    ("part", "place"),
-    [
-        ({"valid_range": {"moment": ["x", 1.0]}}, 'valid_range.moment[0]: found "x", expected a number'),
-        ({"warnings": [["nested"]]}, "warnings[0]: found a list of 1, expected a text in quotes"),
-    ],
-)
-def test_what_is_no_result_is_refused_with_its_place(tmp_path: Path, part: dict[str, object], place: str) -> None:
-    path = tmp_path / "a`b*[c](d).json"
-    path.write_text(json.dumps(BARE | part))
-    with pytest.raises(ModelError) as refusal:
-        export(path, to="card")
-    assert str(refusal.value) == f"{path.name}: {place}"
-
-
-def test_a_card_takes_a_file_that_says_little(tmp_path: Path) -> None:
-    path = tmp_path / "a`b*[c](d).json"
-    entry = {"k_rr": {"value": 1.2, "stderr": None, "ci95": None}, "I_r": 1.0}
-    path.write_text(json.dumps(BARE | {"models": {"3": entry}, "valid_range": {"moment": None}, "parent": None}))
-    text = export(path, to="card").text
-    assert "| quadratic-drag k_rr | quadratic yaw drag | 1.2000 | " in text
-    assert "fit again with this version of automarine" in text and "`a'b*[c](d).json`" in text

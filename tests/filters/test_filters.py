@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import APART, MIN_STEP, make_course
-from automarine_cli.filters.kalman import SETTLING, FilterResult, Noises, follow, predict, shown_channel
+from automarine_cli.filters.kalman import FilterResult, Noises, follow, predict, shown_channel
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
@@ -80,18 +80,6 @@ def test_a_change_of_command_acts_in_the_middle_of_its_interval() -> None:
     np.testing.assert_allclose(later[0, 0], np.where(time[:-1] >= 5.0, 0.8, 0.0), atol=1e-12)
 
 
-def test_commands_act_at_their_rows_where_rows_are_lost() -> None:
-    """Half a usual interval after the middle of a wider one, however wide that is."""
-    time = np.delete(0.1 * np.arange(60), [20, 21, 40])
-    run = noisy(logged(time, np.sin(time), np.random.default_rng(5).uniform(-1, 1, len(time))))
-    course = make_course([run], REST)
-    mean, _ = (x[0, 0] for x in course.averaged(course.commands[0].force, np.array([0.05])))
-    node, length = run.time[0] + course.time[0], course.length[0]
-    for k in range(1, len(length)):  # before the first node there is no row
-        impulse, _ = by_hand(run, run.command, node[k] - 0.05, node[k + 1] - 0.05)
-        assert mean[k] * length[k] == pytest.approx(impulse, abs=1e-12)
-
-
 def test_no_reading_is_told_by_the_command_that_answers_it() -> None:
     """A compass that the current pulls: a command of the same row is the controller's answer to the reading."""
     time = 0.1 * np.arange(60)
@@ -105,17 +93,6 @@ def test_no_reading_is_told_by_the_command_that_answers_it() -> None:
             for one in (run, answered)
         )
         assert np.abs(first - second).max() < 0.02 < 0.3 * 4.0  # which is what the command of the row would explain
-
-
-def test_fast_logs_keep_their_impulse() -> None:
-    rng = np.random.default_rng(3)
-    time = 0.01 * np.arange(2001)
-    run = noisy(logged(time, np.sin(time), rng.uniform(-1, 1, len(time))))
-    course = make_course([run], REST)
-    assert course.width.shape[1] < 0.25 * len(time)
-    impulse = np.cumsum(course.averaged(course.commands[0].force)[0][0, 0] * course.length[0])
-    truth = [by_hand(run, run.command, 40.0, 40.0 + end)[0] for end in course.time[0, 1:]]
-    assert np.abs(impulse - truth).max() < 0.05
 
 
 def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:
@@ -242,41 +219,3 @@ def test_constants_by_hand() -> None:
         np.testing.assert_allclose(one.constant_rate, 0.02 * (h**2 + 0.5 * h), atol=1e-9)
         np.testing.assert_allclose(one.constant, 0.02 * (2.0 * start * h + h**2), atol=1e-9)
         assert one.rmse(one.constant_rate) == pytest.approx(np.sqrt(np.mean((0.02 * (h**2 + 0.5 * h)) ** 2)))
-
-
-def test_predictions_stay_where_readings_are() -> None:
-    """Two runs, one with a gap of twelve seconds: each reading after the first two seconds predicts the one nearest to
-    the horizon, if it lies within a fifth of it."""
-    time = np.concatenate([0.5 * np.arange(30), 26.5 + 0.5 * np.arange(40)])
-    long = noisy(logged(time, np.sin(time), np.cos(time)))
-    short = replace(noisy(logged(time[:25], np.sin(time[:25]), np.cos(time[:25]))), name="short")
-    course = make_course([long, short], np.array([True, True]))
-    seen = course.channels[0].seen
-    for one in predict(MODEL, course, MODEL.theta, noises()):
-        wanted = []
-        for r in range(2):
-            read = course.time[r][seen[r]]
-            for begin in read[read >= SETTLING]:
-                after = read[read > begin]
-                if len(after) and np.abs(after - begin - one.horizon).min() < 0.2 * one.horizon:
-                    wanted.append((r, begin, after[np.abs(after - begin - one.horizon).argmin()]))
-        got = zip(one.run, course.time[one.run, one.origin], course.time[one.run, one.target])
-        np.testing.assert_allclose(sorted(got), wanted, atol=1e-9)
-        assert len(wanted) > (20 if one.horizon == 15.0 else 50)
-        squares = one.by_run(one.error, 2)
-        assert squares[0] == pytest.approx(np.mean(one.error[one.run == 0] ** 2))
-        assert np.isnan(squares[1]) == (not (one.run == 1).any())
-
-
-def test_readings_of_a_fast_log_are_averaged_at_their_nodes() -> None:
-    time = np.arange(0, 12, 1 / 110)
-    run = noisy(logged(time, 0.3 * time**2, np.sign(np.sin(time))), 2.0)
-    course = make_course([run], REST)
-    (channel,) = course.channels
-    error = np.rad2deg(channel.values[0] - 0.3 * course.time[0] ** 2)[channel.seen[0]]
-    assert len(error) == pytest.approx(12 / MIN_STEP, abs=2)  # and every sample counts in them
-    assert np.std(error) == pytest.approx(2.0 / np.sqrt(11), rel=0.2) and abs(error.mean()) < 0.2
-    assert np.rad2deg(course.noise[0]) == pytest.approx(2.0 / np.sqrt(11), rel=0.1)
-    sparse = replace(run, time=20 * run.time)  # slower than the filter: as they are
-    (channel,) = make_course([sparse], REST).channels
-    np.testing.assert_array_equal(channel.values[0][channel.seen[0]], run.position)

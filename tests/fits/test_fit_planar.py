@@ -192,17 +192,6 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
         observed([made(0, ("heading",))])
 
 
-def test_places_show_both_and_allow_a_current() -> None:
-    seen = observed([made(0, ("heading", "north", "east"))])
-    assert seen.dofs == PLANAR.dofs and seen.over_ground
-    runs = [made(0, ("heading", "north", "east"))]
-    near = list(candidates(model_of(runs), seen, rough_sizes(runs)))
-    assert len({structure_of(each.model, seen) for each in near}) == len(near) == 3 * 2 + 4 + 2
-    assert model_of(runs, "current.north").free[-2:] == ("current.north", "current.east")
-    both = model_of(runs, "surge.X_u")
-    assert not any("surge.X_u" in each.added for each in candidates(both, seen, rough_sizes(runs)))
-
-
 def test_a_force_that_no_log_holds_is_none_and_one_that_is_never_there_is_refused(tmp_path: Path) -> None:
     path = log(made(0), tmp_path, force_Y_N=None)
     (run,) = load_planar([path], columns=ColumnMap()).runs

@@ -77,17 +77,6 @@ def test_table_1_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Resu
     assert table["I_r_model_3"] == pytest.approx(eps * k_rr / np.log(2), rel=1e-9)
 
 
-def test_where_the_tails_start_is_said(run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path) -> None:
-    out, entry = results[0], model_of(results[0])["models"]["3"]["velocity_error"]
-    start = entry["tail_from_deg"]
-    assert 30 <= round(start) <= 165 and start == pytest.approx(5 * round(start / 5))
-    assert entry["tail_because"] in (out / "table1.md").read_text()
-    assert run("fit-yaw", logs, "--tail", "100", "-o", tmp_path / "out").exit_code == 0
-    asked = model_of(tmp_path / "out")["models"]["3"]["velocity_error"]
-    assert asked["tail_from_deg"] == pytest.approx(100.0) and "as given" in asked["tail_because"]
-    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["options"]["tail"] == 100.0
-
-
 def of_two_units() -> list[Run]:
     return [run.with_moment(run.command, "nu" if i < 6 else "N m") for i, run in enumerate(campaign(seed=1))]
 

@@ -251,25 +251,6 @@ def test_a_bound_is_kept_and_the_other_parameter_is_best_beside_it(low: float, h
     assert np.all(moved[:, 0] == 0.0) and np.ptp(moved[:, 1]) > 0.0
 
 
-def test_a_direction_that_cannot_move_has_the_runs_less_one() -> None:
-    linear, bounds = Linear(1), ((-1.0, 0.5), (-0.2, 1.0))
-    fit = linear.fit(bounds)
-    assert fit.at_bound == (0, 1)
-    assert degrees_of_freedom(fit, np.array([1.0, 0.0])) == RUNS - 1
-    assert np.all(run_covariance(fit) == 0.0)
-
-
-def test_an_effect_of_no_scale_stays_at_zero_and_counts_for_nothing() -> None:
-    linear, smaller = Linear(1), Linear(1)
-    linear.effects = linear.effects.with_scale(instant=0.0)
-    smaller.effects, smaller.v = RunEffects(smaller.effects.blocks[:2]), smaller.v[:, :, :2]
-    fit = linear.fit()
-    expected = fit_mixed(smaller.problem(), np.zeros(2), noise=1.0, factors=np.ones(1))
-    assert np.all(fit.run_effects[:, 2] == 0.0)
-    assert fit.theta == pytest.approx(expected.theta, rel=1e-6)
-    assert fit.noise == pytest.approx(expected.noise, rel=1e-5)
-
-
 def test_a_factor_stops_at_its_limits_and_its_interval_says_so() -> None:
     """The third effect scatters by 0.2: within limits below it the fit stands at the upper, above it at the lower."""
     below = fit_mixed(

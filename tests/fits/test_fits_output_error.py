@@ -320,14 +320,6 @@ def test_the_truth_is_found_within_its_errors_and_so_are_both_noises(fits: list[
             assert abs(noises[name].value - truth) < SURE * noises[name].stderr and noises[name].unit == unit
 
 
-def test_each_run_has_a_bias_of_its_own(fits: list[YawFit]) -> None:
-    fit = fits[0]
-    rest = np.array([turn.step.run.extras["yaw_rate"][turn.step.rest].mean() for turn in fit.turns])
-    told = fit.preferred.mixed.own("yaw_rate-bias")[:, 0]
-    assert np.rad2deg(rest.std()) > 0.5
-    assert np.rad2deg(np.abs(told - rest)).max() < SURE * 0.3 / np.sqrt(15)
-
-
 def test_a_gyro_narrows_what_it_shows_to_either_side() -> None:
     runs = campaign(both_ways(GYRO_SIZES), seed=1, gyro_deg_s=0.3, gain_scatter=0.02)
     with_gyro = identify(runs)

@@ -11,9 +11,9 @@ from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign, tim
 from made_runs import mirrored
 from tolerances import assert_close
 
-from automarine_cli.dofs import SURGE, YAW, Dof
-from automarine_cli.errors import FitError, SettingError
-from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, fit_velocity_error, parse_tail, tail_lines
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import FitError
+from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, fit_velocity_error, tail_lines
 from automarine_cli.fits.steps import StepData, data_of_steps, step_data
 from automarine_cli.models.yaw_model import inertia_from_velocity_error, response
 from automarine_cli.runs.half_turn import half_turns
@@ -79,21 +79,6 @@ def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: floa
     assert fit.expected.bias[0] < -0.002 and abs(fit.expected.bias[0]) > abs(fit.expected.bias[1]) > 2e-4
     assert fit.inertia["3"].overall.value == pytest.approx(PAPER.inertia, rel=1e-3)
     assert fit.drag["3"].drag[1] == pytest.approx(PAPER.k_rr, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("tail", "dof", "sentence"),
-    [
-        (180.0, YAW, "tail is 180; expected 15 to 165 degrees"),
-        (np.nan, YAW, "tail is nan; expected 15 to 165 degrees"),
-        (0.0, SURGE, "tail is 0; expected metres above 0"),
-    ],
-)
-def test_a_tail_that_cannot_be_is_refused(tail: float, dof: Dof, sentence: str) -> None:
-    with pytest.raises(SettingError, match=re.escape(sentence)):
-        parse_tail(tail, dof)
-    assert parse_tail(None, dof) is None
-    assert parse_tail(90.0, YAW) == pytest.approx(np.pi / 2, rel=1e-15) and parse_tail(1.5, SURGE) == 1.5
 
 
 def test_noise_moves_the_tail_forward_and_steady_turns_move_it_back() -> None:

@@ -12,9 +12,8 @@ from click.testing import Result
 from made_campaigns import shifted
 from made_driven import Sea, steered, turned
 from made_runs import written
-from made_sequences import model_file, sequence_run
+from made_sequences import model_file
 
-from automarine_cli.comparison.validation import predictions_of
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
@@ -24,7 +23,6 @@ from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, whole_run_problem
-from automarine_cli.models.store import read_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.fit_report import tables
 from automarine_cli.report.sections import sections
@@ -192,12 +190,6 @@ def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[...
                 still = min(one["constant_rate_deg"], one["constant_heading_deg"])
                 assert one["horizon_s"] > 5.0 or (one["rmse_deg"] < still) == (inertia == 1.0)
                 assert one["predictions"] > 100
-
-
-def test_validate_of_quiet_runs_is_as_it_was(tmp_path: Path) -> None:
-    stored = read_model(model_file(tmp_path / "model.json"))
-    quiet = [sequence_run(noise_deg=1.0, seed=seed) for seed in range(2)]
-    assert predictions_of(stored, quiet, None) == {}
 
 
 @pytest.mark.parametrize("number", ["1", "3"])

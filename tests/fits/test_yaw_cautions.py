@@ -12,10 +12,9 @@ from made_campaigns import Vehicle, both_ways, campaign
 from made_runs import mirrored
 
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.identify import Caution, YawFit, fit_cautions, warned_of
+from automarine_cli.fits.identify import YawFit, fit_cautions, warned_of
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.whole_runs import OutputErrorFit
-from automarine_cli.report import fit_report
 
 SIZES = (0.3, 0.5, 0.7, 0.9)
 TO_ONE_SIDE, ALIKE = [0.2, 0.4, 0.6, 0.8, 1.0], [0.5, -0.5, 0.5, -0.5]
@@ -112,14 +111,3 @@ def test_parameters_that_only_act_together_are_told() -> None:
     away[0, 1] = away[1, 0] = -0.96 * np.sqrt(away[0, 0] * away[1, 1])
     (caution,) = fit_cautions({"3": replace(fit, mixed=replace(fit.mixed, covariance=away))})
     assert "correlated by -0.960" in caution.sentence and "until the rate is steady" in caution.sentence
-
-
-def test_cautions_stand_below_the_table_of_their_parameter_and_warnings_on_the_terminal() -> None:
-    drag, inertia = Caution("2", ("linear",), "On drag."), Caution("3", ("inertia",), "On inertia.")
-    both = Caution("", ("inertia", "quadratic", "linear"), "On both.", grave=True)
-    fit = replace(sound(), cautions=(drag, inertia, both), warnings=("On both.",))
-    first, second = fit_report.tables(fit)
-    assert first.notes[-2:] == ("On drag.", "On both.") and second.notes[-1] == "On inertia."
-    for form in ("to_markdown", "to_latex", "to_text"):
-        assert "On drag." in getattr(first, form)() and "On drag." not in getattr(second, form)()
-    assert fit.to_json()["warnings"] == ["On both."] and "Warning: On both." in fit_report.sentences(fit)

@@ -14,7 +14,6 @@ from test_readme import commands, flags_of
 
 from automarine_cli import guide
 from automarine_cli.commands import automarine
-from automarine_cli.guide.text import formula, to_text
 
 Run = Callable[..., Result]
 TOPICS = (*guide.commands(), *guide.pages())
@@ -75,29 +74,3 @@ def test_a_terminal_shows_a_page_in_the_pager(tmp_path: Path) -> None:
     assert status == 0
     assert said.startswith("PAGED ") and ESCAPE not in said  # an unknown pager gets no colours
     assert max(len(line) for line in said.splitlines() if not line.startswith("  ")) <= 60
-
-
-def test_a_page_as_text() -> None:
-    page = (
-        "# Title `a`\n\nOne **bold** word, [a page](../logs.md#x), [`verify`](verify.md),\n"
-        "[here](#below) and [out](https://x.org).\n\n- *first*\n  goes on\n- 2 * 2 * 2\n\n"
-        "| a | b |\n|---|---:|\n| k\\|r\\| | 1 |\n\n![A picture](x.png)\n\n```text\nas  it is\n```\n"
-    )
-    assert to_text(page, 100, str.upper).split("\n") == [
-        "TITLE `A`", "=========", "",
-        "One bold word, a page (guide logs), `verify`, here and out (https://x.org).", "",
-        "- first goes on", "- 2 * 2 * 2", "",
-        "a     b", "-------", "k|r|  1", "",
-        "[Picture: A picture]", "",
-        "  as  it is", "",
-    ]  # fmt: skip
-
-
-def test_formulas_stand_in_letters() -> None:
-    assert formula(r"|\psi - \psi_0| \le \pi") == "|ψ - ψ_0| ≤ π"
-    assert formula(r"I_r \dot r + k_{r|r|}|r|r = \tau^{2}") == "I_r r\N{COMBINING DOT ABOVE} + k_r|r||r|r = τ²"
-    assert formula(r"\varepsilon = -\frac{I_r}{k_r^2}\tau") == "ε = -(I_r/k_r²)τ"
-    assert formula(r"\frac{\sqrt{a + b} - k_r}{2 c}") == "((√(a + b) - k_r)/(2 c))"
-    assert to_text("with $r_\\infty$ and\n\n```math\n\\delta = 1\n```\n", 80).split() == [
-        "with", "r_∞", "and", "δ", "=", "1",
-    ]  # fmt: skip

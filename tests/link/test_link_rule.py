@@ -140,14 +140,19 @@ def spoil(store: Store) -> None:
     document(store).write_bytes(document(store).read_bytes().replace(b"wait_s", b"wait_S", 1))
 
 
+def lose(folder: Path) -> None:
+    """Move a folder away at one stroke: deleted file by file, a new file may come in between."""
+    folder.rename(folder.parent.with_name(f"{folder.parent.name} {folder.name}"))
+
+
 FAULTS: dict[str, Act] = {
     "document damaged": spoil,
     "document deleted": lambda store: document(store).unlink(),
     "document cut": lambda store: os.truncate(document(store), 100),
     "record deleted": lambda store: record(store).unlink(),
     "record damaged": lambda store: record(store).write_text("x"),
-    "campaigns deleted": lambda store: shutil.rmtree(store.campaigns),
-    "runs deleted": lambda store: shutil.rmtree(store.runs),
+    "campaigns deleted": lambda store: lose(store.campaigns),
+    "runs deleted": lambda store: lose(store.runs),
 }
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import vehicle_logs
 from reader_contract import table_of
 from vehicle_logs import Dive, dataflash, dive, telemetry
 
@@ -70,16 +69,6 @@ def test_a_counter_of_microseconds_that_is_full_begins_anew(tmp_path: Path) -> N
     np.testing.assert_allclose(table.extras["SERVO_OUTPUT_RAW.servo1_raw"], first.commands_at(first.time)[0])
 
 
-def test_a_log_of_a_descent_is_on_the_clock_of_its_depth(tmp_path: Path) -> None:
-    """Named together with the vertical command, the depth is the position; its own samples stay as they are."""
-    content, columns = dataflash(dive()), {"depth_m": "BAT.Volt", "n_vert": "RCOU.C3"}
-    table = flash(tmp_path, content, None, **columns)
-    assert table.dof.position == "depth" and len(table) == 42
-    np.testing.assert_allclose(table.columns["depth"], dive().voltage, rtol=1e-6)
-    turning = flash(tmp_path, content, None, **columns, n_port="RCOU.C1", n_stbd="RCOU.C2")
-    assert turning.dof.position == "heading" and len(turning) == 200
-
-
 def test_what_was_sent_before_the_recording_paused_says_nothing_of_after(tmp_path: Path) -> None:
     """Two stretches of one log, 400 s apart; the mode, told when it changes, lasts."""
     first = dataflash(dive(), without=("EV", "IMU"))
@@ -91,11 +80,3 @@ def test_what_was_sent_before_the_recording_paused_says_nothing_of_after(tmp_pat
     assert not np.isnan(table.columns["voltage"]).any()
     assert table.labels["mode"].names[table.labels["mode"].code[200]] == "ALT_HOLD"
     assert "RCOU 0.13 s old in the median, 0.23 s at most" in table.notes[0]
-
-
-def test_the_integral_of_a_controller_is_no_number_of_a_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(vehicle_logs.FORMATS, "PIDY", (19, "Qff", "TimeUS,P,I"))
-    extra = b"".join(vehicle_logs._message("PIDY", i * 10**5 + 10**6, 0.5, 0.01 * i) for i in range(50))
-    head = vehicle_logs._message("FMT", 19, 19, b"PIDY", b"Qff", b"TimeUS,P,I")
-    table = flash(tmp_path, head + extra + dataflash(dive(), without=("EV", "PIDY")))
-    assert "PIDY (50)" in table.holds and "IMU[1] (200)" in table.holds

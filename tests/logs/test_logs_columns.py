@@ -22,7 +22,7 @@ from automarine_cli.logs import (
     read_log,
     whole_logs,
 )
-from automarine_cli.logs.columns import ColumnsOf, Join, matches
+from automarine_cli.logs.columns import ColumnsOf, Join
 
 
 def written(folder: Path, text: str | bytes) -> Path:
@@ -84,12 +84,6 @@ def test_refused_with_the_key_s_path(tmp_path: Path, text: str | bytes, parts: t
     assert [part for part in parts if part not in str(refused.value)] == []
 
 
-def test_a_map_that_gives_the_unit_or_the_scale_is_believed(tmp_path: Path) -> None:
-    for value in ('{ from = "heading_deg", unit = "rad" }', '{ from = "heading_deg", scale = 0.0174533 }'):
-        names = read_column_map(written(tmp_path, f"[columns]\nheading_rad = {value}\n"))
-        assert names.columns["heading_rad"].source == "heading_deg"
-
-
 def mapped(folder: Path, content: str, **rules: ColumnRule) -> LogTable:
     """The table of this text through a column map."""
     return read_log(log(folder, content.encode()), ColumnMap(rules), dof=YAW)
@@ -108,15 +102,6 @@ def test_names_units_and_signs(tmp_path: Path) -> None:
     np.testing.assert_array_equal(table.columns["heading"], [-1.5, -2])
     np.testing.assert_array_equal(table.columns["moment"], [6, 11])
     assert table.run is not None and set(table.run) == {"a"} and dict(table.extras) == {}
-
-
-def test_a_map_wins_over_the_file_and_says_what_it_misses(tmp_path: Path) -> None:
-    content = "time_s,heading_deg,heading_rad,yaw,tau\n0,1,2,3,0\n"
-    assert mapped(tmp_path, content, heading_rad=ColumnRule("yaw")).columns["heading"][0] == 3
-    table = mapped(tmp_path, content, heading_rad=ColumnRule("heading_rad"))
-    assert table.columns["heading"][0] == 2 and sorted(table.extras) == ["heading_deg", "yaw"]
-    (note,) = mapped(tmp_path, "time_s,heading_deg,tau\n0,1,0\n", voltage_V=ColumnRule("batt")).notes
-    assert "'batt' for voltage_V" in note
 
 
 BENCH = "PWM_us,rpm,load\n1100,3000,-40\n1300,1500,-10\n1500,0,0\n1700,1600,12\n1900,3200,48\n"
@@ -237,17 +222,3 @@ def test_commands_in_a_file_are_no_log_of_their_own(tmp_path: Path) -> None:
     # what is joined is an input all the same, also where only the log was named
     settings = check.settings({"logs": [tmp_path / "day" / "nav_01.csv"], "columns": path})
     assert [file.name for file in check.inputs(settings) if file.role == "log"] == ["cmd_01.csv", "nav_01.csv"]
-
-
-def test_which_files_belong_together(tmp_path: Path) -> None:
-    for name in ("cmd/7.csv", "run_7_cmd.csv", "all.csv"):
-        write(tmp_path / name, {"t": []})
-
-    def beside(join: Join, name: str) -> list[str]:
-        return [path.relative_to(tmp_path).as_posix() for path in join.beside(tmp_path / name)]
-
-    assert beside(Join("nav/*.csv", "cmd/*.csv"), "nav/7.csv") == ["cmd/7.csv"]
-    assert beside(Join("*_nav.csv", ("*_cmd.csv", "all.csv")), "run_7_nav.csv") == ["run_7_cmd.csv", "all.csv"]
-    assert beside(Join("*_nav.csv", "*_cmd.csv"), "run_7_cmd.csv") == []
-    assert matches(Path("/x/bench/deep/a.csv"), "bench") and matches(Path("/x/bench/a.csv"), "bench/*.csv")
-    assert not matches(Path("/x/runs/a.csv"), "bench/*.csv")

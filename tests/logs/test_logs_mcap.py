@@ -36,12 +36,3 @@ def test_any_field_of_any_topic_can_be_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(table.columns["n"][1:] * 2, table.columns["voltage"][1:])
     assert np.nanmax(table.columns["voltage"]) == pytest.approx(dive().time[::3].max())
     assert not table.columns["heave"].any()
-
-
-def test_a_recorder_that_was_stopped_is_read_up_to_there(tmp_path: Path) -> None:
-    content = recorded(dive())
-    full = read(tmp_path, content)
-    table = read(tmp_path, content[: len(content) // 2])
-    assert 10 < len(table) < len(full)
-    np.testing.assert_array_equal(table.columns["heading"], full.columns["heading"][: len(table)])
-    assert any("its recorder was stopped; read up to there" in note for note in table.notes)

@@ -14,7 +14,7 @@ from vehicle_logs import Dive, dataflash, dive, telemetry
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require_motion
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_log, require_motion
 from automarine_cli.logs.mixing import FRAMES, part_of, worked_back
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
@@ -78,14 +78,6 @@ def test_a_parameter_that_changes_is_followed(tmp_path: Path) -> None:
     table, plain = read(tmp_path, changed), read(tmp_path, made)
     np.testing.assert_allclose(table.columns["moment"], plain.columns["moment"], atol=PULSE)
     assert "(MOT_1_DIRECTION from -1 to 1 at 9.1 s)" in " ".join(table.notes)
-
-
-def test_a_column_map_that_names_a_command_stands(tmp_path: Path) -> None:
-    made = sub_dive(wishes(COUNT, 1))
-    table = read(tmp_path, made, columns=ColumnMap({"tau": ColumnRule("RCOU.C1", scale=0.0025, offset=-3.75)}))
-    assert made.outputs is not None
-    np.testing.assert_allclose(table.columns["moment"], (made.outputs[0, ROWS] - 1500) / 400)
-    assert "X" not in table.extras and not any("worked back" in note for note in table.notes)
 
 
 LIMITS = {"MIN": 1000.0, "TRIM": 1550.0, "MAX": 2000.0, "REVERSED": 0.0}

@@ -10,7 +10,7 @@ from automarine_cli.commands.init import init
 from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, read_log, require, require_motion
-from automarine_cli.logs.columns import foreign, likely_canonical, likely_column, motion_of
+from automarine_cli.logs.columns import motion_of
 from automarine_cli.logs.recognise import Span, recognise
 
 WITH_COMMANDS = [(dof, command) for dof in DOFS.values() for command, _ in dof.columns[dof.command]]
@@ -54,15 +54,6 @@ def test_a_log_of_another_motion_is_refused_with_what_is_lacking(tmp_path: Path)
         require_motion(read_log(log(tmp_path, "distance_m", "Y"), dof=SURGE))
 
 
-def test_what_belongs_to_other_motions_keeps_its_name(tmp_path: Path) -> None:
-    """Velocities in the plane serve tests of every motion there, everything else is a column of the file's own."""
-    columns = ("distance_m", "force_X_N", "force_Y_N", "heading_deg", "yaw_rate_deg_s", "sway_m_s", "heave_m_s")
-    table = read_log(log(tmp_path, *columns), dof=SURGE)
-    assert set(table.columns) == {"time", "distance", "force_X", "yaw_rate", "sway"}
-    assert set(table.extras) == {"force_Y_N", "heading_deg", "heave_m_s"}
-    assert not foreign(YAW) & {YAW.position, YAW.velocity, YAW.command, "surge", "sway"}
-
-
 def test_a_campaign_file_has_a_section_of_each_translation(tmp_path: Path) -> None:
     for name, dof in DOFS.items():
         (tmp_path / name).mkdir()
@@ -71,23 +62,6 @@ def test_a_campaign_file_has_a_section_of_each_translation(tmp_path: Path) -> No
     for dof in DOFS.values():
         if not dof.wraps:
             assert f"\n[{dof.name}] " in text and f'steps = ["{dof.name}"]' in text
-
-
-@pytest.mark.parametrize(
-    ("quantity", "names", "likely"),
-    [
-        ("force_Y", ["lateral_force", "t"], "lateral_force"),
-        ("distance", ["pos_y"], "pos_y"),
-        # the usual word for a command comes before a speed without sign
-        ("n", ["RPM", "Force_kgf", "cmd", "n_rev_s", "force_n"], "cmd"),
-        ("n", ["RPM", "n_rev_s"], "n_rev_s"),
-        ("force", ["cmd", "mean_force_N"], "mean_force_N"),
-        # a rate is no heading
-        *(("heading", [name], None) for name in ("yaw_rate_radps", "yaw_speed", "heading_rate", "yaw rate [deg/s]")),
-    ],
-)
-def test_what_people_call_things(quantity: str, names: list[str], likely: str | None) -> None:
-    assert likely_column(quantity, names) == likely
 
 
 def test_what_a_column_is_recognised_as() -> None:
@@ -114,11 +88,3 @@ def test_a_near_name_is_suggested_not_guessed(tmp_path: Path, quantity: str, col
     with pytest.raises(LogError, match="meant, write") as refused:
         require(table, [quantity])
     assert f"write {line} under [columns]" in str(refused.value)
-
-
-def test_a_log_of_a_rate_alone_is_asked_for_the_rate(tmp_path: Path) -> None:
-    table = read_log(log(tmp_path, "yaw_rate_radps", "tau", samples=20), dof=YAW)
-    with pytest.raises(LogError, match=r"no yaw rate; .*write yaw_rate_rad_s = \"yaw_rate_radps\" under") as refused:
-        require_motion(table)
-    assert "heading_deg" not in str(refused.value)
-    assert likely_canonical("yaw_rate", "gyro_z_dps_deg") == "yaw_rate_deg_s"

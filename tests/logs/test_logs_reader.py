@@ -68,12 +68,6 @@ def test_what_the_head_does_not_show_is_read_right(tmp_path: Path, cell: bytes, 
     np.testing.assert_allclose(np.rad2deg(table.columns["heading"][999:1002]), [999, value, 1001])
 
 
-def test_a_column_nobody_asked_for_may_turn_into_text(tmp_path: Path) -> None:
-    content = late(b"7").replace(b"tau", b"tau;state").replace(b";0\n", b";0;1\n")
-    table = read_log(log(tmp_path, content.replace(b"1000;7;0;1", b"1000;7;0;lost")), dof=YAW)
-    assert len(table) == 3000 and dict(table.extras) == {}
-
-
 def test_units_become_si(tmp_path: Path) -> None:
     header = "time_ms,heading_rad,yaw_rate_deg_s,tau_Nm,voltage_V,surge_m_s,sway_m_s,n,force_kgf\n"
     table = read_log(log(tmp_path, (header + "250,0.5,90,-2,12.5,0.25,-0.25,1500,2\n").encode()), dof=YAW)

@@ -11,7 +11,7 @@ from reader_contract import log, refusal, table_of
 from vehicle_bags import bag
 from vehicle_logs import dive
 
-from automarine_cli.logs import ColumnRule, LogFile
+from automarine_cli.logs import ColumnRule
 
 pytest.importorskip("rosbags", reason="the extra automarine[ros] is not installed")
 EVERY = pytest.mark.parametrize("suffix", [".bag", ".mcap"])  # .db3 as all recordings, and below
@@ -61,24 +61,6 @@ def test_any_field_of_any_type_can_be_named(tmp_path: Path, suffix: str) -> None
     np.testing.assert_allclose(table.columns["n_port"], 9.8)
     assert table.labels["mode"].names == ("MANUAL", "ALT_HOLD") and "n_stbd" not in table.columns
     assert any("'/thrusters.data[9]' for n_stbd; the file has no such column" in note for note in table.notes)
-
-
-def test_an_imu_without_orientation_is_no_heading(tmp_path: Path) -> None:
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    types, nine = store.types, np.array([-1.0, *[0.0] * 8])
-    with Writer(tmp_path / "gyro.bag") as writer:
-        link = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
-        for i in range(20):
-            header = types["std_msgs/msg/Header"](i, types["builtin_interfaces/msg/Time"](0, 0), "")
-            vector = types["geometry_msgs/msg/Vector3"](0.0, 0.0, 1.0)
-            still = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-            imu = types["sensor_msgs/msg/Imu"](header, still, nine, vector, nine, vector, nine)
-            writer.write(link, i * 10**8, store.serialize_ros1(imu, imu.__msgtype__))
-    sentence = refusal(LogFile(tmp_path / "gyro.bag", "gyro.bag", True))
-    assert "no heading in it; found /imu (sensor_msgs/Imu)" in sentence
 
 
 def test_an_older_bag_that_does_not_define_its_types(tmp_path: Path) -> None:

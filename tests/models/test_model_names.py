@@ -1,14 +1,10 @@
 """Parameters are addressed by name, in the letters of their motion; what people named themselves is left alone."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import pytest
 
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import ModelError
-from automarine_cli.models.store import file_and_models
 from automarine_cli.models.yaw_model import YawModel
 
 EVERY_MOTION = pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
@@ -52,33 +48,3 @@ def test_drag_of_a_model_is_what_its_effects_say_it_is() -> None:
     assert np.array_equal(linear, [0.0, 0.0])
     surge = YawModel.base("1", 20.0, [5.0, 1.0], "N", SURGE)
     assert np.array_equal(surge.acting(forces)[1], [4.0, 6.0])
-
-
-def content_of(dof: Dof, entry: Mapping[str, float]) -> dict[str, Any]:
-    """A file with model 3 of these parameters."""
-    schema, unit = f"automarine/{dof.name}-model/1", f"{dof.words.force}_unit"
-    return {"schema": schema, unit: "nu", "models": {"3": entry}, "preferred": "3"}
-
-
-def model_3(dof: Dof) -> dict[str, float]:
-    own = dof.symbols
-    return {own.inertia: 2.0, own.quadratic: 3.0, **({own.constant: -1.0} if dof.has_constant else {})}
-
-
-@EVERY_MOTION
-@pytest.mark.parametrize("other", DOFS.values(), ids=list(DOFS))
-def test_a_key_of_another_motion_is_unknown_and_answered_with_the_own_one(dof: Dof, other: Dof) -> None:
-    if other is dof:
-        return
-    entry, inertia = model_3(dof), dof.symbols.inertia
-    content = content_of(dof, entry)
-    assert file_and_models(content, "m.json")[1].dof is dof
-    theirs = {other.symbols.inertia if key == inertia else key: value for key, value in entry.items()}
-    answer = rf'^m\.json: models\.3: unknown key "{other.symbols.inertia}"; did you mean "{inertia}"\?$'
-    with pytest.raises(ModelError, match=answer):
-        file_and_models(content_of(dof, theirs), "m.json")
-    if other.words.force != dof.words.force:
-        unit, foreign = f"{dof.words.force}_unit", f"{other.words.force}_unit"
-        del content[unit]
-        with pytest.raises(ModelError, match=rf'^m\.json: unknown key "{foreign}"; did you mean "{unit}"\?$'):
-            file_and_models(content | {foreign: "nu"}, "m.json")

@@ -96,16 +96,6 @@ def test_every_limit_is_kept_and_one_is_used_up(plan: Plan) -> None:
         assert errors["with_earlier_runs"]["stderr"] < min(errors[of]["stderr"] for of in ("now", "new_runs")), name
 
 
-def test_what_alone_is_wanted_is_narrowed_more(plan: Plan, folder: Path) -> None:
-    """Another seed draws another order of the same runs."""
-    model, limits = folder / "yaw_model.json", folder / "limits.toml"
-    alone, other = (am.plan(model, limits=limits, seed=1, **wanted) for wanted in ({"parameters": "k_rr"}, {}))
-    errors = [each.errors["k_rr"][-1] for each in (alone, plan)]
-    assert errors[0] <= errors[1] * 1.001 and alone.to_json()["planned_for"] == ["k_rr"]
-    first, second = ([run.label for run in each.candidates] for each in (plan, other))
-    assert first != second and sorted(first) == sorted(second)
-
-
 @pytest.mark.parametrize(("minutes", "runs", "sizes"), [(60, 48, 12), (60, 24, 6), (14, 24, 3), (9, 24, 2)])
 def test_the_first_campaign_needs_no_model(tmp_path: Path, minutes: int, runs: int, sizes: int) -> None:
     """The paper's steps, each twice and to both sides, at as many sizes as the limits allow; nothing is foretold."""

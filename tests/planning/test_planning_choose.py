@@ -39,16 +39,6 @@ def test_a_plain_plan() -> None:
     assert not any(run.turns for run in campaign.candidates)
 
 
-@pytest.mark.parametrize("percent", [50.0, 34.0])
-def test_not_all_runs_are_of_one_size(percent: float) -> None:
-    """Quadratic drag alone is best known from the largest moment; how drag grows is told by other sizes only."""
-    campaign = planned(replace(LIMITS, pool=Pool(minutes=25, runs=16), runs=Runs(of_one_size_percent=percent)))
-    largest = [max(abs(moment) for moment, _ in run.commands) for run in campaign.candidates if run.kind != "rest"]
-    times = np.unique(largest, return_counts=True)[1]
-    assert len(largest) >= 12 and times.max() <= np.ceil(16 * percent / 100)
-    assert len(times) >= (2 if percent == 50 else 3)
-
-
 @pytest.mark.slow
 def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> None:
     limits = replace(LIMITS, runs=Runs(voltages_V=(19.0,), kinds=("step", "other-voltage")))
@@ -130,14 +120,6 @@ def test_fixed_runs_stay_and_no_run_is_repeated_more_than_allowed() -> None:
     market = replace(shop((10, 10, 10, 10), most=3.0), fixed=np.eye(9)[4] * 2.0)
     counts = choose(intervals(np.eye(2)), market)
     assert counts[4] >= 2 and counts.max() <= 3 and counts.sum() == 10
-
-
-def test_a_dear_run_is_chosen_only_for_its_worth() -> None:
-    """At the ends a run costs three times as much: for the intercept they are not worth it."""
-    costs = np.ones((9, 4))
-    costs[[0, -1]] = 3.0
-    counts = choose(intervals(np.eye(2)[:, :1]), shop((12, 12, 12, 12), costs))
-    assert counts[[0, -1]].sum() == 0 and counts.sum() == 12
 
 
 def test_a_line_and_a_parabola_are_split_where_they_differ() -> None:

@@ -3,7 +3,6 @@
 import json
 import re
 import shlex
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -47,20 +46,6 @@ def test_a_figure_that_fails_warns(small_day: Path, run: Run, monkeypatch: pytes
     result = run("fit-yaw", steps, "-o", tmp_path / "out", "-q")
     assert warning_lines(result) == [SENTENCE.format(name) for name in ("half_turns", "drag", "inertia", "collapse")]
     assert result.exit_code == 0 and not list((tmp_path / "out").rglob("*.png"))
-
-
-def test_a_campaign_says_so_each_time(
-    small_day: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    for name in ("one", "two"):
-        shutil.copytree(small_day / "pool", tmp_path / name)
-    monkeypatch.setattr("automarine_cli.report.figures.parameters.thruster_figure", boom)
-    files = [tmp_path / name / "campaign.toml" for name in ("one", "two")]
-    for _ in range(2):
-        result = run("run", *files, "--until", "fit-thrusters", "-o", tmp_path / "out")
-        assert result.exit_code == 0, result.stderr
-        sentence = SENTENCE.format("thrusters")
-        assert warning_lines(result) == [f"{name}: fit-thrusters: {sentence}" for name in ("one", "two")]
 
 
 @pytest.mark.parametrize(

@@ -53,16 +53,3 @@ def test_files_hold_no_date_and_no_program() -> None:
     assert picture.startswith(b"<?xml") and page.startswith(b"%PDF") and b">model 1</text>" in picture
     for word in (b"Software", b"tIME", b"Creation", b"dc:date", b"/Producer", b"/Creator", b"Matplotlib v"):
         assert all(word not in data for data in (pixels, picture, page))
-
-
-def test_letters_that_a_font_lacks_are_no_warning() -> None:
-    for save in FORMATS.values():
-        figure, axes = new_figure()
-        axes[0, 0].set_title("Größe_タンク $\\frac{ \\x1b", parse_math=False)
-        assert len(save(figure)) > 1000
-
-
-def test_models_differ_in_grey() -> None:
-    looks = [model_look(model, preferred) for preferred in "123" for model in "123"]
-    assert all(len({str(look.get("ls")) for look in looks[i : i + 3]}) == 3 for i in (0, 3, 6))
-    assert [look["lw"] > 1.0 for look in looks] == [i % 4 == 0 for i in range(9)]

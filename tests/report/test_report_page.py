@@ -22,7 +22,6 @@ from small_campaign import make_small_campaign
 
 import automarine_cli as am
 from automarine_cli import effects
-from automarine_cli.commands.report import report
 from automarine_cli.comparison.validation import ForecastEntry, ScoreEntry, ValidationFile
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import OutputError
@@ -189,22 +188,6 @@ def test_a_figure_of_another_program_stays_a_picture(tmp_path: Path) -> None:
     assert "is not in its folder" in figure(tmp_path / "yaw", "../yaw/drag.png", "")
 
 
-def test_command_writes_beside_the_steps_with_png(folder: Path, tmp_path: Path, run: Callable[..., Result]) -> None:
-    shutil.copytree(folder / "thrusters", tmp_path / "thrusters")
-    (tmp_path / "thrusters" / "thrusters.svg").unlink()
-    shutil.copy(tmp_path / "thrusters" / "thrusters.png", tmp_path / "thrusters" / "thrusters.slide.png")
-    result = run("report", tmp_path, "--json")
-    assert json.loads(result.stdout)["steps"] == ["thrusters"]
-    assert {path.name for path in tmp_path.iterdir()} == {"thrusters", "report.html", "report.md"}
-    again = run("report", tmp_path)
-    assert again.exit_code == 1 and "give --overwrite to replace it" in again.stderr
-    text = report(tmp_path, overwrite=True).files["report.html"]
-    assert text == (tmp_path / "report.html").read_text(encoding="utf-8")
-    (image,) = Elements(text).all("img")
-    assert image["src"].startswith("data:image/png;base64,") and "Thrust of one thruster" in image["alt"]
-    assert '<th scope="row">fit-yaw</th><td>not run</td>' in text
-
-
 def test_refusals_say_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"none of the folders check, thrusters, .* is here; give a folder that"):
         make_report(tmp_path)
@@ -310,13 +293,6 @@ def test_driven_runs_are_graded_by_their_predictions() -> None:
     rows = {row["look at"]: row for row in five_numbers(RunsUsed(9), {}, file, None)}
     assert rows["error 5 s ahead"]["verdict"] == "good" and rows["restarted error"]["verdict"] == MISSING
     assert worst([*rows.values()]) == "good, but not known: diagnosis" and worst([]) == ""
-
-
-def test_the_box_says_when_the_runs_were_where_their_clocks_know_it(tmp_path: Path) -> None:
-    runs = [{"begins_s": begins, "half_turn": {}} for begins in (1.7e9, 1.7e9 + 2 * 86400, 1.7e9 + 86400, 12.0)]
-    write(tmp_path, "check/check.json", {"schema": "automarine/check/1", "logs": 2, "yaw_runs": runs})
-    box = make_report(tmp_path).files["report.md"].partition("## ")[0]
-    assert "- **Tested:** 2 logs, 9 runs, 2023-11-14 to 2023-11-16" in box
 
 
 def test_a_model_that_the_runs_do_not_determine_is_not_usable(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ import pytest
 from identified import identify
 from specified import make_runs
 
-from automarine_cli.dofs import HEAVE, SURGE, YAW
+from automarine_cli.dofs import HEAVE, SURGE
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.logs import ColumnMap, LogFile, read_log
+from automarine_cli.logs import ColumnMap
 from automarine_cli.runs.half_turn import find_steps, half_turns, released
 from automarine_cli.runs.load import find_glitches, load_runs, unwrap
 from automarine_cli.runs.run import Run
@@ -53,14 +53,6 @@ def test_a_position_of_many_metres_is_not_wrapped_and_a_turn_in_metres_is_a_spik
     distance[50] += 2 * np.pi
     assert np.flatnonzero(find_glitches(time, distance, SURGE)).tolist() == [50]
     np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE)[0], distance)
-
-
-def test_a_log_of_both_is_read_as_asked(tmp_path: Path) -> None:
-    path = log(tmp_path, "heading_deg,tau,depth_m,force_Z_N", way() * 100, way() * 0 + 1, way(), way() * 0 + 5)
-    as_yaw, as_heave = (read_log(LogFile(path, "log.csv", True), dof=dof) for dof in (YAW, HEAVE))
-    assert "depth_m" in as_yaw.extras and as_yaw.moment_unit == "nu"
-    assert set(as_heave.columns) == {"time", "depth", "force_Z"} and as_heave.moment_unit == "N"
-    assert read_log(LogFile(path, "log.csv", True), dof=None).dof is YAW
 
 
 @pytest.mark.parametrize(("dof", "header", "force"), [

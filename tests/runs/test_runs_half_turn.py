@@ -200,11 +200,3 @@ def test_coasting_is_no_rest_until_it_is_over() -> None:
     run = Run("run", "run.csv", time, coast + slowed, moment, "nu", dof=YAW)
     first, second = find_steps(run)
     assert first.from_rest and not second.from_rest and second.rest is None
-
-
-def test_drifting_rest_is_cut_down_to_the_still_part() -> None:
-    run = step_run(0.5, rest=6.0, noise_deg=0.1)
-    drift = np.where(run.time < 97, 0.4 * (97 - run.time), 0.0)
-    (step,) = find_steps(replace(run, position=run.position - drift))
-    assert step.rest is not None and run.time[step.rest.start] >= 96.5
-    assert step.start_position == pytest.approx(0.7, abs=0.01)

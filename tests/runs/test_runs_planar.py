@@ -91,14 +91,6 @@ def test_what_a_slow_sensor_repeats_counts_once(tmp_path: Path, sign: float) -> 
     assert note.startswith("surge: 80 % of the rows") and np.isfinite(run.extras["sway"]).all()
 
 
-def test_places_of_one_receiver_are_new_together() -> None:
-    """Due north for a while: the east that stands is a reading, as long as the north beside it moves."""
-    noise = 0.1 * np.random.default_rng(0).standard_normal(40)
-    north, east = np.repeat(0.3 * np.arange(40.0) + noise, 4), np.repeat(np.arange(40.0) // 9, 4)
-    again = repeats(north, east)
-    assert again.reshape(40, 4).sum(axis=1).tolist() == [4, *[3] * 39]
-
-
 @pytest.mark.parametrize("noise", [0.004, 0.02, 0.0])
 def test_a_coarse_sensor_that_reads_every_row_is_not_held(noise: float) -> None:
     """In steps of a centimetre a second, at rest, creeping and under way."""
@@ -121,15 +113,3 @@ def test_refusals(tmp_path: Path, more: dict[str, object], says: str) -> None:
     with pytest.raises(LogError) as refusal:
         loaded(tmp_path, table)
     assert says in str(refusal.value) and "--columns" in str(refusal.value)
-
-
-def test_a_log_found_in_a_folder_that_does_not_serve_is_set_aside(tmp_path: Path) -> None:
-    loaded(tmp_path, columns())
-    table = {name: column for name, column in columns().items() if "force" not in name}
-    pd.DataFrame(table).to_csv(tmp_path / "yaw_only.csv", index=False)
-    campaign = load_runs([tmp_path], dof=YAW, read=read_planar)
-    assert [run.name for run in campaign.runs] == ["log"]
-    assert [(aside.run, aside.why[:19]) for aside in campaign.set_aside] == [("yaw_only", "no force in the log")]
-    # of yaw alone the columns of other motions stay under the file's own names
-    (run,) = load_runs([tmp_path / "log.csv"], dof=YAW).runs
-    assert {"north_m", "east_m", "force_X_N", "force_Y_N", "surge", "sway", "yaw_rate"} == run.extras.keys()

@@ -166,20 +166,6 @@ def test_a_run_that_others_outdo_with_less_is_stuck() -> None:
         assert f"a moment of {moment} nu" in aside[0].why
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        still(0.5, "other"),  # nothing moves: a dead band, or a tether, and no fault of one run
-        named(mirrored(step_run(0.5)), "other"),  # the other side says nothing of this one
-        named(step_run(0.7), "other"),  # more moment may do what less does not
-        named(step_run(0.5, length=60.0), "other"),  # and so may more time
-    ],
-)
-def test_what_has_no_weaker_run_that_moved_is_kept(other: Run) -> None:
-    for runs in mirrored_too([still(0.5, "still"), other]):
-        assert without_stuck(runs) == (runs, ())
-
-
 def test_a_vehicle_that_holds_its_heading_is_not_stuck() -> None:
     held = still(0.5, "held")
     driven = np.where(np.arange(len(held)) % 7 < 3, 0.5, -0.4)

@@ -11,10 +11,9 @@ from made_runs import mirrored, step_heading, step_run, written
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
-from automarine_cli.logs import LogTable
 from automarine_cli.runs.checks import position_trouble
-from automarine_cli.runs.load import clean, find_glitches, find_jumps, load_runs, unwrap
-from automarine_cli.runs.run import Run, position_noise
+from automarine_cli.runs.load import find_glitches, find_jumps, load_runs, unwrap
+from automarine_cli.runs.run import position_noise
 
 Floats = NDArray[np.float64]
 WRAPPED = 2 * np.pi
@@ -76,16 +75,6 @@ def test_real_turns_do_not_jump(rate: float, swing: float, pace: float, noise: f
         assert not find_glitches(time, np.mod(heading, WRAPPED), YAW).any()
 
 
-@pytest.mark.parametrize("moment", [-40.0, -1.2, -0.1, 0.1, 1.2, 40.0])
-@pytest.mark.parametrize("period", [0.02, 0.1, 0.2, 0.5, 1.0])
-def test_a_step_from_rest_neither_jumps_nor_loses_a_sample(moment: float, period: float) -> None:
-    """The strongest is faster by ten times than the source paper's, at up to five radians a second."""
-    time = np.arange(-4 * period - 1, max(6.0, 40 * period), period)
-    heading = np.mod(step_heading(time, moment), WRAPPED)
-    assert not len(find_jumps(time, heading, YAW))
-    assert abs(moment) > 2 or not find_glitches(time, heading, YAW).any()
-
-
 def jumped(heading: Floats, at: int, degrees: float) -> Floats:
     """The heading with an offset after sample `at`."""
     return heading + np.where(np.arange(len(heading)) > at, np.deg2rad(degrees), 0.0)
@@ -123,15 +112,6 @@ def test_a_run_is_split_at_its_jump_and_says_so(tmp_path: Path, mirror: bool) ->
     np.testing.assert_allclose(np.diff(part.position), np.diff(run.position[36:]), atol=1e-9)
     (aside,) = campaign.set_aside
     assert aside.run == "a.1" and aside.why.startswith("only 3.5 s are left beside a jump")
-
-
-def test_a_log_that_counts_its_turns_is_taken_as_it_is() -> None:
-    time = 0.1 * np.arange(300)
-    heading = 0.9 * time
-    time[100:] += 50
-    position, broken_after = unwrap(time, heading, np.array([99]), YAW)
-    np.testing.assert_array_equal(position, heading)
-    assert broken_after == ()
 
 
 def test_a_gap_is_bridged_by_the_rates_beside_it() -> None:
@@ -215,21 +195,3 @@ def test_centimetres_and_millimetres_are_told(vehicle: str, factor: float, dof: 
     why = position_trouble(time, factor * position, dof)
     assert why is not None and why.startswith("units look wrong: ")
     assert why.endswith(f'such as {dof.position}_m = {{ from = "{dof.position}", unit = "mm" }}')
-
-
-def test_where_a_way_is_measured_from_does_not_matter() -> None:
-    """Eastings of half a million metres are ways like others; what a sensor says instead of nothing is dropped."""
-    time, position, command = driven("small ROV", 10.0, 0.01, 3)
-    (near,) = cleaned(time, position, command)
-    (far,) = cleaned(time, 5e5 + position, command)
-    np.testing.assert_allclose(far.position - 5e5, near.position, atol=1e-6)
-    lost = 5e5 + position
-    lost[50:60] = 65535.0
-    (run,) = cleaned(time, lost, command)
-    assert run.counts["glitches"] == 10 and len(run) == len(time) - 10
-
-
-def cleaned(time: Floats, position: Floats, command: Floats) -> tuple[Run, ...]:
-    columns = {"time": time, SURGE.position: position, SURGE.command: command}
-    table = LogTable("log.csv", columns, np.arange(1, len(time) + 1), units={SURGE.command: "N"}, dof=SURGE)
-    return clean(table, np.arange(len(time)), "run")

@@ -12,7 +12,6 @@ from tolerances import assert_close
 
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import RunError
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate
@@ -135,49 +134,3 @@ def test_drag_is_against_the_water_and_friction_against_the_ground() -> None:
     surge = (Term("linear-drag", (3.0,)), Term("coulomb-drag", (5.0, 0.0, 0.0, 0.1)))
     braked = simulate(planar_model(*BODY, surge=surge, water=(0.3, 0.0)), batch)
     assert abs(braked.velocities[0, 0, -1, 0]) < 0.02  # 3 N s/m at 0.3 m/s are less than 5 N
-
-
-def test_late_switches_move_all_commands() -> None:
-    """A change of any command is a switch of its own; those of one interval are one."""
-    time = 0.4 * np.arange(25)
-    run = planar_run(time, 9.0 * (time > 2), -4.0 * (time > 5), 2.0 * ((time > 2) & (time < 7)))
-    batch = make_batch([run], 0.02, motion=PLANAR)
-    assert batch.interval.shape == (1, 3) and batch.force.shape[0] == 3
-    late = np.array([0.15, -0.1, 0.05])
-    moved = simulate(resisted(), batch, start=Start(switch_delay=late[None, None]))
-    changes = 1 + np.flatnonzero(np.any(np.diff([run.extras["force_X"], run.extras["force_Y"], run.command]), axis=0))
-    instants = (time[changes - 1] + time[changes]) / 2 + late
-    dense = np.sort(np.concatenate([time, instants - 1e-9, instants + 1e-9]))  # samples that show each change at once
-    held = np.searchsorted(instants, dense)
-    levels = np.array([[0, 9, 9, 9], [0, 0, -4, -4], [0, 2, 2, 0]], dtype=float)
-    exact = solved(RESISTED.in_current(resisted().water), planar_run(dense, *levels[:, held]), (0, 0, 0), (0, 0, 0))[0]
-    assert_close(moved.positions[0, 0], exact[np.isin(dense, time)], "rollout")
-
-
-def test_channels_of_all_three() -> None:
-    run = driven(0)
-    logged = {"north": run.time - 50, "east": np.full(len(run), np.nan), "surge": 0.1 * run.time}
-    run = replace(run, extras={**run.extras, **logged})
-    batch = make_batch([run, driven(1)], 0.1, motion=PLANAR)
-    assert [(channel.quantity, channel.dof, channel.velocity) for channel in batch.channels] == [
-        ("north", 0, False), ("east", 1, False), ("heading", 2, False),
-    ]  # fmt: skip
-    north, east, heading = batch.channels
-    assert north.seen[0].all() and not north.seen[1].any() and not east.seen.any() and heading.seen.all()
-    chosen = make_batch([run], 0.1, motion=PLANAR, channels=("surge", "yaw_rate", "heading"))
-    assert [(channel.quantity, channel.dof, channel.counts) for channel in chosen.channels] == [
-        ("north", 0, False), ("surge", 0, True), ("heading", 2, True), ("yaw_rate", 2, True),
-    ]  # fmt: skip
-    assert not chosen.channels[3].seen.any()  # asked for, but in no log
-    trajectory = simulate(resisted(), chosen, start=START)
-    np.testing.assert_array_equal(trajectory.reading(chosen.channels[1]), trajectory.velocities[..., 0])
-    np.testing.assert_array_equal(trajectory.reading(chosen.channels[2]), trajectory.positions[..., 2])
-    with pytest.raises(RunError, match="no sway force"):
-        make_batch([replace(run, extras={"force_X": run.extras["force_X"]})], 0.1, motion=PLANAR)
-
-
-def test_the_inertia_is_symmetric_and_positive() -> None:
-    model = planar_model(11.0, 16.0, 1.2, 2.4)
-    (matrix,) = model.inertia_matrix(model.theta[None])
-    np.testing.assert_array_equal(matrix, [[11, 0, 0], [0, 16, 2.4], [0, 2.4, 1.2]])
-    np.testing.assert_array_equal(resisted().inertia_matrix(resisted().theta[None])[0], RESISTED.inertia)

@@ -124,14 +124,6 @@ def test_scatter_is_as_asked() -> None:
     assert headings.std() == pytest.approx(2 * np.pi / np.sqrt(12), rel=0.1)
 
 
-def test_moment_scatter_leaves_every_run_a_share_of_its_moment() -> None:
-    settings = {"moment": 0.2, "moment_most": 0.5}
-    runs = make_campaign(pool_specification(moments=[0.2, -1.0], repeats=100, scatter=settings), 7)
-    moment = np.array([run.plan.moments[0][0] for run in runs])
-    ratio = np.abs([run.added_moment for run in runs] / moment)
-    assert ratio.max() <= 0.5 and ratio[np.abs(moment) < 0.5].max() > 0.4
-
-
 def test_other_runs_and_jobs_change_nothing_and_seeds_do() -> None:
     pair = pool_specification(moments=[0.3, -0.5])
     few, parallel, other = (make_campaign(pair, seed, jobs=jobs) for seed, jobs in ((9, 1), (9, 2), (8, 1)))

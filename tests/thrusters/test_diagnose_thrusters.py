@@ -1,6 +1,5 @@
 """`diagnose` on thruster maps: planted effects get their names, nothing planted gets none."""
 
-import json
 from collections.abc import Callable
 
 import numpy as np
@@ -150,15 +149,6 @@ def test_a_faulty_stretch_is_no_effect() -> None:
     result = diagnose_thrusters(logs(lambda n: square(n) * np.where((n > 0.6) & (n < 0.75), 0.8, 1.0), n=FINE), SQUARE)
     assert result.verdict == "nothing-missing" and result.gap.after < 2.0 * NOISE
     assert result.faults and all(0.58 < fault["from_n"] <= fault["to_n"] < 0.77 for fault in result.faults)
-
-
-def test_second_look_finds_nothing_more() -> None:
-    first = diagnose_thrusters(logs(ahead_only), SQUARE)
-    extended = ThrusterMap.from_json(json.loads(json.dumps(first.extended_map)))
-    second = diagnose_thrusters(logs(ahead_only), extended)
-    assert second.verdict == "nothing-missing"
-    assert second.gap.before == pytest.approx(first.gap.after, rel=1e-3)
-    assert extended.force(np.array([0.1])) == pytest.approx(0.0) and extended.force(np.array([-0.1])) < 0
 
 
 def test_what_cannot_be_diagnosed_is_refused() -> None:

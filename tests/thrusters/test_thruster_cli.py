@@ -10,7 +10,6 @@ from click.testing import Result
 
 from automarine_cli.commands.compare import compare
 from automarine_cli.commands.fit_thrusters import fit_thrusters
-from automarine_cli.report.tables import number
 from automarine_cli.thrusters.map import ThrusterMap
 
 Run = Callable[..., Result]
@@ -115,14 +114,6 @@ def test_signs_and_offsets_are_refused_with_what_to_write(run: Run, tmp_path: Pa
     assert refused.exit_code == 1 and "Write subtract = 0.0175 in the line of the force" in refused.stderr
 
 
-def test_forced_form_keeps_the_square_law_beside_it(run: Run, log: Path) -> None:
-    data = json.loads(run("fit-thrusters", log, "--form", "power", "--json").stdout)
-    assert data["form"] == "power" and data["chosen"]["form"] == "power"
-    assert data["parameters"]["forward"]["p"]["value"] == pytest.approx(2.0, abs=0.1)
-    assert data["forward"]["a"]["value"] == pytest.approx(AHEAD, rel=0.02)
-    assert run("fit-thrusters", log, "--form", "cubic").exit_code == 2
-
-
 @pytest.mark.slow
 def test_voltage_gives_a_map_each_and_the_exponent(run: Run, tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
@@ -151,19 +142,6 @@ def test_one_direction_and_missing_values(run: Run, tmp_path: Path) -> None:
     assert ThrusterMap.from_json(data).force(2.0) == pytest.approx(8.0, rel=1e-6)
 
 
-def test_other_logs_in_a_folder_are_set_aside_or_refused(run: Run, log: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "campaign"
-    folder.mkdir()
-    log.rename(folder / "bollard.csv")
-    yaw = text(folder / "yaw.csv", "time_s,heading_deg,tau\n0,0,1\n1,2,1\n")
-    result = run("fit-thrusters", folder, "--json")
-    assert result.exit_code == 0 and "yaw.csv" in result.stderr and "control signal" in result.stderr
-    assert json.loads(result.stdout)["runs"]["set_aside"][0]["file"].endswith("yaw.csv")
-    for arguments in ([folder, "--strict"], [yaw]):
-        refused = run("fit-thrusters", *arguments)
-        assert refused.exit_code == 1 and refused.stderr.startswith("Error: ") and refused.stderr.count("\n") == 1
-
-
 @pytest.fixture
 def throttle(tmp_path: Path) -> Path:
     """Thrust against a throttle: far from the square law, with a dead band and no saturation."""
@@ -171,17 +149,6 @@ def throttle(tmp_path: Path) -> Path:
     thrust = 60.0 * np.sign(n) * np.maximum(np.abs(n) - 0.1, 0.0) ** 1.2
     noise = 0.1 * np.random.default_rng(2).standard_normal(len(n))
     return write(tmp_path / "throttle.csv", "n,force_N", n, thrust + noise)
-
-
-def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path) -> None:
-    fit = fit_thrusters([throttle])
-    analysis = fit.analysis
-    chosen, law = (number(analysis.percent(score.rmse), 3) for score in (analysis.chosen, analysis.law))
-    assert analysis.chosen.form.name == "dead-band-power" and float(chosen) < 1.0 < 5.0 < float(law)
-    first, second = (line for line in repr(fit).splitlines() if line.startswith("R² "))
-    assert f"= {chosen} % of" in first and f"= {law} % of" in second
-    frame = fit.to_frame().set_index(["form", "parameter", "direction"])
-    assert frame.loc[("dead-band-power", "n_0", "forward"), "value"] == pytest.approx(0.1, abs=0.01)
 
 
 def test_maps_with_a_parameter_at_its_bound_are_shown_and_compared(throttle: Path, tmp_path: Path) -> None:

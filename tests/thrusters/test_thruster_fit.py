@@ -279,15 +279,6 @@ def test_still_changing_thrust_is_said() -> None:
     assert "still changing" in reduce_series([Series("slow.csv", "", n, force)]).notes[0]
 
 
-def test_a_long_sweep_goes_in_means_of_neighbours() -> None:
-    n = np.sin(np.linspace(0, 2 * np.pi, 20000))
-    force = A * n * np.abs(n) + 0.5 * np.random.default_rng(0).standard_normal(20000)
-    reduction = reduce_series([Series("sweep.csv", "", n, force)])
-    points = reduction.points
-    assert reduction.plateaus == 0 and len(points) == 2000 and points.count.sum() == 20000
-    assert points.force - A * points.n * np.abs(points.n) == pytest.approx(0.0, abs=5 * 0.5 / np.sqrt(10))
-
-
 @pytest.mark.parametrize("start", [600, 1800])
 def test_a_faulty_plateau_among_five_is_flagged(start: int) -> None:
     """One of five commands ahead, then one astern, hardly pulls: flagged although the table is coarse."""
@@ -336,14 +327,3 @@ def test_tables_and_sweeps_have_no_steady_speed() -> None:
     for n in (fine, noisy, shuffled, repeated, np.linspace(-1, 1, 1500)):
         reduction = reduce_series([Series("t.csv", "", n, n * np.abs(n))])
         assert reduction.plateaus == 0 and len(reduction.points) == len(n)
-
-
-def test_a_record_without_rest_takes_the_tare_of_the_others() -> None:
-    def held(run: str, n: float, force: float, seed: int) -> Series:
-        noise = 0.05 * np.random.default_rng(seed).standard_normal(50)
-        return Series("log.csv", run, np.full(50, n), force + noise)
-
-    records = [held("tare", 0.0, 1.5, 0)] + [held(f"{n}", n, A * n * n + 1.5, i) for i, n in enumerate((0.3, 0.6, 1.0))]
-    tared, tare = subtract_tare(reduce_series(records).points)
-    assert tare.value == pytest.approx(1.5, abs=0.05)
-    assert tared.force == pytest.approx([0.0, A * 0.09, A * 0.36, A], abs=0.05)
