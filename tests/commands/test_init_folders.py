@@ -63,6 +63,15 @@ def test_a_campaign_of_every_kind_with_one_question(tmp_path: Path, run: Callabl
     assert [step.did for step in done.steps] == ["done", "done"]
 
 
+def test_commands_in_newtons_need_no_bollard_test(tmp_path: Path) -> None:
+    sides = {"left_N": lambda run: run.command / ARM / 2, "right_N": lambda run: -run.command / ARM / 2}
+    write_logs(tmp_path / "logs", TIME | HEADING | sides)
+    result, data = started(tmp_path)
+    assert data["thrusters"] == {"map": "newtons"} and result.questions == ("vehicle.arm_m",)
+    done = run_campaign(answer(tmp_path, {"arm_m": str(ARM)}), out=tmp_path / "out", until="fit-yaw")
+    assert inertia(done) == pytest.approx(1.018, rel=0.08)
+
+
 def test_results_are_no_logs_and_what_cannot_be_read_is_named(tmp_path: Path) -> None:
     pool = tmp_path / "pool"
     write_logs(pool / "steps", CANONICAL)

@@ -13,7 +13,7 @@ from repository import SAMPLE_RUNS
 import automarine_cli as am
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, RunError
-from automarine_cli.logs import LogFile, LogTable, read_log
+from automarine_cli.logs import LogFile, LogTable, find_logs, read_log
 from automarine_cli.runs.slices import find_slices
 
 
@@ -110,3 +110,15 @@ def test_a_log_that_does_not_tell_is_refused(tmp_path: Path, run: Callable[..., 
     mixed = json.loads(run("slice", tmp_path, "--by", "moment", "--json").stdout)
     assert mixed["runs"]["used"] == 1 and "no time" in mixed["runs"]["set_aside"][0]["why"]
     assert run("slice", tmp_path, "--by", "moment", "--strict").exit_code == 1
+
+
+def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
+    odd = {"depth, m": np.linspace(1, 2, 60), "mode": ["A"] * 60, "heading_rad": [0.1] * 60, "run": ["x"] * 60}
+    table(tmp_path, day([(0.5, 60)], **odd).drop(columns="heading_deg"))
+    am.slice_log(tmp_path / "day.csv", by="mode", out=tmp_path / "out")
+    (file,) = find_logs([tmp_path / "out/runs"])
+    back = read_log(file, dof=YAW)
+    assert file.path.name == "day_x_1_A.csv" and back.run is None
+    np.testing.assert_array_equal(back.extras["depth, m"], odd["depth, m"])
+    np.testing.assert_allclose(back.columns["heading"], 0.1, rtol=1e-9)
+    assert back.labels["mode"].names == ("A",)

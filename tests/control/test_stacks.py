@@ -16,6 +16,7 @@ from automarine_cli.control.knowledge import turning
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.vehicles import ThrustCurve, Vehicles
+from automarine_cli.errors import SettingError
 from automarine_cli.thrusters.curves import PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -36,6 +37,11 @@ def test_a_mirrored_step_is_a_mirrored_flight(name: str) -> None:
     flight = fly(target, halfway(target, plant), plant, np.stack([there, -there])[None], np.zeros((1, 2)))
     assert np.allclose(flight.position[0, 0], -flight.position[0, 1], atol=1e-9)
     assert 0.1 < flight.position[0, 0, -1] < 1.5
+
+
+def test_an_unknown_target_is_answered_with_the_names() -> None:
+    with pytest.raises(SettingError, match="no target is called 'px4'; give one of ardurover, ardusub, pid"):
+        get("px4")
 
 
 CAREFUL = {"ATC_ANG_YAW_P": 0.5, "ATC_RAT_YAW_P": 0.1, "ATC_RAT_YAW_D": 0.01, "ATC_RAT_YAW_FLTD": 20.0}

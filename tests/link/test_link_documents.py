@@ -5,10 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from made_link import BATTERY, MODEL, expected_logs, made_campaign
+from link_requests import collected
+from made_link import BATTERY, MODEL, expected_logs, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.document import PlannedRun, campaign_in
+from automarine_cli.link.document import PlannedRun, campaign_in, read_campaign
 from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.replay import Replay
 from automarine_cli.link.vehicles.simulated import Simulated
@@ -89,3 +90,13 @@ def test_recorded_runs_are_replayed_byte_for_byte(tmp_path: Path) -> None:
     again = ["".join(replay.drive(campaign, number, lambda: False)).encode() for number in range(2)]
     assert again == list(expected_logs(campaign).values())
     assert list(replay.drive(campaign, 0, lambda: True)) == []
+
+
+def test_the_surface_refuses_what_the_vehicle_refuses(tmp_path: Path) -> None:
+    refused = pytest.raises(SettingError, match="the vehicle refuses: the campaign's moments are in N m")
+    with vehicle_at(tmp_path / "vehicle") as vehicle, refused:
+        collected(vehicle.url, tmp_path / "pool", replace(made_campaign(), moment_unit="N m"))
+    plan = tmp_path / "plan.json"
+    plan.write_text(json.dumps({"schema": "automarine/plan/1", "moment_unit": "nu"}))
+    with pytest.raises(SettingError, match=r'limits\.logger: key "rate_hz" is missing; give a file as `automarine'):
+        read_campaign(plan)

@@ -22,6 +22,7 @@ from small_campaign import make_small_campaign
 
 import automarine_cli as am
 from automarine_cli import effects
+from automarine_cli.commands.report import report
 from automarine_cli.comparison.validation import ForecastEntry, ScoreEntry, ValidationFile
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import OutputError
@@ -194,6 +195,9 @@ def test_refusals_say_what_to_do(tmp_path: Path) -> None:
     write(tmp_path, "yaw/yaw_model.json", {"schema": "automarine/yaw-model/1"})
     with pytest.raises(OutputError, match=r'yaw/yaw_model.json: key "models" is missing; give a file as'):
         make_report(tmp_path)
+    (tmp_path / "report.md").touch()
+    with pytest.raises(OutputError, match=r"already holds report\.md; give --overwrite to replace it"):
+        report(tmp_path)
 
 
 def write(folder: Path, name: str, content: dict[str, object]) -> None:

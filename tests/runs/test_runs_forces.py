@@ -7,8 +7,8 @@ import pytest
 from identified import identify
 from specified import make_runs
 
-from automarine_cli.dofs import HEAVE, SURGE
-from automarine_cli.errors import RunError, SettingError
+from automarine_cli.dofs import HEAVE, SURGE, YAW
+from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.logs import ColumnMap
 from automarine_cli.runs.half_turn import find_steps, half_turns, released
 from automarine_cli.runs.load import find_glitches, load_runs, unwrap
@@ -70,6 +70,31 @@ def test_thrusters_push_together(tmp_path: Path, dof: object, header: str, force
     assert moment_maker(MAP, None, ColumnMap(), SURGE) is not None
     with pytest.raises(SettingError, match="--arm is of yaw"):
         moment_maker(MAP, 0.1, ColumnMap(), HEAVE)
+    with pytest.raises(SettingError, match="only with the thrusters' lever arm; give --arm METRES"):
+        moment_maker(MAP, None, ColumnMap(), YAW)
+    sides = {"n_port": way(), "n_stbd": way()}
+    with pytest.raises(ModelError, match=r"^a, run 'b': the arm of a thruster is 0\.0; expected a positive length"):
+        drive_run_by_thrusters(Run("b", "a", run.time, way(), None, "", sides, dof=YAW), MAP, 0.0)
+
+
+def test_a_speed_alone_is_summed_up_to_trim_by(tmp_path: Path) -> None:
+    """Less what it reads at rest: 0.1 m/s here."""
+    pushed = np.maximum(np.arange(100) / 10 - 2.0, 0.0)
+    run = read(log(tmp_path, "force_X_N,surge_m_s", np.where(np.arange(100) < 20, 0.0, 4.0), 0.1 + 0.5 * pushed))
+    assert run.summed_up and any(f"the {SURGE.words.rate} is summed up to trim by" in note for note in run.notes)
+    np.testing.assert_allclose(run.position - run.position[20], 0.25 * pushed**2, atol=0.02)
+
+
+@pytest.mark.parametrize(("change", "why"), [
+    ({"motion": "roll"}, 'vehicle.motion: found "roll", expected yaw or surge or heave or sway'),
+    ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
+    ({"k_rr": 1.0}, 'vehicle: unknown key "k_rr"; did you mean "Z_ww"?'),
+])  # fmt: skip
+def test_specifications_are_refused_in_the_words_of_their_motion(change: dict[str, object], why: str) -> None:
+    vehicle = {**HEAVE_SPEC["vehicle"], **change}  # type: ignore[dict-item]
+    with pytest.raises(SettingError) as problem:
+        specification_from({**HEAVE_SPEC, "vehicle": vehicle, "runs": [{"kind": "step", "forces": [12.0]}]})
+    assert why in str(problem.value)
 
 
 def made(commands: list[list[float]], **campaign: object) -> Run:
