@@ -8,18 +8,14 @@ import pytest
 from identified import identify
 from made_driven import turned
 from repository import SAMPLE_RUNS
-from specified import read_specification
 
 from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.dofs import DOFS, HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.identify import YawFit, starts_at_rest
-from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
-from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.rollout import simulate
 
 TRUTH = {
     "surge": {"m_u": 17.0, "X_uu": 24.0, "half_difference": -3.0},
@@ -89,22 +85,6 @@ def test_drag_that_is_the_same_both_ways_is_pooled() -> None:
     assert fit.ways is not None and not fit.ways.differ and "half_difference" not in fit.estimates
     assert holds(fit.estimates["X_uu"], 21.0)
     assert [term.name for term in fit.model.terms] == ["quadratic-drag"]
-
-
-def test_a_held_vehicle_stays_until_its_command_changes() -> None:
-    """A vehicle that floats up stands still in the simulation as it does in the log, and moves with the step."""
-    runs = load_runs(LOGS["heave"], dof=HEAVE).runs[:4]
-    assert all(starts_at_rest(run) for run in runs)
-    model = read_specification(SAMPLE_RUNS / "heave.toml").model()
-    found = simulate(model, make_batch(runs, 0.05)).position[0]
-    for run, depth in zip(runs, found):
-        first = int(np.flatnonzero(run.command)[0])
-        assert np.ptp(depth[:first]) == 0.0
-        net = run.command[-1] - 2.0
-        assert np.sign(depth[len(run) - 1]) == np.sign(net)
-        rate = np.diff(depth[: len(run)])[-1] / np.diff(run.time)[-1]
-        way = 6.0 if net > 0 else -6.0
-        assert rate == pytest.approx(float(steady_rate(net, 0.0, 45.0 + way)), rel=0.03)
 
 
 def test_whole_runs_forecast_from_the_moment_at_which_the_vehicle_is_let_go() -> None:

@@ -9,7 +9,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.information import Fitting
-from automarine_cli.planning.rivals import closest, fitted, shows, splits, with_effect
+from automarine_cli.planning.rivals import closest, fitted, splits, with_effect
 
 BASE = YawModel.base("3", 1.018, [1.257], "nu", YAW)
 FITTING = Fitting(BASE, "diagnosis", np.deg2rad(1.0), 0.03, frame=BASE)
@@ -53,13 +53,6 @@ def test_steps_leave_a_tie(name: str, values: tuple[float, ...], rival: str, mor
     few, many = (splits([pair], runs)[0][0] for runs in (STEPS, STEPS + more))
     assert few.evidence < 10.0
     assert many.evidence > few.evidence + 8.0
-
-
-def test_a_rival_that_imitates_best_by_vanishing_does_not_show() -> None:
-    """A spring only slows a turn; to water that turns along it is closest when there is none."""
-    true = explanation("water-swirl", (0.1, 10.0))
-    assert not shows(rival_of(true, "tether-spring"), STEPS)
-    assert shows(true, STEPS)
 
 
 def test_mirrored_runs_split_as_well() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_runs import INERTIA, K_RR, mirrored, solved, step_run
-from made_sequences import STEPS, sequence_run
+from made_sequences import sequence_run
 from numpy.typing import NDArray
 from tolerances import assert_close
 
@@ -90,16 +90,6 @@ def test_the_instant_of_a_switch_moves(share: float) -> None:
     moved = headings("3", run, switch_delay=shift)
     assert_close(moved, response(run.time - switch, 0.8, INERTIA, 0.0, K_RR)[0], "rollout")
     np.testing.assert_array_equal(headings("3", mirrored(run), switch_delay=shift), -moved)
-
-
-def test_each_switch_has_a_shift_of_its_own() -> None:
-    run = sequence_run()
-    batch = make_batch([run], 0.02)
-    assert batch.interval.shape == (1, len(STEPS)) and np.allclose(batch.interval, 0.1)
-    late = np.linspace(-0.04, 0.04, len(STEPS))
-    switches = (0.0, *(2.0 - 0.05 + 4.0 * np.arange(len(STEPS)) + late))
-    exact = solved(switches, (0.0, *STEPS), run.time - run.time[0], 0.0, K_RR, 0.0)
-    assert_close(simulate(model(), batch, start=Start(switch_delay=late[None, None])).position[0, 0], exact, "rollout")
 
 
 def test_mirrored_runs_turn_the_other_way() -> None:
