@@ -340,7 +340,6 @@ def detectable(study: DiagnosisProblem, result: SearchResult) -> dict[str, float
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 
-
 WELL_ABOVE = 0.05
 FLOOR_ERROR = 1.5
 """Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the
@@ -774,7 +773,9 @@ class Diagnosis(Shown):
         }
 
 
-def _best_law(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem, map_fn: Each) -> SearchResult:
+def _law_by_held_out(
+    study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem, map_fn: Each
+) -> SearchResult:
     """The law and size that runs held out follow best, of those that the fitted runs do not tell apart: where all their
     commands lie on one side of an edge, its place must not decide whether there is one."""
     final = result.final
@@ -826,7 +827,7 @@ def diagnose_runs(
 
     def judged(outcome: SearchResult) -> tuple[SearchResult, DiagnosisProblem | None, Verdict]:
         held_out = replace(outcome.study, runs=tuple(unfitted)) if unfitted else None
-        outcome = outcome if held_out is None else _best_law(outcome.study, outcome, held_out, map_fn)
+        outcome = outcome if held_out is None else _law_by_held_out(outcome.study, outcome, held_out, map_fn)
         return outcome, held_out, verdict_of(outcome.study, outcome, where, held_out)
 
     learned = learn(searched.study, searched, seed, map_fn, explained)
