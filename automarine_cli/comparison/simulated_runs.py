@@ -26,10 +26,10 @@ from automarine_cli.runs.run import Run, position_noise, slope, summed
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_for
 
-SETTLED = 0.01  # of the unit that people see: halving the step must not move a position further than this
+SETTLED_POSITION = 0.01  # of the unit that people see: halving the step must not move a position further than this
 MAX_HALVINGS = 4
-UNSTEADY = 0.05  # s, the step of a model without a steady rate
-MAX_STEPS = 50_000  # beyond which a step is halved no more; long runs have four times their samples
+UNSTEADY_STEP_S = 0.05  # s, the step of a model without a steady rate
+MAX_FINE_STEPS = 50_000  # beyond which a step is halved no more; long runs have four times their samples
 GROUP_SAMPLES = 500_000  # padded samples simulated together: a few hundred megabytes at most
 
 
@@ -40,7 +40,7 @@ def needed_signals(model: YawModel) -> tuple[str, ...]:
 
 def step_of(model: YawModel, runs: Sequence[Run]) -> float:
     step = step_for(model, max(float(np.abs(run.command).max()) for run in runs))
-    return step if np.isfinite(step) else UNSTEADY  # drag that never balances it
+    return step if np.isfinite(step) else UNSTEADY_STEP_S  # drag that never balances it
 
 
 def roll(
@@ -64,7 +64,7 @@ def roll(
     step = step_of(model, runs)
     path = once(step)
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
-    most = max(MAX_STEPS, 4 * max(len(run) for run in runs))
+    most = max(MAX_FINE_STEPS, 4 * max(len(run) for run in runs))
     for _ in range(MAX_HALVINGS):
         step, coarser = step / 2, path
         if longest / step > most:
@@ -72,7 +72,7 @@ def roll(
         path = once(step)
         fate, before = np.isfinite(path.position), np.isfinite(coarser.position)
         moved = np.abs(path.position[fate & before] - coarser.position[fate & before]).max(initial=0.0)
-        if np.array_equal(fate, before) and model.dof.shown(moved) <= SETTLED:
+        if np.array_equal(fate, before) and model.dof.shown(moved) <= SETTLED_POSITION:
             break
     return path
 
@@ -83,10 +83,10 @@ def groups(runs: Sequence[Run]) -> list[slice]:
     return [slice(i, i + size) for i in range(0, len(runs), size)]
 
 
-WINDOW = 1.0  # s over which a start is fitted
+START_WINDOW_S = 1.0  # s over which a start is fitted
 MIN_AT_START = 5  # samples of such a fit, for slow loggers
 NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
-ROUNDS = 4
+START_ROUNDS = 4
 RUNAWAY = 1e6  # no slope of a position that a vehicle could have
 MAX_WEIGHT = 100.0  # of a reading of a velocity [s]
 MIN_GAIN = 0.1  # of what a sensor shows of a small move
@@ -129,7 +129,7 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
     targets = np.array([state.position for state in states])
     position, gain = targets, np.ones(len(runs))
     begin = [run.cut(0, 2) for run in runs]
-    for _ in range(2 * ROUNDS):
+    for _ in range(2 * START_ROUNDS):
         tried = position + NUDGE * np.array([[0.0], [1.0], [-1.0]])
         readings = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
         gain = (readings[1] - readings[2]) / (2 * NUDGE)
@@ -143,7 +143,7 @@ def _fitted(model: YawModel, runs: Sequence[Run]) -> list[State]:
     velocity sensor reads there counts with the ratio of the position's noise to its own."""
     if not runs:
         return []
-    ends = [int(np.searchsorted(run.time, run.time[0] + WINDOW * (1 + 1e-9), side="right")) for run in runs]
+    ends = [int(np.searchsorted(run.time, run.time[0] + START_WINDOW_S * (1 + 1e-9), side="right")) for run in runs]
     begins = [run.cut(0, max(end, MIN_AT_START)) for run, end in zip(runs, ends)]
     step = step_of(model, runs) / 2
     rates = np.array([slope(run.time, run.position)[0] for run in begins])
@@ -160,7 +160,7 @@ def _fitted(model: YawModel, runs: Sequence[Run]) -> list[State]:
             weight[i] = min(ratio, MAX_WEIGHT)
     readings = np.concatenate([position, weight * rate], axis=1)
     nudges = NUDGE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[..., None]
-    for _ in range(ROUNDS):
+    for _ in range(START_ROUNDS):
         tried = starts + nudges
         states = roll(model, begins, tried[:, 0], tried[:, 1], step)
         with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away within a second keeps the line
@@ -179,7 +179,7 @@ def _fitted(model: YawModel, runs: Sequence[Run]) -> list[State]:
     ]
 
 
-FAR = 1e6  # m, or rad: a simulation that gets there diverges
+MAX_WAY = 1e6  # m, or rad: a simulation that gets there diverges
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class FreeRun:
 
     @property
     def diverged(self) -> bool:
-        return not all(np.all(np.abs(column) < FAR) for column in self.simulated.values())
+        return not all(np.all(np.abs(column) < MAX_WAY) for column in self.simulated.values())
 
 
 def free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
@@ -241,13 +241,13 @@ def _paths(
 
 
 MIN_SMOOTHED = 4  # samples to either side over which a state is smoothed
-LONGEST = 1.5  # s to either side
-SHORTEST = 1.0  # s between restarts; changes that follow each other sooner are one ramp
-EVERY = 15.0  # s between restarts where the command changes all the time
+MAX_REACH_S = 1.5  # s to either side
+MIN_RESTART_S = 1.0  # s between restarts; changes that follow each other sooner are one ramp
+CLOCK_RESTART_S = 15.0  # s between restarts where the command changes all the time
 ALL_THE_TIME, RAMPING = 0.2, 0.5  # changes a sample, share of the time on ramps
 AT_CHANGES = "before each change of {force} (a ramp is one change)"
-AT_TIMES = f"every {EVERY:g} s, because the {{force}} changes all the time"
-NEVER = "never: the {force} does not change after the start"
+AT_TIMES = f"every {CLOCK_RESTART_S:g} s, because the {{force}} changes all the time"
+NEVER_RESTARTED = "never: the {force} does not change after the start"
 
 
 @dataclass(frozen=True)
@@ -266,19 +266,19 @@ def find_restarts(run: Run) -> Restarts:
     time = run.time
     changes = np.array([first for first, _, _ in segments(run.command)[1:]], dtype=int)
     waits = np.diff(time[changes], prepend=-np.inf)
-    ramping = waits < SHORTEST * (1 - 1e-9)
+    ramping = waits < MIN_RESTART_S * (1 - 1e-9)
     begins = changes[~ramping].tolist()
     on_ramps = float(waits[ramping].sum())
     driven = len(changes) > ALL_THE_TIME * len(run) or on_ramps > RAMPING * (time[-1] - time[0])
-    clock = np.searchsorted(time, np.arange(time[0] + EVERY, time[-1], EVERY)).tolist()
+    clock = np.searchsorted(time, np.arange(time[0] + CLOCK_RESTART_S, time[-1], CLOCK_RESTART_S)).tolist()
     at = [0]
     for i in clock if driven else (first - 1 for first in begins):
-        if time[i] - time[at[-1]] >= SHORTEST and i < len(run) - 1:
+        if time[i] - time[at[-1]] >= MIN_RESTART_S and i < len(run) - 1:
             at.append(i)
     # The variance of a slope falls with the cube of the reach, the square of the parabola's bias grows with its fourth
     # power: the best reach goes with the noise to the power 2/7; about a second for a degree, or a centimetre, at 10 Hz
     noise = run.dof.shown(position_noise(time, run.position)) * np.sqrt(run.sample_period / 0.1)
-    reach = float(np.clip(noise ** (2 / 7), MIN_SMOOTHED * run.sample_period, LONGEST)) * (1 + 1e-9)
+    reach = float(np.clip(noise ** (2 / 7), MIN_SMOOTHED * run.sample_period, MAX_REACH_S)) * (1 + 1e-9)
     rest = rest_state(run)
     states = tuple(
         State(rest.position, 0.0)
@@ -287,7 +287,7 @@ def find_restarts(run: Run) -> Restarts:
         for i in at[1:]
     )
     at.append(len(run) - 1)
-    rule = run.dof.fill(AT_TIMES if driven else AT_CHANGES if states else NEVER)
+    rule = run.dof.fill(AT_TIMES if driven else AT_CHANGES if states else NEVER_RESTARTED)
     return Restarts(tuple(at), rule, float(np.median(np.diff(time[at]))), states)
 
 
@@ -347,19 +347,19 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
     return State(float(position), float(rate))
 
 
-PLANAR_STEP = 0.05  # longest step of the simulation [s]
-BEGINNING = 2.0  # s of a run from which its start is told
+PLANAR_STEP_S = 0.05  # longest step of the simulation [s]
+BEGIN_S = 2.0  # s of a run from which its start is told
 MIN_IN_THE_PLANE = 3  # samples of a rest, and of a start under way
 NOISE = {"heading": 0.02, "yaw_rate": 0.02, "surge": 0.03, "sway": 0.03, "north": 0.05, "east": 0.05}
 """What readings of a start count for [rad, m, s]."""
-LOOSE = 3.0  # m, rad, m/s, rad/s by which a start may differ from the first readings
+START_SD = 3.0  # m, rad, m/s, rad/s by which a start may differ from the first readings
 
 
 def planar_free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
     """Simulate every run by its commands from the state with which its log begins."""
     for run in runs:
         start = planar_start(run, model)
-        batch = make_batch([run], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
+        batch = make_batch([run], PLANAR_STEP_S, motion=PLANAR, channels=CHANNELS)
         path = simulate(model, batch, start=Start(start[:3, None, None], start[3:, None, None]))
         simulated = {channel.quantity: path.reading(channel)[0, 0] for channel in batch.channels}
         yield FreeRun(run, simulated, State(start[:3], start[3:]), np.zeros((len(run), 0)))
@@ -368,12 +368,12 @@ def planar_free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
 def planar_start(run: Run, model: YawModel) -> Floats:
     """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
 
-    At rest the means of the readings before the first command; under way the state that follows the first `BEGINNING`
+    At rest the means of the readings before the first command; under way the state that follows the first `BEGIN_S`
     best under the model."""
     commands = np.stack([run.command_of(dof) for dof in PLANAR.dofs])
     quiet = int(np.argmax(np.append(np.any(commands != commands[:, :1], axis=0), True)))
     at_rest = not commands[:, 0].any() and quiet >= MIN_IN_THE_PLANE
-    until = run.time <= run.time[0] + BEGINNING
+    until = run.time <= run.time[0] + BEGIN_S
     if at_rest:
         until &= np.arange(len(run)) < quiet
     data = {name: run.channel(name) for name in PLANAR.positions if name != run.dof.position or not run.summed_up}
@@ -383,7 +383,7 @@ def planar_start(run: Run, model: YawModel) -> Floats:
     if at_rest:
         return initial
     first = run.cut(0, max(int(np.count_nonzero(until)), MIN_IN_THE_PLANE))
-    batch = make_batch([first], PLANAR_STEP, motion=PLANAR, channels=CHANNELS)
+    batch = make_batch([first], PLANAR_STEP_S, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 
     from scipy.optimize import least_squares  # here, as it takes its time to import
@@ -391,7 +391,8 @@ def planar_start(run: Run, model: YawModel) -> Floats:
     def residuals(state: Floats) -> Floats:
         path = simulate(model, batch, start=Start(state[:3, None, None], state[3:, None, None]))
         errors = [(path.reading(of)[0] - of.values)[of.seen] / NOISE[of.quantity] for of in channels]
-        return np.nan_to_num(np.concatenate([*errors, (state - initial) / LOOSE]), nan=FAR, posinf=FAR, neginf=-FAR)
+        off = np.concatenate([*errors, (state - initial) / START_SD])
+        return np.nan_to_num(off, nan=MAX_WAY, posinf=MAX_WAY, neginf=-MAX_WAY)
 
     return np.asarray(least_squares(residuals, initial, method="lm").x)
 

@@ -30,7 +30,7 @@ from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import FitError, ModelError, RunError, SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.driven import STEPS, Judgement, base_starts, disturbed, driven_problem, worth_of
+from automarine_cli.fits.driven import MAX_STEPS_S, Judgement, base_starts, disturbed, driven_problem, worth_of
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
@@ -339,7 +339,7 @@ class Validation(Shown):
         """By horizon, in the unit in which people see positions."""
         entries = [score.to_json(self.dof) for score in worth_of(predicted)]
         for entry, ahead in zip(entries, predicted):
-            sizes = self.dof.shown(np.sqrt(ahead.by_run(ahead.error, len(self.runs))))
+            sizes = self.dof.shown(np.sqrt(ahead.by_run(len(self.runs))))
             entry["runs"] = {run.name: float(size) for run, size in zip(self.runs, sizes) if np.isfinite(size)}
         return entries
 
@@ -431,7 +431,7 @@ def predictions_of(
     no filter follows them. `channels` names the quantities that count, None for positions."""
     at_rest = np.array([starts_at_rest(run) for run in runs])
     try:
-        rough = rough_model("2", make_batch(runs, STEPS[0]))  # what runs are does not hang on the model to be judged
+        rough = rough_model("2", make_batch(runs, MAX_STEPS_S[0]))  # what runs are hangs on no model to be judged
     except FitError:
         rough = stored.model
     try:

@@ -35,8 +35,8 @@ from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
-from automarine_cli.filters.course import MIN_STEP
-from automarine_cli.filters.kalman import FAR, Predicted
+from automarine_cli.filters.course import MIN_STEP_S
+from automarine_cli.filters.kalman import MAX_Z, Predicted
 from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
 from automarine_cli.fits.identify import covariance_json, valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
@@ -188,7 +188,7 @@ def whitening_gain(innovation: Floats, variance: Floats, time: Floats) -> float:
     runs, steps = [], [MEMORY_S]
     for errors, variances, clock in zip(innovation, variance, time):
         at = np.flatnonzero(variances > 0)
-        runs.append(np.clip(errors[at] / np.sqrt(variances[at]), -FAR, FAR))
+        runs.append(np.clip(errors[at] / np.sqrt(variances[at]), -MAX_Z, MAX_Z))
         steps.extend(np.diff(clock[at]))
     order = max(round(MEMORY_S / float(np.median(steps))), 1)
     windows = [np.lib.stride_tricks.sliding_window_view(white, order + 1) for white in runs if len(white) > order]
@@ -850,7 +850,7 @@ def diagnose_runs(
 
 def expected_seconds(runs: Sequence[Run], planar: bool = False) -> float:
     """Estimate how long a diagnosis takes one process; that of one motion fits every effect to all runs."""
-    readings = float(sum(min(len(run), (run.time[-1] - run.time[0]) / MIN_STEP) for run in runs))
+    readings = float(sum(min(len(run), (run.time[-1] - run.time[0]) / MIN_STEP_S) for run in runs))
     if planar:
         return readings * PLANAR_S
     driven = 2 * sum(stepped(run) for run in runs) < len(runs)

@@ -15,11 +15,11 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, fresh_readings, position_noise
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
-STEP, MIN_STEP = 0.25, 0.1
+MAX_STEP_S, MIN_STEP_S = 0.25, 0.1
 """Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
 controller answers every reading, and the commands would tell of one that was left out."""
-LONGEST = 0.15  # longest step [s] between samples that are further apart; longer ones are divided
-APART = 0.5
+MAX_GAP_STEP_S = 0.15  # longest step [s] between samples that are further apart; longer ones are divided
+MIN_APART_S = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
 SMOOTH_GYRO = 0.25
 """Share of a compass' least noise [per s] below which a gyro was filtered, or its rate is derived from headings."""
@@ -32,7 +32,7 @@ def least_noise(dof: Dof, velocity: bool) -> float:
 
 
 def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
-    """MIN_STEP where any readings are as noisy as sensors are, or there is a gyro; else STEP."""
+    """MIN_STEP where any readings are as noisy as sensors are, or there is a gyro; else MAX_STEP_S."""
     for dof, position in zip(motion.dofs, motion.positions):
         for quantity in (position, dof.velocity):
             noises = []
@@ -43,8 +43,8 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
                     noises.append(position_noise(run.time[fresh], readings[fresh]))
             gyro = dof.wraps and quantity == dof.velocity
             if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
-                return MIN_STEP
-    return STEP
+                return MIN_STEP_S
+    return MAX_STEP_S
 
 
 def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -> Floats:
@@ -69,8 +69,8 @@ def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -
 
 
 def averaged_over(period: float) -> int:
-    """Samples of a log with one each `period` [s] that make one reading: an odd number, of one MIN_STEP."""
-    return 2 * int(0.4999 * MIN_STEP / max(period, 1e-9)) + 1
+    """Samples of a log with one each `period` [s] that make one reading: an odd number, of one MIN_STEP_S."""
+    return 2 * int(0.4999 * MIN_STEP_S / max(period, 1e-9)) + 1
 
 
 def readings_of(time: Floats, readings: Floats, node: Floats, floor: float) -> tuple[NDArray[np.int64], Floats, float]:
@@ -80,7 +80,7 @@ def readings_of(time: Floats, readings: Floats, node: Floats, floor: float) -> t
     """
     fresh = fresh_readings(readings)
     noise = position_noise(time[fresh], readings[fresh])
-    apart = APART if noise < floor else 0.0
+    apart = MIN_APART_S if noise < floor else 0.0
     at = np.searchsorted(node, time - 1e-9)
     at = np.minimum(at, len(node) - 1)
     close = fresh & (np.abs(node[at] - time) < 1e-6)
@@ -96,9 +96,9 @@ def readings_of(time: Floats, readings: Floats, node: Floats, floor: float) -> t
 
 
 def _averaged(time: Floats, readings: Floats, at: NDArray[np.int64]) -> tuple[Floats, float]:
-    """Means of as many readings before the samples `at` as behind them, within half a MIN_STEP, carried to the times
+    """Means of as many readings before the samples `at` as behind them, within half a MIN_STEP_S, carried to the times
     of these samples; and how many readings make one."""
-    half = 0.4999 * MIN_STEP
+    half = 0.4999 * MIN_STEP_S
     back = at - np.searchsorted(time, time[at] - half)
     reach = np.minimum(back, np.searchsorted(time, time[at] + half, side="right") - 1 - at)
     low, high = at - reach, at + reach
@@ -110,7 +110,7 @@ def _averaged(time: Floats, readings: Floats, at: NDArray[np.int64]) -> tuple[Fl
     return values, float(np.median(count))
 
 
-FINEST = 0.05  # shortest time [s] over which a command is held as it is; those of faster logs are averaged over that
+MIN_HOLD_S = 0.05  # over which a command is held as it is, at least; those of faster logs are averaged over that
 
 
 @dataclass(frozen=True)
@@ -246,7 +246,7 @@ def make_course(
     ]
     quantities = [quantity for _, quantity, _ in sensors]
     spacing = step_of(runs, motion, quantities) if step is None else step
-    longest = max(spacing, LONGEST) if step is None else step
+    longest = max(spacing, MAX_GAP_STEP_S) if step is None else step
     layouts = [_lay(run, nodes_of(run, spacing, longest, quantities), motion, signals, sensors) for run in runs]
     nodes, fine = max(len(layout.at) for layout in layouts), max(len(layout.width) for layout in layouts)
     at = padded([layout.at for layout in layouts], nodes)
@@ -323,7 +323,7 @@ def _fine(run: Run):  # type: ignore[no-untyped-def]
     time = run.time
     middle = 0.5 * (time[1:] + time[:-1])
     edges = np.concatenate([[2.0 * time[0] - middle[0]], middle, [2.0 * time[-1] - middle[-1]]])
-    every = max(1, round(FINEST / max(run.sample_period, 1e-9)))
+    every = max(1, round(MIN_HOLD_S / max(run.sample_period, 1e-9)))
     if every == 1 or len(time) < 2 * every:
         return edges, lambda column: column
     coarse = np.append(edges[:-1:every], edges[-1])

@@ -11,7 +11,7 @@ Smoothing, chapter 5; Nørgaard, Poulsen and Ravn (2000), Automatica 36:1627 (di
 of Mathematical Statistics 35:73 (readings far off count linearly).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,8 +26,8 @@ from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.rollout import in_body_axes, right_hand_side, rk4
 
-SMALL = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
-SHARE = 0.02  # difference of the log gain, likewise
+MIN_STATE_SD = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
+MIN_GAIN_SD = 0.02  # difference of the log gain, likewise
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,8 @@ class Step:
         self._model, self._theta = model, theta
         count = len(self.columns)
         self._ahead, self._behind = 1 + np.arange(count), 1 + count + np.arange(count)
-        self._least = np.array([SHARE if c == places.gain else SMALL for c in self.columns])[:, None, None] ** 2
+        least = np.where(self.columns == places.gain, MIN_GAIN_SD, MIN_STATE_SD)
+        self._least = least[:, None, None] ** 2
         self._build(model, theta, 1 + 2 * count, self.origin)
 
     def _bound(self, term: Bound) -> Bound:
@@ -227,7 +228,7 @@ class Step:
         sensors = [term for term in self.sensors if term.dof == channel.dof]
         if not sensors:
             return mean[place], [(place, ones)]
-        size = np.sqrt(np.maximum(covariance[..., place, place], SMALL**2))
+        size = np.sqrt(np.maximum(covariance[..., place, place], MIN_STATE_SD**2))
         tried = mean[place] + np.stack([0.0 * size, size, -size])
         time = self.clock[:, m, None]
         for term in sensors:
@@ -257,7 +258,7 @@ def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats
     return np.stack([mean for mean, _ in lines]), np.stack([slope for _, slope in lines])
 
 
-FAR = 5.0  # standard deviations beyond which an innovation counts linearly, and its reading as noisier than the others
+MAX_Z = 5.0  # beyond which an innovation counts linearly, and its reading as noisier than the others
 
 
 @dataclass(frozen=True)
@@ -295,7 +296,7 @@ class FilterResult:
         """Log density of the readings of each run, (P, R)."""
         observed = self.variance > 0
         z = np.abs(self.innovation) / np.sqrt(np.where(observed, self.variance, 1.0))
-        square = np.where(z <= FAR, np.minimum(z, FAR) ** 2, FAR * (2.0 * z - FAR))
+        square = np.where(z <= MAX_Z, np.minimum(z, MAX_Z) ** 2, MAX_Z * (2.0 * z - MAX_Z))
         return -0.5 * np.where(observed, square + np.log(2 * np.pi * np.where(observed, self.variance, 1.0)), 0.0).sum(
             axis=(0, 3)
         )
@@ -399,15 +400,15 @@ def _update(
         missed = channel.values[:, m] - predicted
         innovation[c, :, :, m] = np.where(observed, missed, 0.0)
         variance[c, :, :, m] = np.where(observed, total, 0.0)
-        doubt = np.maximum(np.abs(missed) / (FAR * np.sqrt(total)), 1.0)
+        doubt = np.maximum(np.abs(missed) / (MAX_Z * np.sqrt(total)), 1.0)
         gain = np.where(observed[:, None], shares / (total * doubt)[..., None], 0.0)
         mean += gain.transpose(2, 0, 1) * np.where(observed, missed, 0.0)
         covariance -= gain[..., :, None] * shares[..., None, :]
 
 
 HORIZONS = (2.0, 5.0, 15.0)  # seconds ahead
-SETTLING = 2.0  # time [s] that a filter has before its first prediction counts
-LOOKS_BACK = (0.5, 1.0, 2.0)
+SETTLING_S = 2.0  # time [s] that a filter has before its first prediction counts
+LOOKS_BACK_S = (0.5, 1.0, 2.0)
 """Lengths [s] over which a constant rate may be taken; the best of them counts, for it is the rival of the model."""
 
 
@@ -429,11 +430,9 @@ class Predicted:
         of = self.error if error is None else error
         return float(np.sqrt(np.mean(of**2))) if len(of) else float("nan")
 
-    def by_run(self, error: Floats, runs: int) -> Floats:
-        """Mean square of each run (R,), not a number where a run has none."""
-        total, count = np.zeros(runs), np.zeros(runs)
-        np.add.at(total, self.run, error**2)
-        np.add.at(count, self.run, 1.0)
+    def by_run(self, runs: int) -> Floats:
+        """Mean square error of each run (R,), not a number where a run has none."""
+        total, count = np.bincount(self.run, self.error**2, runs), np.bincount(self.run, minlength=runs)
         return np.divide(total, count, out=np.full(runs, np.nan), where=count > 0)
 
 
@@ -450,10 +449,10 @@ def predict(
     followed = followed or follow(model, course.unthinned, theta[None], noises, keep=True)
     assert followed.states is not None
     of, time = shown_channel(course, channel), course.time
-    run, origin = np.nonzero(of.seen & (time >= SETTLING))
+    run, origin = np.nonzero(of.seen & (time >= SETTLING_S))
     targets = {h: targets_of(of.seen, time, run, origin, h) for h in HORIZONS}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
-    path = carried(model, course, theta[None], noises, followed.states[:, 0], (of,), run, origin, last)[0, 0]
+    path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
     rates = _rates(of, time, run, origin, targets)
     start = of.values[run, origin]
     predictions = []
@@ -509,33 +508,32 @@ def carried(
     theta: Floats,
     noises: Noises,
     states: Floats,
-    channels: Sequence[Channel],
+    channel: Channel,
     run: NDArray[np.int64],
     origin: NDArray[np.int64],
     last: NDArray[np.int64],
 ) -> Floats:
-    """What C channels show from each origin on under each theta (P, p), every prediction being a run of its own,
-    (C, P, A, longest + 1).
+    """What a channel shows from each origin on under theta (p,), every prediction being a run of its own, (A, longest
+    + 1).
 
     A channel that does not count is a sum of velocities, to which no filter is tied: how far it goes is told from where
     the sum is at the origin.
     """
     longest = int(np.max(last - origin, initial=0))
     at = np.minimum(origin[:, None] + np.arange(longest), course.length.shape[1] - 1)
-    step = Step(model, course, theta, noises.late)
+    step = Step(model, course, theta[None], noises.late)
     cut = replace(
         course,
         names=tuple(course.names[r] for r in run),
         length=course.length[run[:, None], at] * (origin[:, None] + np.arange(longest) < last[:, None]),
     )
     pieces = step.of_pieces(cut, course.time[run, origin], run, at)
-    mean = np.repeat(states[:, run, origin][:, None], len(theta), axis=1)
-    spread = np.zeros((len(theta), len(run), len(mean), len(mean)))
-    predicted = np.zeros((len(channels), len(theta), len(run), longest + 1))
+    mean = states[:, run, origin][:, None]
+    spread = np.zeros((1, len(run), len(mean), len(mean)))
+    path = np.zeros((len(run), longest + 1))
     with np.errstate(over="ignore", invalid="ignore"):
         for m in range(longest + 1):
-            for c, channel in enumerate(channels):
-                predicted[c, ..., m] = pieces.reading(channel, m, mean, spread)[0]
+            path[:, m] = pieces.reading(channel, m, mean, spread)[0][0]
             if m == longest:
                 break
             fade = np.exp(-cut.length[:, m] / noises.time[:, :, None])
@@ -543,10 +541,7 @@ def carried(
             mean = pieces.moved(m, mean, ramp)
             for d, place in enumerate(pieces.places.pushed):
                 mean[place] = mean[place] * fade[d]
-    for path, channel in zip(predicted, channels):
-        if not channel.counts:
-            path += (channel.values[run, origin] - path[..., 0])[..., None]
-    return predicted
+    return path if channel.counts else path + (channel.values[run, origin] - path[:, 0])[:, None]
 
 
 def _rates(
@@ -561,7 +556,7 @@ def _rates(
     middle = sorted(targets)[(len(targets) - 1) // 2]
     target, best, least = targets[middle], np.zeros(len(run)), np.inf
     have = target >= 0
-    for length in LOOKS_BACK:
+    for length in LOOKS_BACK_S:
         rates = np.zeros(len(run))
         for r in np.unique(run):
             nodes = np.flatnonzero(channel.seen[r])

@@ -25,14 +25,14 @@ from automarine_cli.runs.half_turn import segments
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 
-INERTIAS, DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)  # shares of rough values from which fits of a base model start
-SIZES, UNSTEADY = (0.02, 0.2), (0.005, 0.1)
+START_INERTIAS, START_DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)  # shares of rough values, to start from
+START_DISTURBANCES, START_THRUST_NOISES = (0.02, 0.2), (0.005, 0.1)
 """Disturbances, as shares of the acceleration of the largest command, and noises of thrust, to start from."""
 
 
-SURE = 10.0  # deviance beyond its penalty that a disturbance has to gain
-ENOUGH = 16  # runs that show whether there is one
-HELD, NEARLY = 1.0, 0.8  # seconds for which a run holds its command, and share of the run that such stretches make
+MIN_DISTURBANCE_GAIN = 10.0  # deviance beyond its penalty that a disturbance has to gain
+MAX_RUNS_TRIED = 16  # runs that show whether there is one
+MIN_HELD_S, MIN_HELD_SHARE = 1.0, 0.8  # for which a run holds its command; share of the run that this makes
 
 
 def driven_problem(
@@ -71,7 +71,7 @@ def base_starts(problem: DrivenProblem) -> Floats:
     slope = linear + 2.0 * quadratic * float(problem.course.fastest[0])
     middling = max(model.inertia, float(problem.course.length.max()) * slope)
     push = float(np.abs(problem.course.commanded).max()) / max(middling, 1e-9)
-    for inertia, drag, size, unsteady in product(INERTIAS, DRAGS, SIZES, UNSTEADY):
+    for inertia, drag, size, unsteady in product(START_INERTIAS, START_DRAGS, START_DISTURBANCES, START_THRUST_NOISES):
         random = size * push / inertia, middle[1], unsteady, *middle[3:]
         starts.append([inertia * middling, *(drag * model.theta[1:]), *random])
     return problem.parameters.within(starts)
@@ -84,9 +84,9 @@ def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: Mappin
 
 
 def stepped(run: Run) -> bool:
-    """Whether a run holds its command for HELD seconds at a time, nearly all of the time."""
+    """Whether a run holds its command for MIN_HELD_S seconds at a time, nearly all of the time."""
     durations = [run.time[stop - 1] - run.time[first] for first, stop, _ in segments(run.command)]
-    return sum(length for length in durations if length >= HELD) > NEARLY * (run.time[-1] - run.time[0])
+    return sum(length for length in durations if length >= MIN_HELD_S) > MIN_HELD_SHARE * (run.time[-1] - run.time[0])
 
 
 def disturbed(
@@ -100,7 +100,7 @@ def disturbed(
     """
     if 2 * sum(stepped(run) for run in runs) >= len(runs):
         return False
-    some = np.unique(np.linspace(0, len(runs) - 1, min(len(runs), ENOUGH)).astype(int))
+    some = np.unique(np.linspace(0, len(runs) - 1, min(len(runs), MAX_RUNS_TRIED)).astype(int))
     course = make_course([runs[i] for i in some], at_rest[some], channels=channels)
     drags = dict(zip(("linear", "quadratic"), base.drag()))
     values = [drags.get(role, 0.0) for role in base_roles("2", base.dof)[1:]]
@@ -108,14 +108,14 @@ def disturbed(
     problems = [driven_problem(model, course, quiet=quiet) for quiet in (False, True)]
     starts = base_starts(problems[0])
     free, quiet = (fit_innovations(problem, starts, brief=True).log_likelihood for problem in problems)
-    return bool(2.0 * (free - quiet) > 3.0 * np.log(max(len(some), 2)) + SURE)
+    return bool(2.0 * (free - quiet) > 3.0 * np.log(max(len(some), 2)) + MIN_DISTURBANCE_GAIN)
 
 
-SLOWEST, QUICKEST = 600.0, 1e-3
+MAX_ANSWER_S, MIN_ANSWER_S = 600.0, 1e-3
 """Seconds in which no vehicle answers its thrusters, or has answered them: inertia over the drag at the largest
 command."""
-HEAD_START = 10.0  # deviance, beyond the penalty of its parameters, that an effect has to gain before it is proposed
-BRIEF = 10  # iterations of a fit of gains and noise alone
+MIN_PROPOSED_GAIN = 10.0  # deviance beyond its penalty that an effect has to gain to be proposed
+BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
 COMPARISON_HORIZONS_S = (2.0, 5.0)  # ahead, over which models are compared
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
 
@@ -200,7 +200,7 @@ def _refuse_runaways(model: YawModel, fit: Fit, course: Course) -> None:
     deviation = float(np.sqrt(max(run_covariance(fit)[0, 0], 0.0)))
     if linear <= 0 and quadratic <= 0:
         reason = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
-    elif not QUICKEST < slowness < SLOWEST:
+    elif not MIN_ANSWER_S < slowness < MAX_ANSWER_S:
         reason = f"it would answer its thrusters within {slowness:.2g} s"
     elif fit.names[0] not in fit.parameters.known and (0 in fit.at_bound or not 0.0 < deviation <= np.log(3.0)):
         reason = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
@@ -247,7 +247,7 @@ def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, .
     problem, count = driven_problem(fit.model, course, quiet=True), len(fit.model.theta)
     fixed = replace(problem, parameters=problem.parameters.fixed_at(fit.model.theta))
     try:
-        innovations = fit_innovations(fixed, fixed.parameters.theta[None], BRIEF, brief=True)
+        innovations = fit_innovations(fixed, fixed.parameters.theta[None], BRIEF_ITERATIONS, brief=True)
     except FitError:
         return ()
     mixed = fit.mixed.parameters
@@ -283,7 +283,7 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
         gain = 2.0 * (wide.log_likelihood - narrow.log_likelihood)
-        if gain > HEAD_START + np.log(max(len(course.names), 2)):
+        if gain > MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2)):
             gains[name], shifts[name] = gain, wide.phi[:count] - narrow.phi[:count]
     if not gains:
         return fit, {}
@@ -294,7 +294,7 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
 
 
 MIN_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways
-STEPS = (0.1, 0.025)  # largest simulation steps [s] for whole runs, tried in turn
+MAX_STEPS_S = (0.1, 0.025)  # largest simulation steps [s] for whole runs, tried in turn
 
 
 def is_driven(
@@ -304,7 +304,7 @@ def is_driven(
     if with_effects:
         return True
     try:
-        rough = rough_model("2", make_batch(runs, STEPS[0]))
+        rough = rough_model("2", make_batch(runs, MAX_STEPS_S[0]))
         return disturbed(runs, rough, at_rest, channels)
     except FitError:  # what is wrong with them, their fit will say
         return 2 * sum(stepped(run) for run in runs) < len(runs)
@@ -327,7 +327,7 @@ def _fit_driven_model(
     number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], priors: Mapping[str, Prior]
 ) -> tuple[OutputErrorFit | None, str]:
     """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
-    batch, two_way = make_batch(runs, STEPS[0]), both_ways(runs)
+    batch, two_way = make_batch(runs, MAX_STEPS_S[0]), both_ways(runs)
 
     def fit(sided: bool) -> OutputErrorFit:
         return fit_driven(course, rough_model(number, batch, sided), number, with_effects, priors)
@@ -344,8 +344,8 @@ def both_ways(runs: Sequence[Run]) -> bool:
     return min(distances) > MIN_WAY * sum(distances)
 
 
-JUDGED = 5.0  # seconds ahead over which a model has to be of use
-LARGE = {False: 1.0, True: 0.5}
+JUDGED_HORIZON_S = 5.0  # seconds ahead over which a model has to be of use
+LARGE_SHARE = {False: 1.0, True: 0.5}
 """Times the commands, both as root mean squares, from which on a disturbance is said to be as large as they are: of one
 motion, and in the plane."""
 
@@ -444,17 +444,17 @@ def unit_of_quantity(name: str, dof: Dof) -> str:
 
 
 def judged_of(worth: Sequence[ForecastScore]) -> ForecastScore | None:
-    """What decides of several horizons: JUDGED, or the longest below it."""
-    return max((score for score in worth if score.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
+    """What decides of several horizons: JUDGED_HORIZON_S, or the longest below it."""
+    return max((score for score in worth if score.horizon <= JUDGED_HORIZON_S), key=lambda w: w.horizon, default=None)
 
 
-EVIDENT = 0.005  # share of the largest command by which an unknown push is no chance; hidden effects make 0.03 to 0.1
+MIN_PUSH_SHARE = 0.005  # of the largest command, from which on a push is no chance; hidden effects make 0.03 to 0.1
 
 
 def unknown_push(fit: OutputErrorFit, runs: Sequence[Run]) -> str:
     """A sentence where noise and scattered thrust do not explain runs that were fitted whole; else empty."""
     dof, of = fit.model.dof, max(float(np.abs(run.command).max()) for run in runs) / fit.model.inertia
-    if fit.mixed.factor_interval(DISTURBANCE)[0] < EVIDENT * of:
+    if fit.mixed.factor_interval(DISTURBANCE)[0] < MIN_PUSH_SHARE * of:
         return ""
     return (
         f"Noise and thrust scatter do not explain these runs: a push of {100 * fit.mixed.factor(DISTURBANCE) / of:.2g} "
@@ -470,7 +470,7 @@ def large_disturbance(course: Course, inertia: Floats, random: Mapping[str, floa
     listed, plane = [], course.motion.turns
     for dof, of_motion, commands in zip(course.motion.dofs, inertia, usual):
         size = of_motion * random[f"{dof.name}.disturbance"]
-        if size >= LARGE[plane] * commands > 0.0:
+        if size >= LARGE_SHARE[plane] * commands > 0.0:
             unit = dof.units.forces[1] if plane else course.moment_unit
             listed.append(f"{dof.words.full_force} {size:.3g} of {commands:.3g} {unit}")
     if not listed:

@@ -443,7 +443,7 @@ def _fit_whole_model(
 ) -> whole_runs.OutputErrorFit:
     largest = max(float(np.abs(run.command).max()) for run in runs)
     two_way = driven.both_ways(runs)
-    for step in driven.STEPS:
+    for step in driven.MAX_STEPS_S:
         batch = make_batch(runs, step, channels=channels)
         fit = whole_runs.fit_by_direction(
             partial(whole_runs.fit_whole_runs, batch, number, at_rest, prior=prior), batch.dof, two_way

@@ -20,7 +20,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, least_noise
-from automarine_cli.filters.kalman import FAR, FilterResult, Noises, follow
+from automarine_cli.filters.kalman import MAX_Z, FilterResult, Noises, follow
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import MixedFit, Outcome
@@ -170,7 +170,7 @@ class Slopes:
         by, spread = (np.concatenate(list(blocks), axis=1) for blocks in zip(*((p.by, p.spread) for p in parts)))
         root = np.sqrt(base.variance)
         z = np.where(base.observed, base.error / root, 0.0)
-        bounded = np.clip(z, -FAR, FAR)
+        bounded = np.clip(z, -MAX_Z, MAX_Z)
         columns, spreads = by / root[:, None], spread / base.variance[:, None]
         gradient = -np.einsum("crk,cfrk->rf", bounded, columns)
         gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.observed, bounded * z - 1.0, 0.0), spreads)
@@ -218,14 +218,14 @@ def randomness(
     return tuple(chances)
 
 
-SETTLED = 0.02  # gain in log likelihood still to be expected below which a fit has converged
+SETTLED_GAIN = 0.02  # gain in log likelihood still to be expected below which a fit has converged
 ITERATIONS = 60
 FEW_RUNS = 6
 """Up to so many runs a fit without one of them is made anew, as one step from the fit to all may miss it by far."""
-LOOK, WAYS = 6, 3
+LOOK_STEPS, MAX_INERTIAS = 6, 3
 """Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
-SIZES = {GAIN: "gain-scatter"}  # what run effects are called whose sizes are parameters
-SHARES = (1.0, 30.0)  # multiples of the damping that are tried together; of many climbs one
+SPREAD_NAMES = {GAIN: "gain-scatter"}  # what run effects are called whose sizes are parameters
+DAMPINGS = (1.0, 30.0)  # multiples of the damping that are tried together; of many climbs one
 NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
 
 
@@ -241,11 +241,11 @@ class InnovationsFit(Outcome):
 
     def factor(self, block: str) -> float:
         """Size of what differs from run to run: of the gain, or of what an effect lets vary."""
-        return self.value(SIZES.get(block, f"{block}.spread"))
+        return self.value(SPREAD_NAMES.get(block, f"{block}.spread"))
 
     def factor_interval(self, block: str) -> tuple[float, float]:
         """95 % interval of that size."""
-        place = self.names.index(SIZES.get(block, f"{block}.spread"))
+        place = self.names.index(SPREAD_NAMES.get(block, f"{block}.spread"))
         half = float(special.ndtri(0.975) * np.sqrt(max(self.covariance[place, place], 0.0)))
         middle = float(self.theta[place])
         return middle * float(np.exp(-half)), middle * float(np.exp(half))
@@ -275,7 +275,7 @@ def fit_innovations(
             raise FitError(NO_START)
         firsts = dict.fromkeys(phis[np.argsort(-values, kind="stable"), 0])  # distinct inertias, the best one first
         best = [int(np.argmax(np.where(phis[:, 0] == first, values, -np.inf))) for first in firsts]
-        climbs = _climbed(problem, phis[[k for k in best[:WAYS] if np.isfinite(values[k])]], LOOK)
+        climbs = _climbed(problem, phis[[k for k in best[:MAX_INERTIAS] if np.isfinite(values[k])]], LOOK_STEPS)
         phis = max(climbs, key=lambda climb: climb.point.value).point.phi[None]
     (reached,) = _climbed(problem, phis, iterations)
     if not np.isfinite(reached.point.value):
@@ -296,9 +296,10 @@ def _climbed(
         return [problem.point(phi, of_point) for phi, of_point in zip(phis, slopes)]
 
     many = without_each or problem.course.motion.turns  # arrays of three motions are long as they are
+    settled = 0.02 * SETTLED_GAIN if without_each else SETTLED_GAIN  # a run left out moves a fit by little
     return maximise(
-        evaluate, starts, problem.free, problem.parameters.limits, settled=0.02 * SETTLED if without_each else SETTLED,
-        iterations=iterations, shares=(1.0,) if many else SHARES,
+        evaluate, starts, problem.free, problem.parameters.limits, settled=settled, iterations=iterations,
+        shares=(1.0,) if many else DAMPINGS,
     )  # fmt: skip
 
 
@@ -321,7 +322,7 @@ def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> In
         left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
-        left_out = np.array([climb.point.phi for climb in _climbed(problem, left_out, LOOK, without_each=True)])
+        left_out = np.array([climb.point.phi for climb in _climbed(problem, left_out, LOOK_STEPS, without_each=True)])
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
     smooth = problem.parameters.smooth

@@ -184,7 +184,7 @@ class Grams:
         return NormalEquations(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)
 
 
-DIVERGED = (
+RESPONSE_DIVERGED = (
     "no motion of a vehicle fits these runs: simulated positions diverge; check the logs with `automarine check` for "
     "gaps, a wrong clock, or wrong units or signs of position and command (--columns)"
 )
@@ -215,7 +215,7 @@ class Weighted:
 def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
     """Apply R_i^-1 to every inner product. Raises FitError where the response was not finite."""
     if not grams.is_finite:
-        raise FitError(DIVERGED)
+        raise FitError(RESPONSE_DIVERGED)
     gram = grams.at(variances)
     s2 = np.exp(2.0 * variances[0])
     scale = effects.deviation(variances)
@@ -319,12 +319,12 @@ def predictive(grams: Grams, weighted: Weighted, left_out: Floats) -> Floats:
     return np.asarray(-0.5 * (square + weighted.log_det + grams.count * np.log(2 * np.pi)))
 
 
-SETTLED = 1e-3  # step of a variance, in its smallest possible standard error, after which the search for it ends
-FLAT = 1e-4
+SETTLED_STEP = 1e-3  # step of a variance, in its smallest possible standard error, after which the search for it ends
+FLAT_SLOPE = 1e-4
 """Slope of the deviance, by a variance in that unit, that counts as none: where an effect is next to nothing, or a run
 has none, slope and second derivatives are rounding."""
-BOLDEST = 1.0  # longest step of the logarithm of a standard deviation
-MAX_STEPS = 60
+MAX_LOG_STEP = 1.0  # longest step of the logarithm of a standard deviation
+MAX_VARIANCE_STEPS = 60
 
 
 def scored_deviance(
@@ -423,7 +423,7 @@ def _of_noises(
 
 def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
     """Noises and factors, as logarithms, of largest likelihood within their limits, by Fisher's scoring: steps by the
-    expected second derivatives, no longer than BOLDEST, halved while the deviance rises."""
+    expected second derivatives, no longer than MAX_LOG_STEP, halved while the deviance rises."""
     factors = [(np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits]
     noises = [channel.count.sum() for channel in grams.channels]
     limits = np.array([*((np.log(1e-9), np.log(1e3)) for _ in noises), *factors])
@@ -431,15 +431,15 @@ def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restri
     unit = 1.0 / np.sqrt(2.0 * np.append(noises, np.full(len(factors), len(grams.count))))
     point = np.clip(start, *limits.T)
     value, slope, information = scored_deviance(grams, effects, point, restricted=restricted)
-    for _ in range(MAX_STEPS):
-        steep = np.abs(slope) * unit > FLAT
+    for _ in range(MAX_VARIANCE_STEPS):
+        steep = np.abs(slope) * unit > FLAT_SLOPE
         room = np.where(steep[:, None], limits - point[:, None], 0.0)
         newton = bounded_solution(information, -slope, room)
-        step = 2.0 * np.clip(newton, -BOLDEST, BOLDEST)
+        step = 2.0 * np.clip(newton, -MAX_LOG_STEP, MAX_LOG_STEP)
         trial, settled = (np.inf, slope, information), False
         while trial[0] > value and not settled:
             step = 0.5 * step
-            settled = bool(np.all(np.abs(step) <= SETTLED * unit))
+            settled = bool(np.all(np.abs(step) <= SETTLED_STEP * unit))
             trial = scored_deviance(grams, effects, np.clip(point + step, *limits.T), restricted=restricted)
         point, (value, slope, information) = np.clip(point + step, *limits.T), trial
         if settled:

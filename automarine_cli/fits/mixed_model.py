@@ -303,13 +303,13 @@ PHI_STEP = 1e-6
 1e-6 of the derivative."""
 
 RUN_STEP = 1e-6  # step of the one-sided differences by run effects, whose scales are all of the order of one
-SETTLED = 1e-2  # a fit has converged when no parameter would move by more than this share of its standard error
+SETTLED_STDERRS = 1e-2  # a fit has converged when no parameter would move by more than this share of its standard error
 MAX_FOLLOWING = 5  # how often the run effects may be fitted again before a trial step is given up
 TRIFLE = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
 
-BOLDEST = 1.0  # largest change of the logarithm of a positive parameter in one step
+MAX_PHI_STEP = 1.0  # largest change of the logarithm of a positive parameter in one step
 
 
 def fit_mixed(
@@ -320,7 +320,7 @@ def fit_mixed(
     factors: Floats,
     run_effects: Floats | None = None,
     iterations: int = 60,
-    settled: float = SETTLED,
+    settled: float = SETTLED_STDERRS,
 ) -> MixedFit:
     """Fit `problem` from the start values; shapes as in `Problem`, `settled` as the constant of that name.
 
@@ -428,7 +428,7 @@ def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: 
     """
     limit = _penalised(problem, variances, current) * (1 + 1e-12) + 1e-12
     boldest = np.max(np.abs(new_phi - current.phi)[problem.parameters.log], initial=0.0)
-    share = min(1.0, BOLDEST / max(float(boldest), 1e-300))
+    share = min(1.0, MAX_PHI_STEP / max(float(boldest), 1e-300))
     for _ in range(12):
         phi, b = current.phi + share * (new_phi - current.phi), current.b + share * (new_b - current.b)
         if (trial := _followed(problem, variances, phi, b, limit)) is not None:
@@ -440,7 +440,7 @@ def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: 
 def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, target: Floats) -> bool:
     """Whether the search stands: a step cut to a quarter of the one allowed, or less, gained a trifle."""
     proposed = target - old.phi
-    allowed = min(1.0, BOLDEST / max(float(np.abs(proposed)[problem.parameters.log].max(initial=0.0)), 1e-300))
+    allowed = min(1.0, MAX_PHI_STEP / max(float(np.abs(proposed)[problem.parameters.log].max(initial=0.0)), 1e-300))
     if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(proposed).max():
         return False
     return _penalised(problem, variances, old) - _penalised(problem, variances, new) < TRIFLE

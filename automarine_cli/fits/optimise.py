@@ -14,7 +14,7 @@ from automarine_cli.quantities import Floats
 MIN_DAMPING, MAX_DAMPING = 1e-4, 1e3  # shares of the curvature that are added to it
 EASED, RAISED = 0.1, 30.0  # factors of the damping after a step that was taken at once, and after one that led nowhere
 LEAST_GAIN = 0.1  # that a step has to make, as a share of the gain at which a search has converged
-NEARLY = 1.0  # gain still to be expected below which a search that is stuck counts as converged
+NEARLY_GAIN = 1.0  # gain still to be expected below which a search that is stuck counts as converged
 
 Data = TypeVar("Data")
 
@@ -82,7 +82,7 @@ def maximise(
                 damping[i] *= max(RAISED, 10.0 * shares[-1])
                 at_once[i] = False
             else:
-                converged[i], active[i] = expected[i] < NEARLY, False
+                converged[i], active[i] = expected[i] < NEARLY_GAIN, False
     return [Maximum(points[i], int(steps[i]), bool(converged[i])) for i in searches]
 
 

@@ -314,17 +314,17 @@ def _without_each(moment: Floats, tails: TailLines, drag: DragFit) -> Floats:
         return np.array([inertias(values, np.arange(runs) != i).mean() for i, values in enumerate(refitted)])
     middle = solve_scaled(squares.sum(axis=0), products.sum(axis=0)) / unit
     per_run = inertias(middle, every_run)
-    slope = [(inertias(middle + step, every_run) - per_run).mean() / step.sum() for step in STEP * np.diag(middle)]
+    slope = [(inertias(middle + step, every_run) - per_run).mean() / step.sum() for step in LOG_STEP * np.diag(middle)]
     return np.asarray((per_run.sum() - per_run) / (runs - 1) + (refitted - middle) @ slope)
 
 
-SHARES = np.arange(30.0, 166.0, 5.0) / 180.0
+TAIL_SHARES = np.arange(30.0, 166.0, 5.0) / 180.0
 """Of half a turn, or of the way of the run that went least: where a tail may start."""
 
 BIAS_LIMIT = 0.005  # bias of the last of these tails up to which a campaign counts as steady
-LEFT = 0.25  # share of a bias that is taken to be left when it has been taken off by the rough model
-STEP = 1e-4
-TINY = 1e-300
+BIAS_LEFT = 0.25  # share of a bias that is taken to be left when it has been taken off by the rough model
+LOG_STEP = 1e-4
+MIN_MISFIT = 1e-300
 
 
 @dataclass(frozen=True)
@@ -356,9 +356,9 @@ class Reference:
         factor = (moment * drag).sum(axis=0) / (drag**2).sum(axis=0)
         inertias, more = (
             inertia_from_velocity_error(error, moment, scale * k_r, scale * k_rr)
-            for scale in (factor, factor * (1.0 + STEP))
+            for scale in (factor, factor * (1.0 + LOG_STEP))
         )
-        return factor, inertias, (more.mean(axis=0) / inertias.mean(axis=0) - 1.0) / STEP
+        return factor, inertias, (more.mean(axis=0) / inertias.mean(axis=0) - 1.0) / LOG_STEP
 
     def read(self, tails: TailLines) -> tuple[Floats, Floats]:
         """Logarithms of inertia and the drag's factor by the tails, and each run's influence on them (R, 2)."""
@@ -415,7 +415,7 @@ def reference(
         inertia = float(inertias.mean())
         misfit = float(np.sum((tails.error * (1.0 - inertia / inertias)) ** 2))
         if np.isfinite(misfit) and (model != "2" or min(fit.drag) > 0 or len(models) == 1):
-            loss = fit.aicc + len(moment) * np.log(max(misfit, TINY))
+            loss = fit.aicc + len(moment) * np.log(max(misfit, MIN_MISFIT))
             candidates.append((loss, Reference(inertia, fit, acting)))
     best = min(candidates, key=lambda candidate: candidate[0], default=(0.0, None))[1]
     if best is None or not best.inertia > 0 or max(best.fit.drag) <= 0:
@@ -447,7 +447,7 @@ class Expected:
     @property
     def error(self) -> Floats:
         """Root mean square error (2, A) to be expected of inertia and drag, the known bias taken off."""
-        return np.hypot(LEFT * self.total_bias, self.noise)
+        return np.hypot(BIAS_LEFT * self.total_bias, self.noise)
 
     def sentence(self, dof: Dof, by_user: bool) -> str:
         inertia, drag = (f"{100 * error:.2g} %" for error in self.error)
@@ -496,7 +496,7 @@ MAX_GAIN = 0.9  # of the loop: beyond it the correction hardly settles, and its 
 
 @dataclass(frozen=True)
 class Feedback:
-    """The tails when the correcting model has more inertia, or more drag, by `STEP`; influence of each run on the
+    """The tails when the correcting model has more inertia, or more drag, by `LOG_STEP`; influence of each run on the
     logarithms of both, once round the loop and for ever on, (R, 2)."""
 
     moved: tuple[TailLines, TailLines]
@@ -538,9 +538,9 @@ def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
     return Feedback((moved[0], moved[1]), influence @ np.linalg.inv(np.eye(2) - loop).T)
 
 
-ROUNDS = 8
-PLACED = 2  # rounds in which the tails may still move; then only their correction does
-SETTLED = 1e-6  # relative change of the correcting model below which it has settled
+MAX_ROUNDS = 8
+PLACING_ROUNDS = 2  # rounds in which the tails may still move; then only their correction does
+SETTLED_CHANGE = 1e-6  # relative change of the correcting model below which it has settled
 
 
 @dataclass(frozen=True)
@@ -610,7 +610,7 @@ def _settled(
     tails = tail_lines(time, data.heading, start_heading, observed & (time >= 0.7 * ends), dof)
     model = reference(data.moment, tails, 0.0, dof)
     far = np.abs(np.where(observed, data.heading, 0.0)).max(axis=1)
-    places, kinds = SHARES * (dof.limits.trim if np.isfinite(dof.limits.trim) else far.min()), MODELS
+    places, kinds = TAIL_SHARES * (dof.limits.trim if np.isfinite(dof.limits.trim) else far.min()), MODELS
     if tail is not None:
         if far.min() <= tail:
             raise FitError(
@@ -618,11 +618,11 @@ def _settled(
                 f"ends at {dof.shown(far.min()):.0f} {dof.units.shown}; let them start earlier, or leave that run out"
             )
         places = np.append(places, tail)
-    for turn in range(ROUNDS):
+    for turn in range(MAX_ROUNDS):
         exact = model.answer(time)
         noise = noise_about_lines(time, data.heading - exact, tails.used, dof)
         thrust = model.thrust_scatter(tails.rate, tails.rate_variance(noise))
-        if turn < PLACED:
+        if turn < PLACING_ROUNDS:
             grid = expected(time, data, model, noise, thrust, places)
             place = int(np.argmin(np.sum(grid.error**2, axis=0))) if tail is None else len(places) - 1
         else:
@@ -633,7 +633,7 @@ def _settled(
         tails = model.steady(raw, time)
         variance = tails.rate_variance(noise) + model.thrust_variance(thrust)
         before, model = model, reference(data.moment, tails, variance, dof, kinds)
-        if turn >= PLACED and model.like(before, SETTLED):
+        if turn >= PLACING_ROUNDS and model.like(before, SETTLED_CHANGE):
             break
     return raw, tails, model, noise, thrust, grid, place
 

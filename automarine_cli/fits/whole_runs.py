@@ -35,8 +35,8 @@ from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-STEP = 0.1  # of the differences, in standard errors of a parameter or posterior standard deviations of a run effect
-FARTHEST = 1.0  # longest of these steps on a logarithm: nothing is known of a parameter that may be further off
+STEP_STDERRS = 0.1  # of differences, in standard errors of a parameter or posterior ones of a run effect
+MAX_STEP = 1.0  # longest of these steps on a logarithm: nothing is known of a parameter that may be further off
 MIN_STIFFNESS = 1e-8
 """Smallest eigenvalue, with every parameter in units of its own curvature, of equations that fix a solution."""
 
@@ -94,9 +94,9 @@ def _pull_and_stiffness(
     acts = np.flatnonzero(scale.any(axis=0))
     gram = _about(problem, fit.phi, fit.run_effects)
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
-    aside = STEP * np.sqrt(np.diagonal(fit.covariance))[free]
-    aside = np.where(fit.parameters.log[free], np.minimum(aside, FARTHEST), aside)
-    reach = STEP * np.sqrt(np.maximum(weighted.remaining, 1e-6))  # in prior standard deviations
+    aside = STEP_STDERRS * np.sqrt(np.diagonal(fit.covariance))[free]
+    aside = np.where(fit.parameters.log[free], np.minimum(aside, MAX_STEP), aside)
+    reach = STEP_STDERRS * np.sqrt(np.maximum(weighted.remaining, 1e-6))  # in prior standard deviations
     none = np.zeros_like(scale)
 
     def slope(phi: Floats, b: Floats) -> tuple[Floats, Floats]:
@@ -261,7 +261,7 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     return YawModel.base(number, values[0], [*values[1:], *constant, *[0.0] * sided], batch.moment_unit, batch.dof)
 
 
-LEVEL = 0.05  # p-value below which the two ways are told apart
+MAX_P_WAYS = 0.05  # p-value below which the two ways are told apart
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ class Ways:
 
     @property
     def differ(self) -> bool:
-        return self.p_value < LEVEL
+        return self.p_value < MAX_P_WAYS
 
     def to_json(self) -> dict[str, object]:
         entries = {way: {self.dof.parameters[self.role]: estimate.to_json()} for way, estimate in self.drag.items()}

@@ -29,7 +29,7 @@ from automarine_cli.runs.run import shared_readings
 
 CORRELATED = 0.95  # correlation of two estimates from which on only a combination of them is known
 INERTIA, DRAG = "inertia", ("quadratic", "linear")  # what parameters are
-EVERY = (INERTIA, *DRAG)
+EVERY_ROLE = (INERTIA, *DRAG)
 REMEDY = {
     "inertia": "add runs from rest, logged faster",
     "quadratic": "add runs at larger {forces}, each held until the {speed} is steady",
@@ -54,9 +54,9 @@ def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> Iterator[Caution]:
         if not fit.mixed.converged:
             after = f"had not converged after {fit.mixed.iterations} iterations"
             says = f"Model {model} {after}; its numbers are rough: do not use them, or add runs."
-            yield Caution(model, EVERY, says, grave=True)
+            yield Caution(model, EVERY_ROLE, says, grave=True)
         dof = fit.model.dof
-        for role in EVERY:
+        for role in EVERY_ROLE:
             estimate = fit.estimates.get(dof.parameters[role])
             if estimate is not None and not estimate.known:
                 stuck = _stuck(fit, role)
@@ -104,7 +104,7 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
         product = deviation[i] * deviation[j]
         share = float(covariance[i, j] / product) if product > 0 else 0.0
         pair = (roles[names[i]], roles[names[j]])
-        if abs(share) > CORRELATED and set(pair) <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound):
+        if abs(share) > CORRELATED and set(pair) <= set(EVERY_ROLE) and not {i, j} & set(fit.mixed.at_bound):
             says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
             cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
     joint = [caution for caution in cautions if caution.parameters == DRAG]
@@ -132,7 +132,7 @@ def design_cautions(levels: Sequence[float], unit: str, dof: Dof) -> Iterator[Ca
             f"Every run {words.moves} {way}: a {force} that always acts, or thrusters that push less one way, would "
             f"bias {words.inertia} and drag unnoticed; add runs {opposite} at the same {force}s."
         )
-        yield Caution("", EVERY, says)
+        yield Caution("", EVERY_ROLE, says)
     if len(sizes) == 1:
         says = (
             f"Every run commands the same size of {force}, {sizes[0]:g} {unit}: how drag grows with the {speed} shows "
@@ -142,10 +142,10 @@ def design_cautions(levels: Sequence[float], unit: str, dof: Dof) -> Iterator[Ca
         yield Caution("", DRAG, says)
 
 
-UNEXPLAINED = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
-DECIDES = 0.8  # share of the spread over fits without one run from which on that run decides alone
+MIN_NOISE_RATIO = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
+MIN_DECIDING_SHARE = 0.8  # share of the spread over fits without one run from which on that run decides alone
 WILD_GAIN = 0.25  # scatter of the thrust from run to run beyond what batteries and water do
-SURE = 3.0  # standard errors
+MIN_MOVED_STDERRS = 3.0  # standard errors
 
 
 def cautions_of(fit: YawFit) -> tuple[Caution, ...]:
@@ -197,7 +197,7 @@ def fit_warnings(
             f"{names_of_runs[odd]} has {gains[odd]:.2g} times the gain of the others: check its {words.force} and its "
             "unit."
         )
-    if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
+    if position_noise and fit.noise and fit.noise > MIN_NOISE_RATIO * position_noise:
         sentences.append(
             f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained; "
             f"they scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves. An effect is missing, perhaps "
@@ -226,7 +226,7 @@ def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> 
     moved = (mixed.left_out - mixed.phi)[:, : len(fit.estimates)]
     total = np.maximum((moved**2).sum(axis=0), 1e-300)
     likely = np.sqrt(np.diagonal(mixed.covariance))[: len(fit.estimates)]
-    decides = (moved**2 > DECIDES * total) & (np.abs(moved) > SURE * likely) & (likely > 0)
+    decides = (moved**2 > MIN_DECIDING_SHARE * total) & (np.abs(moved) > MIN_MOVED_STDERRS * likely) & (likely > 0)
     if not decides.any():
         return []
     run, i = (int(k) for k in np.argwhere(decides)[0])
@@ -238,7 +238,7 @@ def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> 
 
 
 LIKELIEST = ", maximum likelihood"
-WORDS = {
+MEANINGS = {
     "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",
     "yaw.I_r": "inertia with added inertia", "planar.m_vr": "inertia that couples sway and yaw",
     "surge.X_u": "linear drag ahead", "surge.X_uu": "quadratic drag ahead", "sway.Y_v": "linear drag abeam",
@@ -398,13 +398,13 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
 def _known(fit: YawFit) -> tuple[str, ...]:
     """Say what was known beforehand, and by whom it was not used."""
     dof = fit.dof
-    units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY, "constant")}
+    units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY_ROLE, "constant")}
     sentences = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, fit.preferred.mixed.names)
     paper = ("The velocity errors of the paper do not use it.",) if sentences and fit.seed_method else ()
     return (*sentences, *paper)
 
 
-LOOK = "An effect is missing: look for it with `automarine diagnose`."
+LOOK_FOR_EFFECT = "An effect is missing: look for it with `automarine diagnose`."
 PUSHES = {
     STIRRED: "Something pushes the more, the longer and farther the vehicle {has_moved}, as water does that it stirs",
     FADING: "The thrust seems to fade along a step, the more the larger it is, as with a battery that sags",
@@ -425,7 +425,7 @@ def _disagreement(tests: Consistency, dof: Dof) -> Iterator[str]:
     """Say by what whole steps and their first half-turns were found to differ."""
     if tests.push:
         says = PUSHES[tests.push].format(has_moved=f"has {dof.words.moved}")
-        yield f"{says} (p = {number(tests.p_push[tests.push], 1)}). The numbers allow for it. {LOOK}"
+        yield f"{says} (p = {number(tests.p_push[tests.push], 1)}). The numbers allow for it. {LOOK_FOR_EFFECT}"
     if tests.agrees:
         return
     p_values = {
@@ -435,7 +435,7 @@ def _disagreement(tests: Consistency, dof: Dof) -> Iterator[str]:
     differs = [f"{text} (p = {number(p, 1)})" for text, (p, least) in p_values.items() if p < least]
     if tests.noisier:
         differs.append(f"{100 * (tests.noise_ratio - 1):.0f} % more noise is left")
-    yield f"After the first {dof.words.step} {' and '.join(differs)}. {LOOK}"
+    yield f"After the first {dof.words.step} {' and '.join(differs)}. {LOOK_FOR_EFFECT}"
 
 
 def _valued(name: str, estimate: Estimate) -> str:
@@ -493,7 +493,7 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
             if use is not None and mixed.driven:  # what was predicted of it when it was left out of the fit
                 row["gain"] = gains[i]
                 for ahead in use.predictions:
-                    error = np.sqrt(ahead.by_run(ahead.error, len(fit.runs))[i])
+                    error = np.sqrt(ahead.by_run(len(fit.runs))[i])
                     row[f"rmse_{ahead.horizon:g}_s_ahead_{key}"] = float(dof.shown(error))
             else:
                 off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
@@ -568,7 +568,7 @@ def forecast_cells(ahead: ForecastScore, dof: Dof | None) -> dict[str, object]:
 
 def parameter_table(fit: PlanarFit) -> Table:
     rows = [
-        {"parameter": name, "meaning": WORDS.get(name, ""), "value [95 % interval]": estimate, "unit": estimate.unit}
+        {"parameter": name, "meaning": MEANINGS.get(name, ""), "value [95 % interval]": estimate, "unit": estimate.unit}
         for name, estimate in fit.estimates.items()
     ]
     return Table.of("Surge, sway and yaw together", rows, [

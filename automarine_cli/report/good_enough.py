@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from automarine_cli.comparison.validation import ValidationFile
 from automarine_cli.diagnosis.diagnose import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.driven import JUDGED
+from automarine_cli.fits.driven import JUDGED_HORIZON_S
 from automarine_cli.models.store import DiagnosisFile
 from automarine_cli.pipeline.records import RunsUsed
 from automarine_cli.report.tables import MISSING, number
@@ -21,7 +21,7 @@ LIMITS = {
     "runs used": (f"{MIN_RUNS_USED} or more, nearly all", MISSING),
     "95 % intervals": ("within ± 5 %", "zero inside, or at a bound"),
     "restarted error": (f"below {RESTARTED_ERROR_RATIOS[0]:g} times", f"above {RESTARTED_ERROR_RATIOS[1]:g} times"),
-    f"error {JUDGED:g} s ahead": ("half of the better constant's", "above it"),
+    f"error {JUDGED_HORIZON_S:g} s ahead": ("half of the better constant's", "above it"),
     "diagnosis": ("nothing missing, or named", "unexplained"),
 }
 """What is looked at: when it is good, and when the model must not be used."""
@@ -77,7 +77,7 @@ def _errors(file: ValidationFile) -> tuple[tuple[str, str], tuple[str, str]]:
     """Judge the restarted error, of driven runs that of predictions instead."""
     model, unit = file.judged, file.dof.units.shown
     score, ahead = file.models[model], {entry.horizon_s: entry for entry in file.prediction.get(model, ())}
-    if (entry := ahead.get(JUDGED)) is not None and entry.rmse is not None:
+    if (entry := ahead.get(JUDGED_HORIZON_S)) is not None and entry.rmse is not None:
         constant = min(size for size in (entry.constant_rate, entry.constant, float("inf")) if size is not None)
         value = f"{number(entry.rmse, 3)} {unit}, the better constant's {number(constant, 3)} {unit}"
         return ("driven runs", ""), (value, _graded(entry.rmse / max(constant, 1e-9), AHEAD_ERROR_RATIOS))

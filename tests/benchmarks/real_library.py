@@ -89,7 +89,8 @@ def predictions(
     clock = np.where(np.arange(course.time.shape[1]) <= ends[:, None], course.time, np.inf)
     origin = np.array([np.searchsorted(clock[i], t + 1e-9) - 1 for i, t in zip(run, begin)])
     last = np.array([min(np.searchsorted(clock[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(run, begin)])
-    paths = carried(model, course, values[None], noises, followed.states[:, 0], channels, run, origin, last)[:, 0]
+    states = followed.states[:, 0]
+    paths = [carried(model, course, values, noises, states, channel, run, origin, last) for channel in channels]
 
     def at(ahead: Floats, past: float | None) -> Floats:
         return np.array([
