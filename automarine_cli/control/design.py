@@ -30,14 +30,14 @@ from automarine_cli.control.vehicles import ThrustCurve, Vehicles, dead_time, la
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Complexes, Floats
 
-LONGEST_STEP = 0.01  # longest step [s] of a vehicle between two loops of its controller
-READ = 0.1  # flights are kept, and readings as far off as they are, for so long [s]: the pace of logs
+MAX_VEHICLE_STEP_S = 0.01  # longest step [s] of a vehicle between two loops of its controller
+FLIGHT_SAMPLE_S = 0.1  # flights are kept, and readings as far off as they are, for so long [s]: the pace of logs
 Loop = Callable[[Complexes], Complexes]
 Trials = NDArray[Any]
 """What C sets of gains do to some vehicles of all crowds, (C,): the `numbers` of their design, the `disk` margin that
 all but a twentieth keep, and the worst scores."""
-TILT = 0.02  # damping ratio below which a closed loop counts as unstable
-LOWEST = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
+MIN_DAMPING_RATIO = 0.02  # damping ratio below which a closed loop counts as unstable
+MIN_RAD_S = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class ClosedLoopRun:
 
 def fly(
     target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *,
-    longest: float = LONGEST_STEP, sets: int = 1,
+    longest: float = MAX_VEHICLE_STEP_S, sets: int = 1,
 ) -> ClosedLoopRun:  # fmt: skip
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
     moment against the vehicle all along, the vehicle in steps of `longest` [s] at most; kept ten times a second.
@@ -64,7 +64,7 @@ def fly(
     state, controller = target.start(gains, hull.position[0], holding), target.controller(gains)
     lag, sensed = plant.sensor_lag(vehicles)[:, None], hull.position[0]
     late = np.exp(-step / np.maximum(lag, 1e-9))
-    pace = max(1, round(READ / step))
+    pace = max(1, round(FLIGHT_SAMPLE_S / step))
     random, sizes = np.random.default_rng(0), np.array(vehicles.noise)[:, None, None]
     drawn = (2, len(vehicles) // sets, flights)
     wrong = np.zeros((2, len(vehicles), flights))
@@ -103,7 +103,7 @@ class Scores:
 
 def step_and_load(
     target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float,
-    longest: float = LONGEST_STEP, sets: int = 1,
+    longest: float = MAX_VEHICLE_STEP_S, sets: int = 1,
 ) -> ClosedLoopRun:  # fmt: skip
     """Fly every set twice: a step of the reference, and a load in shares of the whole output from rest."""
     reference = np.zeros((1, 2, max(2, round(seconds / target.period))))
@@ -152,7 +152,8 @@ class Margins:
 def frequencies(highest: float, count: int) -> Floats:
     """Return frequencies [rad/s] up to `highest`, which is above 1, denser where loops cross over."""
     few, start = max(count // 6, 8), highest * 1e-4
-    return np.concatenate([np.geomspace(LOWEST, start, few, endpoint=False), np.geomspace(start, highest, count - few)])
+    low = np.geomspace(MIN_RAD_S, start, few, endpoint=False)
+    return np.concatenate([low, np.geomspace(start, highest, count - few)])
 
 
 def stable_along(ratio: Complexes, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
@@ -161,10 +162,10 @@ def stable_along(ratio: Complexes, poles: Complexes, integrators: int) -> NDArra
     `poles` (S or 1, n) are those of the vehicle, `integrators` how many the controller adds."""
     curve = 1.0 + ratio
     turned = np.sum(np.angle(curve[:, 1:] / curve[:, :-1]), axis=1)
-    origin = np.abs(poles) < LOWEST
-    ahead = (np.abs(np.angle(poles)) < np.pi / 2 + np.arctan(TILT)) & ~origin
+    origin = np.abs(poles) < MIN_RAD_S
+    ahead = (np.abs(np.angle(poles)) < np.pi / 2 + np.arctan(MIN_DAMPING_RATIO)) & ~origin
     count = integrators + origin.sum(axis=1)
-    expected = count * (np.pi / 2 + np.arctan(TILT)) + np.pi * ahead.sum(axis=1)
+    expected = count * (np.pi / 2 + np.arctan(MIN_DAMPING_RATIO)) + np.pi * ahead.sum(axis=1)
     right = np.round((expected - turned) / np.pi)
     return np.asarray((right == 0) & (np.abs(ratio[:, -1]) < 1.0) & np.all(np.isfinite(ratio), axis=1))
 
@@ -176,7 +177,7 @@ def disk_margin(ratio: Complexes) -> Floats:
 
 def margins(loop: Loop, omega: Floats, poles: Complexes, integrators: int) -> Margins:
     """Return all margins of S loops, where `loop` gives L (S, W) at s (W,); see `stable_along` for the rest."""
-    good = stable_along(loop(omega * (1j - TILT)), poles, integrators)
+    good = stable_along(loop(omega * (1j - MIN_DAMPING_RATIO)), poles, integrators)
     ratio = loop(1j * omega)
     disk, gain = disk_margin(ratio), _gain_margin(ratio)
     phase, delay = _phase_margin(ratio, omega)
@@ -208,27 +209,27 @@ def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
     return np.rad2deg(np.min(phase, axis=1)), np.asarray(np.min(delay, axis=1))
 
 
-CROWD, JUDGED = 180, 20
-ROUNDS, LAST = 5, 20  # looks at the space of gains, each nearer to the best; sets that are judged by the crowd
-EXACT, STEADY = (0.02, 0.05)  # loops of the flights that are promised, and of those that gains are chosen by
-SHARE = 0.95  # of the crowd that has to keep the margin, and to settle
-FIRST, NEAR, ELITE = 1500, 30, 3
+CROWD_VEHICLES, JUDGED_FEW = 180, 20
+SEARCH_ROUNDS, LAST_SETS = 5, 20  # looks at the space of gains, each nearer to the best; sets judged by the crowd
+PROMISED_LOOPS, CHOSEN_LOOPS = 0.02, 0.05  # loops of flights that are promised, and of those that gains are chosen by
+PASS_RATE = 0.95  # of the crowd that has to keep the margin, and to settle
+FIRST_SETS, NEIGHBOUR_SETS, ELITE_SETS = 1500, 30, 3
 """Sets of gains: spread over their space, near each of the best, and best by each rule."""
-FEW = 40  # vehicles on which sets have to keep the margin before they are flown
-SLOWER = 1.1  # how much more than the best gains may cost that have more margin, or move less under a load
-RECOVERY, SHORTEST = 4.0, 20.0
+FEW_VEHICLES = 40  # vehicles on which sets have to keep the margin before they are flown
+MAX_COST_RATIO = 1.1  # how much more than the best gains may cost that have more margin, or move less under a load
+RECOVERY_SETTLINGS, MIN_RECOVERY_S = 4.0, 20.0
 """Settling times after which a load is to be rejected where nobody sets a time, and at least [s]: loads that stay, of a
 current or a tether, build up slowly."""
-EXPLORED = (0.0, 0.3, 3.0)  # further weights of a load that is not rejected, for what may lead to better gains
-REJECTED = 0.9  # bands within which the worst of a few have to be, so that all but a twentieth of all are within one
-HUNTS = 2.0  # bands by which a vehicle that rests is off at most: noise moves it less
-NEVER = 1e6  # what not settling costs, in lengths of a flight
-WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
-ROUGH, LONGEST = 0.1, 0.02
+LOAD_WEIGHTS = (0.0, 0.3, 3.0)  # further weights of a load that is not rejected, for what may lead to better gains
+LOAD_BANDS = 0.9  # bands within which the worst of a few have to be, so that all but a twentieth of all are within one
+MAX_REST_BANDS = 2.0  # bands by which a vehicle that rests is off at most: noise moves it less
+UNSETTLED_COST = 1e6  # what not settling costs, in lengths of a flight
+NEIGHBOURHOOD_WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
+ROUGH_LOOP_SHARE, MAX_LOOP_S = 0.1, 0.02
 """Loops of flights that gains are looked for with, in shares of the quickest loop's time; and the longest loops
 and steps of a vehicle in flights that are not promised [s]."""
-LONG, LEAST = 5.0, 6.0  # flights that gains are looked for with, in settling times and at least [s]
-COARSE, FINE = 180, 500  # frequencies of the first look and of the margins that are told
+FLIGHT_SETTLINGS, MIN_FLIGHT_S = 5.0, 6.0  # flights that gains are looked for with, in settling times and at least [s]
+COARSE_FREQUENCIES, FINE_FREQUENCIES = 180, 500  # frequencies of the first look and of the margins that are told
 
 
 @dataclass(frozen=True)
@@ -250,7 +251,7 @@ def probes(vehicles: Vehicles) -> Vehicles:
     reach = plant.output_slope(vehicles) / vehicles.theta[:, 0]
     late = dead_time(vehicles) + lag_of(vehicles) + 1e-3
     lively, sluggish = np.argsort(late / late.max() + reach / reach.max()), np.argsort(-reach)
-    place = int(SHARE * (len(reach) - 1))
+    place = int(PASS_RATE * (len(reach) - 1))
     return vehicles.pick(np.array([0, lively[place], sluggish[place]]))
 
 
@@ -270,7 +271,7 @@ class Outcome:
 
     def rejects(self, task: Task) -> bool:
         """Tell whether all but a twentieth are back within the band after the time of recovery."""
-        return bool(np.mean(self.scores.left <= task.band) >= SHARE)
+        return bool(np.mean(self.scores.left <= task.band) >= PASS_RATE)
 
 
 @dataclass(frozen=True)
@@ -287,7 +288,7 @@ class Problem:
     def limit_rate(self, share: float) -> Target:
         """Give the same stack fewer loops a second, a `share` of the quickest loop's time long, 0.02 s at most."""
         target, loop = self.target, share / self.target.crossover(self.nominal)
-        return type(target)(float(np.clip(loop, target.period, max(target.period, LONGEST))), target.beyond)
+        return type(target)(float(np.clip(loop, target.period, max(target.period, MAX_LOOP_S))), target.beyond)
 
     def omega(self, count: int) -> Floats:
         """Return `count` frequencies [rad/s] that matter to the target on these vehicles."""
@@ -311,7 +312,7 @@ def problem_of(
     """Draw vehicles of every explanation, the same count of each: `full` is the moment or force at the whole output,
     `bend` the map to it where that is no straight line."""
     rng, crowds = np.random.default_rng(seed), []
-    size = max(CROWD // len(knowledge.explanations), FEW)
+    size = max(CROWD_VEHICLES // len(knowledge.explanations), FEW_VEHICLES)
     for explanation in knowledge.explanations:
         crowd = plant.crowd(explanation.model, explanation.covariance, knowledge.spread, full, bend, size, rng)
         crowds.append(replace(crowd, name=explanation.name))
@@ -332,7 +333,7 @@ def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats)
 def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> Floats:
     """Return disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable."""
     columns = {name: value[:, None] for name, value in gains.items()}
-    poles, lines = plant.poles(vehicles), (omega * (1j - TILT), 1j * omega)
+    poles, lines = plant.poles(vehicles), (omega * (1j - MIN_DAMPING_RATIO), 1j * omega)
     paths = [(*target.paths(columns, s), *plant.response(vehicles, s)) for s in lines]
     disk = np.zeros((len(next(iter(gains.values()))), len(vehicles)))
     for k in range(len(vehicles)):
@@ -346,7 +347,7 @@ def keepable(problem: Problem, numbers: Floats, few: int, count: int) -> Floats:
     frequencies."""
     gains, omega = problem.target.propose(numbers, problem.nominal), problem.omega(count)
     parts = (screened(problem.target, gains, part.pick(slice(0, few)), omega) for part in problem.crowds)
-    return np.min([np.sort(disk)[:, int((1.0 - SHARE) * disk.shape[1] + 1e-9)] for disk in parts], axis=0)
+    return np.min([np.sort(disk)[:, int((1.0 - PASS_RATE) * disk.shape[1] + 1e-9)] for disk in parts], axis=0)
 
 
 def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> Scores:
@@ -354,7 +355,7 @@ def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task:
     sets, count = len(next(iter(gains.values()))), len(vehicles)
     repeated: Gains = {name: np.repeat(value, count)[:, None] for name, value in gains.items()}
     many = vehicles.pick(np.tile(np.arange(count), sets))
-    flight = step_and_load(target, repeated, many, task.step, task.load, task.seconds, LONGEST, sets)
+    flight = step_and_load(target, repeated, many, task.step, task.load, task.seconds, MAX_LOOP_S, sets)
     result = scores(flight, task.step, task.band, task.recovery)
     return Scores(*(value.reshape(sets, count) for value in vars(result).values()))
 
@@ -379,11 +380,11 @@ def leaders(trials: Trials, task: Task, count: int) -> Trials:
     The cost is log settling + log of what is left of the load beyond the band: half the time is worth as much as half
     of what is left, until the load is rejected; and 4 for each share of the step by which it is overshot, beyond a
     tenth. Among sets that are nearly as good, the largest margin and the least error under the load count."""
-    time = np.log(np.where(np.isfinite(trials["settling"]), trials["settling"], NEVER * task.seconds))
+    time = np.log(np.where(np.isfinite(trials["settling"]), trials["settling"], UNSETTLED_COST * task.seconds))
     time = time + 4.0 * np.maximum(trials["overshoot"] - 0.1, 0.0)
-    excess = np.log(np.maximum(trials["left"] / (REJECTED * task.band), 1.0))
-    costs = [time + weight * excess for weight in (1.0, *EXPLORED)]
-    worse = np.maximum(costs[0] - np.min(costs[0], initial=np.inf) - np.log(SLOWER), 0.0)
+    excess = np.log(np.maximum(trials["left"] / (LOAD_BANDS * task.band), 1.0))
+    costs = [time + weight * excess for weight in (1.0, *LOAD_WEIGHTS)]
+    worse = np.maximum(costs[0] - np.min(costs[0], initial=np.inf) - np.log(MAX_COST_RATIO), 0.0)
     orders = [
         np.lexsort((np.maximum(trials["error"], task.band) / trials["disk"], worse)),
         *(np.argsort(c, kind="stable") for c in costs),
@@ -402,50 +403,50 @@ def spread_numbers(count: int, size: int) -> Floats:
 
 
 def shorten(problem: Problem) -> tuple[Problem, float]:
-    """Shorten the flights to `LONG` times what the quickest gains take to settle on the first vehicle; the time of
-    recovery is `RECOVERY` times that where none is set, and no flight is shorter. Return also how long flights that
-    are promised take [s]."""
+    """Shorten the flights to `FLIGHT_SETTLINGS` times what the quickest gains take to settle on the first vehicle; the
+    time of recovery is `RECOVERY_SETTLINGS` times that where none is set, and no flight is shorter. Return also how
+    long flights that are promised take [s]."""
     task = problem.task
     alone = replace(problem, crowds=(problem.crowds[0].pick(slice(0, 1)),))
-    settling = searched(alone, task.margin, 3, FIRST // 5)["settling"]
-    quickest = np.min(settling) if np.any(np.isfinite(settling)) else task.seconds / RECOVERY
-    quiet = float(np.ceil(RECOVERY * quickest))
-    recovery = task.recovery if np.isfinite(task.recovery) else max(quiet, SHORTEST)
-    seconds = max(float(np.clip(LONG * quickest, LEAST, task.seconds)), recovery)
+    settling = searched(alone, task.margin, 3, FIRST_SETS // 5)["settling"]
+    quickest = np.min(settling) if np.any(np.isfinite(settling)) else task.seconds / RECOVERY_SETTLINGS
+    quiet = float(np.ceil(RECOVERY_SETTLINGS * quickest))
+    recovery = task.recovery if np.isfinite(task.recovery) else max(quiet, MIN_RECOVERY_S)
+    seconds = max(float(np.clip(FLIGHT_SETTLINGS * quickest, MIN_FLIGHT_S, task.seconds)), recovery)
     return replace(problem, task=replace(task, seconds=seconds, recovery=recovery)), 2.0 * max(
         task.seconds, recovery, quiet
     )
 
 
-def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST) -> Trials:
+def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST_SETS) -> Trials:
     """Find, from so many `first` ones, the best sets of gains that keep the margin on some vehicles of all crowds, as
     `leaders` ranks them; none where none does. Margins are those of the target's own loops, flights are rough."""
     size, task = problem.target.numbers, problem.task
     trials = _kept(problem, margin, spread_numbers(first, size))
-    offsets = spread_numbers(NEAR, size) - 0.5
+    offsets = spread_numbers(NEIGHBOUR_SETS, size) - 0.5
     for turn in range(1, rounds):
-        best = leaders(trials, task, ELITE)["numbers"]
-        around = np.clip(best[:, None, :] + WIDTH / turn * offsets, 0.0, 1.0)
+        best = leaders(trials, task, ELITE_SETS)["numbers"]
+        around = np.clip(best[:, None, :] + NEIGHBOURHOOD_WIDTH / turn * offsets, 0.0, 1.0)
         trials = np.concatenate([trials, _kept(problem, margin, around.reshape(-1, size))])
-    return leaders(trials, task, LAST)
+    return leaders(trials, task, LAST_SETS)
 
 
 def _kept(problem: Problem, margin: float, numbers: Floats) -> Trials:
     """The design numbers whose gains keep the margin on some vehicles, and what they do to three."""
-    disk = keepable(problem, numbers, FEW, COARSE)
+    disk = keepable(problem, numbers, FEW_VEHICLES, COARSE_FREQUENCIES)
     good = disk >= margin
-    return tried(problem, numbers[good], disk[good], probes, ROUGH)
+    return tried(problem, numbers[good], disk[good], probes, ROUGH_LOOP_SHARE)
 
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     sets: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
-    omega, task, crowds = problem.omega(FINE), problem.task, problem.crowds
+    omega, task, crowds = problem.omega(FINE_FREQUENCIES), problem.task, problem.crowds
     parts = [all_margins(problem.target, sets, part, omega) for part in crowds]
-    exact = problem.limit_rate(EXACT)
+    exact = problem.limit_rate(PROMISED_LOOPS)
     flights = [step_and_load(exact, sets, part, task.step, task.load, task.seconds) for part in crowds]
     position, half = np.concatenate([flight.position for flight in flights]), len(flights[0].time) // 2
     flight = ClosedLoopRun(flights[0].time[:half], position[:, :, :half])
-    rest = np.all(np.abs(position[:, 0, half:] - task.step) <= HUNTS * task.band, axis=1)
+    rest = np.all(np.abs(position[:, 0, half:] - task.step) <= MAX_REST_BANDS * task.band, axis=1)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
     return Outcome(dict(gains), every, scores(flight, task.step, task.band, task.recovery), flight, rest)
 
@@ -455,17 +456,18 @@ def keeps(result: Outcome, problem: Problem) -> bool:
     loop may hunt for ever, in swings with long rests between."""
     good = (result.margins.disk >= problem.task.margin) & result.scores.settles & result.rest
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
-    return all(np.mean(part) >= SHARE for part in np.split(good, ends))
+    return all(np.mean(part) >= PASS_RATE for part in np.split(good, ends))
 
 
 def best_gains(problem: Problem) -> dict[str, float] | None:
     """The best gains that all crowds can live with, as `leaders` ranks the worst of what some vehicles do; looked for
     with more margin on the few where that fails."""
+    judged = slice(0, JUDGED_FEW)
     for more in (1.0, 1.12, 1.3):
-        numbers = searched(problem, more * problem.task.margin, ROUNDS)["numbers"]
-        disk = keepable(problem, numbers, CROWD, FINE)
+        numbers = searched(problem, more * problem.task.margin, SEARCH_ROUNDS)["numbers"]
+        disk = keepable(problem, numbers, CROWD_VEHICLES, FINE_FREQUENCIES)
         if np.any(good := disk >= problem.task.margin):
-            trials = tried(problem, numbers[good], disk[good], lambda part: part.pick(slice(0, JUDGED)), STEADY)
+            trials = tried(problem, numbers[good], disk[good], lambda part: part.pick(judged), CHOSEN_LOOPS)
             best = leaders(trials, problem.task, 1)["numbers"][:1]
             return {name: float(value[0]) for name, value in problem.target.propose(best, problem.nominal).items()}
     return None

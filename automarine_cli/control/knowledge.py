@@ -14,28 +14,34 @@ from automarine_cli.models.yaw_model import DELAY, YawModel
 from automarine_cli.pipeline.records import Source
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, paper_grid
-from automarine_cli.planning.information import NO_RIVALS, NOISE_DEG, SCATTER, PriorResults, read_prior_results
+from automarine_cli.planning.information import (
+    NO_RIVALS,
+    USUAL_NOISE_DEG,
+    USUAL_SCATTER,
+    PriorResults,
+    read_prior_results,
+)
 from automarine_cli.planning.rivals import closest, with_effect, without
 from automarine_cli.quantities import Floats
 from automarine_cli.text import printable
 from automarine_cli.thrusters.map import ThrusterMap
 
-LATE = (DELAY, "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
-WILD, CURVED = 0.25, 0.1
+LATE_EFFECTS = (DELAY, "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
+WILD_SCATTER, MIN_GAIN_EXPONENT = 0.25, 0.1
 """Scatter of the thrust from run to run, and power of the command's size that it goes with, from which on the thrust is
 not known: fits take no more than 0.3 for scatter."""
-IDLE = 0.1
+MAX_DEAD_BAND_SHARE = 0.1
 """Share of the whole output below which thrusters may give nothing: Blue Robotics T200 data (2019), 7 to 10 %."""
-CURVE = ("dead-band", "thrust-exponent")  # what the curve of the thrust against its command is made of
-OWN_LAWS = 0.03
+CURVE_EFFECTS = ("dead-band", "thrust-exponent")  # what the curve of the thrust against its command is made of
+LAW_ERROR_SHARE = 0.03
 """Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
-FAINT = 0.5
+MAX_STDERR = 0.5
 """Largest standard error of an effect, as a share of its size: of what is less sure a diagnosis says nothing."""
-UNKNOWN = 0.1  # standard error, as a share, of a parameter of which the file tells none
+UNKNOWN_ERROR_SHARE = 0.1  # standard error, as a share, of a parameter of which the file tells none
 EXTENDED = "extended_model.json"
-SUPPLY = (0.88, 1.08)
+SUPPLY_SHARES = (0.88, 1.08)
 """Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
-ROUNDING, POINTS = 1.02, 401
+OUTPUT_TOLERANCE, MAP_POINTS = 1.02, 401
 """How far beyond the whole output moments of a log may seem to go; outputs at which a map is read."""
 UNKNOWN_DELAY = (
     "How late the vehicle answers is not known: the model's file has no command_delay_s. Fit its logs again, or give "
@@ -110,8 +116,8 @@ def read_knowledge(
     volts = (logged, supply[0] * logged, supply[1] * logged)
     # noise as the fit found it; of a position of which the file does not say, one of the units that people read
     unit = float(prior.model.dof.shown(1.0))
-    noise = ((prior.noise_deg or NOISE_DEG) / unit, (prior.rate_noise_deg_s or 0.0) / unit)
-    scatter = SCATTER if prior.scatter is None else prior.scatter
+    noise = ((prior.noise_deg or USUAL_NOISE_DEG) / unit, (prior.rate_noise_deg_s or 0.0) / unit)
+    scatter = USUAL_SCATTER if prior.scatter is None else prior.scatter
     spread = Spread(scatter, late, volts, noise)
     without = [
         f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
@@ -134,15 +140,15 @@ def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] |
     """Why the thrust is not known well enough for promises: its wild scatter, or a curve that the model lacks."""
     power = file.gain_exponent
     low, high = power.ci95 if power and power.ci95 else (0.0, 0.0)
-    if low > CURVED or high < -CURVED:
+    if low > MIN_GAIN_EXPONENT or high < -MIN_GAIN_EXPONENT:
         why = "The gain of the thrust goes with the size of the command, as with a dead-band or a curve of the thrust"
-    elif prior.scatter is not None and prior.scatter >= WILD:
+    elif prior.scatter is not None and prior.scatter >= WILD_SCATTER:
         why = f"The thrust seems to scatter by {100 * prior.scatter:.0f} % from run to run, more than thrusters do"
     else:
         return None
     names = {term.name for term in prior.model.terms}
     remedy = "diagnose its logs, with runs of small commands among them."
-    effect = next((name for name in CURVE if name not in names), CURVE[0])
+    effect = next((name for name in CURVE_EFFECTS if name not in names), CURVE_EFFECTS[0])
     return f"{why}. Such a vehicle may hunt for ever: {remedy}", effect
 
 
@@ -152,7 +158,7 @@ def _idle(main: Explanation, judged: DiagnosisFile | None, largest: float) -> li
     if "thrust-exponent" not in names or "dead-band" in names:
         return []
     visible = judged.smallest_visible.get("dead-band", np.inf) if judged else np.inf
-    width = min(visible, IDLE * largest)
+    width = min(visible, MAX_DEAD_BAND_SHARE * largest)
     model = main.model.with_effect("dead-band", (width, 0.0, 0.5))
     covariance = _moved(main, model, main.model.parameter_names)
     return [Explanation(model, covariance, f"a dead-band of {width:.2g}, which the logs allow", "dead-band")]
@@ -175,20 +181,20 @@ def _covariance(prior: PriorResults, model: YawModel) -> Floats:
         covariance[np.ix_(there, there)] = np.array(stored.matrix)[np.ix_(rows, rows)]
     added = [name.partition(".")[0] in prior.stored.effects for name in model.parameter_names]
     free = np.count_nonzero(np.diagonal(covariance)[added])
-    most = np.where(added, (_faint(prior.diagnosis) if free == 1 else FAINT) * _sizes(model), np.inf)
+    most = np.where(added, (_faint(prior.diagnosis) if free == 1 else MAX_STDERR) * _sizes(model), np.inf)
     share = np.minimum(most / np.maximum(np.sqrt(np.diagonal(covariance)), 1e-300), 1.0)
     covariance = covariance * np.outer(share, share)
-    return covariance + np.diag(np.where(np.diagonal(covariance) > 0, (OWN_LAWS * model.theta) ** 2, 0.0))
+    return covariance + np.diag(np.where(np.diagonal(covariance) > 0, (LAW_ERROR_SHARE * model.theta) ** 2, 0.0))
 
 
 def _faint(judged: DiagnosisFile | None) -> float:
     """Largest standard error of the size that a diagnosis named alone, as a share of it: half of it, and less where it
     gained far more than chance does, for a size that is off by all of itself loses all that it gained."""
     if judged is None or judged.threshold is None:
-        return FAINT
+        return MAX_STDERR
     names = [effect.name for effect in judged.effects]
     gain = max((trial.gain for trial in judged.candidates if [trial.name] == names), default=0.0)
-    return min(FAINT, (judged.threshold / gain) ** 0.5) if gain > 0.0 else FAINT
+    return min(MAX_STDERR, (judged.threshold / gain) ** 0.5) if gain > 0.0 else MAX_STDERR
 
 
 def _error(prior: PriorResults, model: YawModel, place: int) -> float:
@@ -196,7 +202,7 @@ def _error(prior: PriorResults, model: YawModel, place: int) -> float:
     estimate = prior.now.get(label) or prior.now.get(f"{effect} {label}")
     if estimate is not None and estimate.stderr >= 0:
         return estimate.stderr
-    return UNKNOWN * abs(float(model.theta[place])) if place < 3 and effect == model.dof.name else 0.0
+    return UNKNOWN_ERROR_SHARE * abs(float(model.theta[place])) if place < 3 and effect == model.dof.name else 0.0
 
 
 def _rival(prior: PriorResults, main: Explanation, effect: str, rival: str, largest: float) -> Explanation:
@@ -208,7 +214,7 @@ def _rival(prior: PriorResults, main: Explanation, effect: str, rival: str, larg
     model, names = nearest.model, [n for n in main.model.parameter_names if not n.startswith(f"{effect}.")]
     covariance = _moved(main, model, names)
     errors = zip(main.model.parameter_names, _sizes(main.model), np.sqrt(np.diagonal(main.covariance)))
-    share = min([FAINT, *(error / size for name, size, error in errors if name not in names and error * size > 0)])
+    share = min([MAX_STDERR, *(error / size for name, size, error in errors if name not in names and error * size > 0)])
     new = [name not in names for name in model.parameter_names]
     covariance += np.diag(np.where(new, (share * _sizes(model)) ** 2, 0.0))
     return Explanation(model, covariance, f"{rival} in the place of {effect}", rival)
@@ -227,10 +233,10 @@ def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None
         return delay, False, f"The gains allow for delays up to {delay:g} s beyond the model's (--delay)."
     # A diagnosis confines the delay to half a sample interval: a longer one it shows only as an effect.
     fitted = judged is None and prior.file is not None and prior.file.command_delay_s is not None
-    if fitted or any(term.name in LATE for term in prior.model.terms):
+    if fitted or any(term.name in LATE_EFFECTS for term in prior.model.terms):
         return 0.0, False, ""
     visible = judged.smallest_visible if judged else {}
-    late = max((visible[name] for name in LATE[:2] if name in visible), default=None)
+    late = max((visible[name] for name in LATE_EFFECTS[:2] if name in visible), default=None)
     if late is None:
         return 0.0, True, ""
     return late, False, f"The gains allow for delays up to {late:.2g} s. The diagnosis would have detected longer ones."
@@ -249,7 +255,7 @@ def authority(
     if full is None and most is not None and unit != "nu":
         full = most
     if full is None and unit == "nu":
-        if knowledge.largest is not None and knowledge.largest > ROUNDING:
+        if knowledge.largest is not None and knowledge.largest > OUTPUT_TOLERANCE:
             raise ModelError(
                 f"{source}: its {dof.words.force}s reach {knowledge.largest:g} nu, which is no output of "
                 f"{target.name}, from -1 to 1; give --full with the {dof.words.force} [nu] of the whole output"
@@ -283,7 +289,7 @@ def turning(thruster_map: ThrusterMap, arm: float) -> tuple[ThrustCurve, float]:
     """
     ahead, astern = thruster_map.both_ways
     most = max(thruster_map.largest or 1.0, 1.0)
-    output = np.linspace(0.0, 1.0, POINTS)
+    output = np.linspace(0.0, 1.0, MAP_POINTS)
     thrust = ahead.thrust(most * output) + astern.thrust(most * output)
     if not thrust[-1] > 0:
         raise SettingError(

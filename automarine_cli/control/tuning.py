@@ -12,7 +12,7 @@ import numpy as np
 from automarine_cli import effects
 from automarine_cli.control import design
 from automarine_cli.control.design import Outcome, Problem, Task
-from automarine_cli.control.knowledge import EXTENDED, SUPPLY, authority, read_knowledge
+from automarine_cli.control.knowledge import EXTENDED, SUPPLY_SHARES, authority, read_knowledge
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Target, present_gains
 from automarine_cli.control.vehicles import dead_time
@@ -31,8 +31,8 @@ from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field's two degrees of heading, and 5 cm
 STEP_DEG, STEP_M = 90.0, 1.0
 QUANTILES = (0.025, 0.5, 0.975)
-DEAREST = 2.0  # how much longer gains for all explanations may take to settle than gains for the right one alone
-LONG_DELAY = 0.14
+MAX_SETTLING_RATIO = 2.0  # how much longer gains for all explanations may take to settle than for the right one alone
+MIN_DELAY_SPREAD_S = 0.14
 """Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
 Verdict = Literal["gains", "leave", "cannot-promise"]
 RECORDED = (
@@ -45,7 +45,7 @@ def set_up(
     model: Source, *, target: str, extended: Source | None = None, step: float | None = None, load: float = 10.0,
     load_recovery: float | None = None, margin: float = 0.75, full: float | None = None,
     thrusters: Source | ThrusterMap | None = None, arm: float | None = None, columns: Source | ColumnMap | None = None,
-    delay: float | None = None, supply: tuple[float, float] = SUPPLY, sample_time: float | None = None,
+    delay: float | None = None, supply: tuple[float, float] = SUPPLY_SHARES, sample_time: float | None = None,
     beyond_range: bool = False, seed: int = 0,
 ) -> Problem:  # fmt: skip
     """Read and check what a tuning is made of.
@@ -222,8 +222,8 @@ def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
         result = _judged(replace(problem, task=replace(task, seconds=longer * seconds)), present)
         if result is not None:
             return result
-    why = f"The best gains with a disk margin of {task.margin:g} do not settle for {100 * design.SHARE:.0f} % of the"
-    return _reached(problem, "cannot-promise", f"{why} vehicles that the model allows. {_more(problem.target)}")
+    why = f"The best gains with a disk margin of {task.margin:g} do not settle for {100 * design.PASS_RATE:.0f} %"
+    return _reached(problem, "cannot-promise", f"{why} of the vehicles that the model allows. {_more(problem.target)}")
 
 
 def _reached(
@@ -247,7 +247,7 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
     if dear is not None:
         return _reached(problem, "cannot-promise", *dear, old=old)
     if chosen is None:
-        why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {100 * design.SHARE:.0f} % of the"
+        why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {100 * design.PASS_RATE:.0f} % of the"
         why = f"{why} vehicles that the model allows. {_more(target)}"
         return _reached(problem, "cannot-promise", why, old=old, beyond=_beyond(short, problem))
     new = design.outcome(problem, chosen)
@@ -284,7 +284,7 @@ def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, s
     parts = list(zip(crowds, [e.instead for e in knowledge.explanations])) if len(crowds) > 1 else []
     late = dead_time(crowds[0])
     early, later = np.quantile(late, [0.25, 0.75])
-    if later - early >= LONG_DELAY:
+    if later - early >= MIN_DELAY_SPREAD_S:
         prompt = crowds[0].pick(np.flatnonzero(late <= early))
         parts.append((replace(prompt, name="a short delay"), "input-delay"))
     for part, effect in parts:
@@ -293,9 +293,9 @@ def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, s
             continue
         gains = problem.target.propose(alone, problem.nominal)
         sets = {name: np.append(value, [] if chosen is None else chosen[name]) for name, value in gains.items()}
-        quick, first = problem.limit_rate(design.ROUGH), part.pick(slice(0, 1))
+        quick, first = problem.limit_rate(design.ROUGH_LOOP_SHARE), part.pick(slice(0, 1))
         mine, *common = design.flown(quick, sets, first, problem.task).settling[:, 0].tolist()
-        if max(common, default=math.inf) <= DEAREST * mine:
+        if max(common, default=math.inf) <= MAX_SETTLING_RATIO * mine:
             continue
         settled = effect or next((e.instead for e in knowledge.explanations if e.instead), "input-delay")
         instead = f"gains that settle in {common[0]:.1f} s" if math.isfinite(sum(common) or math.inf) else "no gains"
@@ -389,7 +389,7 @@ def _json(estimate: Estimate | None) -> dict[str, Any] | None:
 
 
 REFERENCES = ("target", "reference", "desired", "DesYaw", "YDes")  # parts of the names of columns that hold a reference
-SMOOTHED_S, STEADY_S, LEAST = 0.5, 3.0, 5.0
+SMOOTHED_S, STEADY_S, MIN_STEP_BANDS = 0.5, 3.0, 5.0
 """Readings are averaged over so long, a reference stays for so long at least, and a step is so many bands large."""
 
 
@@ -444,7 +444,8 @@ def check_tuning(
     problem, gains = _of_tuning(tuning)
     dof, task = problem.nominal.dof, problem.task
     runs = load_runs(logs, given_columns(columns), dof=dof, progress=progress).runs
-    sets, target = {name: np.full((1, 1), value) for name, value in gains.items()}, problem.limit_rate(design.EXACT)
+    sets = {name: np.full((1, 1), value) for name, value in gains.items()}
+    target = problem.limit_rate(design.PROMISED_LOOPS)
 
     def promise(time: Floats, wish: Floats) -> tuple[Floats, Floats]:
         """Time (M,) and positions (S, M) of every vehicle that follows a reference from rest."""
@@ -458,7 +459,7 @@ def check_tuning(
         setpoint = reference_of(run, reference)
         steps += [_flown(run, setpoint, part, task, promise) for part in _steps(run.time, setpoint, task.band)]
     if not steps:
-        least = f"{dof.logged(LEAST * task.band):g} {dof.units.log}"
+        least = f"{dof.logged(MIN_STEP_BANDS * task.band):g} {dof.units.log}"
         raise RunError(
             f"{runs[0].source}: no change of the reference of {least} or more; make one step and hold it until the "
             "vehicle is at rest"
@@ -505,7 +506,7 @@ def _steps(time: Floats, reference: Floats, band: float) -> Iterator[slice]:
     ends = [*(int(group[0]) for group in groups[1:]), len(time) - 1]
     for group, end in zip(groups, ends):
         first, after = int(group[0]), int(group[-1]) + 1
-        if abs(reference[after] - reference[first]) >= LEAST * band and time[end] - time[after] >= STEADY_S:
+        if abs(reference[after] - reference[first]) >= MIN_STEP_BANDS * band and time[end] - time[after] >= STEADY_S:
             yield slice(first, end + 1)
 
 

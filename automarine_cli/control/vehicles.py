@@ -10,15 +10,15 @@ from automarine_cli import effects
 from automarine_cli.effects import Commands, Effect, Place
 from automarine_cli.effects.input_delay import InputDelay
 from automarine_cli.effects.sensor_lag import SensorLag
-from automarine_cli.effects.thruster_lag import ADVANCES, SHORTEST, Advance, ThrusterLag
+from automarine_cli.effects.thruster_lag import ADVANCES, MIN_LAG_S, Advance, ThrusterLag
 from automarine_cli.models.yaw_model import Bound, YawModel, actuators
 from automarine_cli.quantities import Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
 
 THRUST_BY_VOLTAGE = 1.2
 """Exponent of thrust against supply voltage at a fixed command: Blue Robotics, T200 performance data (2019)."""
-SLOWEST = 0.1  # share of the reference moment at which a lag that depends on the speed counts in margins
-REST, SLOW, BRISK = 1e-6, 0.02, 0.3
+MIN_LAG_MOMENT_SHARE = 0.1  # share of the reference moment at which a lag that depends on the speed counts in margins
+REST_SWING, SLOW_SWING, BRISK_SWING = 1e-6, 0.02, 0.3
 """Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of all counts, which of
 quadratic drag is that at rest, of dry friction that of a brisk turn. Water that moves is looked at over a slow one."""
 
@@ -135,7 +135,7 @@ class Actuators:
         lag_term = next((term for term in terms if isinstance(term.effect, ThrusterLag)), None)
         if lag_term is not None:
             lag, law, largest, fall = lag_term.values
-            values = (np.maximum(lag, SHORTEST), np.sqrt(np.maximum(largest, 1e-12)), fall)
+            values = (np.maximum(lag, MIN_LAG_S), np.sqrt(np.maximum(largest, 1e-12)), fall)
             self._lag = ADVANCES[round(float(law[0, 0]))], values
         self._signals = {"voltage": vehicles.volts[:, None, None]}
 
@@ -200,7 +200,7 @@ def lag_of(vehicles: Vehicles) -> Floats:
     if (parameters := _parameters(vehicles, ThrusterLag)) is None:
         return np.zeros(len(vehicles))
     lag, law, largest, fall = parameters
-    slower = np.sqrt(largest / np.maximum(SLOWEST * vehicles.full, 1e-12))
+    slower = np.sqrt(largest / np.maximum(MIN_LAG_MOMENT_SHARE * vehicles.full, 1e-12))
     return cast(Floats, np.select([law == 2.0, law == 4.0], [lag * slower, lag * np.maximum(fall, 1.0)], lag))
 
 
@@ -277,8 +277,8 @@ def linear(vehicles: Vehicles, swing: float) -> Floats:
 
 def least_damped(vehicles: Vehicles) -> Floats:
     """Return `linear` with what drives the velocity as over the swing that damps it least."""
-    a = linear(vehicles, SLOW)
-    for swing in (REST, BRISK):
+    a = linear(vehicles, SLOW_SWING)
+    for swing in (REST_SWING, BRISK_SWING):
         row = linear(vehicles, swing)[:, 1]
         a[:, 1] = np.where(row[:, 1:2] > a[:, 1, 1:2], row, a[:, 1])
     return a

@@ -28,7 +28,7 @@ from automarine_cli.diagnosis.study import SPREADS, DiagnosisProblem, learned_te
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import (
     DRAG,
-    FIRST,
+    FIRST_KNOTS,
     GAIN,
     KINDS,
     KNOTS,
@@ -104,8 +104,8 @@ def _gains(information: Floats, pulls: Floats, model: YawModel, runs: int) -> tu
 def _probe(model: YawModel) -> CandidateShape:
     term = model.terms[-1]
     rows = np.tile(term.values, (KNOTS, 1))
-    rows[np.arange(KNOTS), FIRST + np.arange(KNOTS)] = TRIED
-    return CandidateShape(term.name, rows, tuple(range(FIRST, FIRST + KNOTS)), False)
+    rows[np.arange(KNOTS), FIRST_KNOTS + np.arange(KNOTS)] = TRIED
+    return CandidateShape(term.name, rows, tuple(range(FIRST_KNOTS, FIRST_KNOTS + KNOTS)), False)
 
 
 def candidates(study: DiagnosisProblem, model: YawModel) -> list[YawModel]:
@@ -160,7 +160,7 @@ def _columns(runs: Sequence[Run], dof: Dof) -> list[str]:
 
 def with_curve(model: YawModel, spread: float, curve: Floats) -> YawModel:
     *terms, last = model.terms
-    values = (*last.values[: FIRST - 1], spread, *(float(v) for v in curve), last.values[-1])
+    values = (*last.values[: FIRST_KNOTS - 1], spread, *(float(v) for v in curve), last.values[-1])
     return replace(model, terms=(*terms, replace(last, values=values)))
 
 
@@ -294,7 +294,7 @@ def _further(study: DiagnosisProblem, trial: CandidateFit) -> CandidateFit | Non
         spread, _ = smoothed(trial.fit, trial.model)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
         again = refitted(study, model, trial.added, model.theta, trial.fit)
-        if again is None or abs(np.log(spread / trial.model.terms[-1].values[FIRST - 1])) < SAME_SPREAD:
+        if again is None or abs(np.log(spread / trial.model.terms[-1].values[FIRST_KNOTS - 1])) < SAME_SPREAD:
             return again
         trial = again
     return trial

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.learned import DRAG, FIRST, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
+from automarine_cli.effects.learned import DRAG, FIRST_KNOTS, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
 from automarine_cli.effects.learned import GAIN as CURVE_OF_GAIN
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
@@ -118,7 +118,7 @@ def places(model: YawModel) -> NDArray[np.int64]:
     at = learned_term(model)
     if at is None:
         return np.arange(0)
-    return 1 + sum(len(term.values) for term in model.terms[:at]) + FIRST + np.arange(KNOTS)
+    return 1 + sum(len(term.values) for term in model.terms[:at]) + FIRST_KNOTS + np.arange(KNOTS)
 
 
 def precision(model: YawModel, spread: float | None = None) -> Floats:
@@ -127,7 +127,7 @@ def precision(model: YawModel, spread: float | None = None) -> Floats:
     assert at is not None
     overlap, effect = elsewhere(model, model.terms[at]), effects.get(model.terms[at].name)
     assert isinstance(effect, Learned)
-    spread = model.terms[at].values[FIRST - 1] if spread is None else spread
+    spread = model.terms[at].values[FIRST_KNOTS - 1] if spread is None else spread
     return (roughness(bool(effect.variable.turn)) + FIRM**2 * overlap.T @ overlap) / spread**2
 
 

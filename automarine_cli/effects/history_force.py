@@ -4,7 +4,7 @@ import numpy as np
 
 from automarine_cli.effects.base import Effect, Floats, Law, Parameter, State, choice, choose, inf
 
-TIMES, SHARES = (0.327, 2.62, 39.3), (2.0, 0.752, 0.379)
+MEMORY_TIMES, MEMORY_SHARES = (0.327, 2.62, 39.3), (2.0, 0.752, 0.379)
 """Time constants [s] and sizes of the exponentials whose sum is sqrt(1 s/t) to 4 % from 0.2 to 30 s."""
 
 
@@ -49,13 +49,13 @@ class HistoryForce(Effect):
         past = state.stored
 
         def basset() -> Floats:
-            return sum((share * (state.relative - p) for share, p in zip(SHARES, past)), np.zeros(()))
+            return sum((share * (state.relative - p) for share, p in zip(MEMORY_SHARES, past)), np.zeros(()))
 
         return -h * choose(law, lambda: state.relative - past[0], basset)
 
     def derivatives(self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> tuple[Floats, ...]:
         _, fades, law = values
         behind = [state.relative - past for past in states]
-        first = np.where(law > 0, TIMES[0], fades)
-        longer = (law * change / time for change, time in zip(behind[1:], TIMES[1:]))
+        first = np.where(law > 0, MEMORY_TIMES[0], fades)
+        longer = (law * change / time for change, time in zip(behind[1:], MEMORY_TIMES[1:]))
         return (behind[0] / first, *longer)

@@ -7,7 +7,7 @@ import numpy as np
 
 from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, deliver_by_law
 
-FAR = 10.0  # seconds before the log over which its first command is taken to have held, and after it the last
+BEYOND_S = 10.0  # seconds before the log over which its first command is taken to have held, and after it the last
 
 
 class InputDelay(Effect):
@@ -59,10 +59,10 @@ def delayed(commands: Commands, delay: Floats) -> Floats:
     before = np.broadcast_to(commands.before, (*shape[:2], 1)).reshape(-1, 1)
     ends, impulse = np.cumsum(length, axis=1), np.cumsum(moment * length, axis=1)
     last = np.take_along_axis(moment, np.argmax(ends, axis=1)[:, None], axis=1)  # held after the log, too
-    nodes = begin + np.concatenate([-FAR + 0.0 * begin, 0.0 * begin, ends, ends[:, -1:] + FAR], axis=1)
-    gained = np.concatenate([-FAR * before, 0.0 * begin, impulse, impulse[:, -1:] + FAR * last], axis=1)
+    nodes = begin + np.concatenate([-BEYOND_S + 0.0 * begin, 0.0 * begin, ends, ends[:, -1:] + BEYOND_S], axis=1)
+    gained = np.concatenate([-BEYOND_S * before, 0.0 * begin, impulse, impulse[:, -1:] + BEYOND_S * last], axis=1)
     # One interpolation for all rows: each has a stretch of the axis of its own, with room before and after it.
-    offset = np.arange(rows[0])[:, None] * (float(np.ptp(nodes)) + 2.0 * FAR)
+    offset = np.arange(rows[0])[:, None] * (float(np.ptp(nodes)) + 2.0 * BEYOND_S)
     late_nodes = np.maximum(nodes[:, 1:-1] - late, nodes[:, :1]) + offset
     passed = np.interp(late_nodes.ravel(), (nodes + offset).ravel(), gained.ravel()).reshape(late_nodes.shape)
     out = np.diff(passed, axis=1) / np.maximum(length, 1e-12)

@@ -18,13 +18,13 @@ from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 PREFIX = "learned:"
 KNOTS = 10
-FIRST = 4
+FIRST_KNOTS = 4
 """Place of the curve's first value among the parameters; what stands before them is not fitted."""
 TIME = "time-in-run"
 KINDS = MOMENT, GAIN, DRAG = ("moment", "gain", "drag")
 """What a curve may be: a moment (or force) of its own, a relative gain on the thrust delivered, or a coefficient of
 linear drag. The last two make a product of two variables, thrust or speed times what the curve runs over."""
-STEEP, LEVEL = 0.1, 0.01
+MIN_SLOPE_SHARE, LEVEL = 0.1, 0.01
 """How much a slope and a level count beside the curvature in `roughness`."""
 
 Read = Callable[[State], Floats]
@@ -165,7 +165,7 @@ def roughness(closed: bool) -> Floats:
     curve = after - 2.0 * np.eye(KNOTS) + after.T
     if not closed:
         slope, curve = slope[:-1], curve[1:-1]
-    return curve.T @ curve + STEEP * slope.T @ slope + LEVEL * np.eye(KNOTS)
+    return curve.T @ curve + MIN_SLOPE_SHARE * slope.T @ slope + LEVEL * np.eye(KNOTS)
 
 
 def learned(name: str) -> Effect:

@@ -19,7 +19,7 @@ from automarine_cli.effects.base import (
 )
 from automarine_cli.quantities import Floats
 
-SHORTEST = 1e-6  # s
+MIN_LAG_S = 1e-6  # s
 OWN_TIME = 4
 """The law with a time constant of its own as the speed falls."""
 Advance = Callable[[Floats, Floats, Floats, tuple[Floats, ...]], tuple[Floats, Floats]]
@@ -87,7 +87,7 @@ def _step_by_step(advance: Advance, commands: Commands, values: tuple[Floats, ..
     target = np.sign(commands.force) * np.sqrt(np.abs(commands.force))
     shape = np.broadcast_shapes(target.shape, commands.length.shape, lag.shape)
     target, length = np.broadcast_to(target, shape), np.broadcast_to(commands.length, shape)
-    sizes = (np.maximum(lag, SHORTEST)[..., 0], np.sqrt(np.maximum(largest, 1e-12))[..., 0], fall[..., 0])
+    sizes = (np.maximum(lag, MIN_LAG_S)[..., 0], np.sqrt(np.maximum(largest, 1e-12))[..., 0], fall[..., 0])
     delivered = np.empty(shape)
     before = np.sign(commands.before) * np.sqrt(np.abs(commands.before))
     speed = np.broadcast_to(before[..., 0], shape[:2])

@@ -16,10 +16,10 @@ from automarine_cli.models.store import ModelFile
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.thrusters.map import ThrusterMap
 
-FRAMES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}
-TURNS = {"NED": "from north, positive clockwise", "ENU": "from east, positive anticlockwise"}
-DRAG = ("linear-drag", "quadratic-drag")
-FORCES = "XYZKMN"
+FRAME_AXES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}
+SENSES = {"NED": "from north, positive clockwise", "ENU": "from east, positive anticlockwise"}
+DRAGS = ("linear-drag", "quadratic-drag")
+FORCE_LETTERS = "XYZKMN"
 """Of the six motions: the letter of force or moment (SNAME 1950)."""
 
 
@@ -112,7 +112,7 @@ class YawSubject(Subject):
 
     @property
     def force(self) -> str:
-        return FORCES[self.dof.number]
+        return FORCE_LETTERS[self.dof.number]
 
     @property
     def rate_unit(self) -> str:
@@ -172,7 +172,7 @@ class Target:
     forms: Mapping[str, str]
     write: Callable[[Any], Written]
     frames: tuple[str, ...] = ("NED", "ENU")
-    carries: frozenset[str] = frozenset(DRAG)
+    carries: frozenset[str] = frozenset(DRAGS)
     lacks: frozenset[tuple[str, int]] = frozenset()
     si: bool = True
     uses: frozenset[str] = frozenset()
@@ -211,7 +211,7 @@ def at_place(value: float, index: int) -> list[float]:
 def frame_in_words(frame: str, dof: Dof) -> str:
     """A frame, and which way the motion is positive in it."""
     to = dof.words.to_ways[mirrored(dof) and frame == "ENU"]
-    return f"{FRAMES[frame]}: {dof.name} {f'{TURNS[frame]} seen from above' if dof.wraps else f'positive {to}'}"
+    return f"{FRAME_AXES[frame]}: {dof.name} {f'{SENSES[frame]} seen from above' if dof.wraps else f'positive {to}'}"
 
 
 def mirrored(dof: Dof) -> bool:

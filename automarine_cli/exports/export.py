@@ -13,7 +13,7 @@ from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
-from automarine_cli.exports.base import DRAG, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
+from automarine_cli.exports.base import DRAGS, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, models_of, motion_of
 from automarine_cli.models.yaw_model import DELAY, Term, YawModel
@@ -25,7 +25,7 @@ from automarine_cli.text import listed, printable
 from automarine_cli.thrusters.map import THRUSTER_MAP as MAP
 from automarine_cli.thrusters.map import ThrusterMap
 
-WHY = {
+PLACE_WHY = {
     "sensor": "it acts on the reading, not on the vehicle",
     "actuator": "it acts in the thrusters, before the {force}",
     "moment": "the target's equation has no such term",
@@ -33,7 +33,7 @@ WHY = {
 }
 IN_NEWTONS = "{} is in {} already; --newton-metres-per-nu is for the unit nu, so leave it out"
 Values = tuple[float, ...]
-MIXED: dict[str, Callable[[Values], Values]] = {
+MIRROR_OF_MIXED: dict[str, Callable[[Values], Values]] = {
     # reading: pi/2 - (psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi)
     "compass-deviation": lambda v: (-v[1], -v[0], -v[2], *v[3:]),
     "heading-moment": lambda v: (-v[1], -v[0]),
@@ -237,14 +237,16 @@ def _why_not(target: Target, term: Term, dof: Dof) -> str:
         return "the target has no counterpart for its law" * ((term.name, effect.law(term.values)) in target.lacks)
     if dof.has_constant and term.name == "bias-moment":
         return "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
-    return f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
+    if effect.columns:
+        return f"it needs the logged {listed(effect.columns)}"
+    return dof.fill(PLACE_WHY[effect.place.value])
 
 
 def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     """Drag that a model has twice, once of its own and once found by a diagnosis, as one term."""
     merged: dict[str | int, Term] = {}
     for i, term in enumerate(terms):
-        key = term.name if term.name in DRAG else i
+        key = term.name if term.name in DRAGS else i
         twin = merged.get(key)
         merged[key] = replace(twin, values=(twin.values[0] + term.values[0],)) if twin else term
     return tuple(merged.values())
@@ -306,9 +308,9 @@ def _mirrored(term: Term) -> Term:
         return term
     if parity == ODD:
         return replace(term, values=tuple(-value for value in term.values))
-    if term.name not in MIXED:
+    if term.name not in MIRROR_OF_MIXED:
         raise ModelError(f"effect {term.name} has no form in ENU yet; export in NED with --frame NED")
-    return replace(term, values=MIXED[term.name](term.values))
+    return replace(term, values=MIRROR_OF_MIXED[term.name](term.values))
 
 
 def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:

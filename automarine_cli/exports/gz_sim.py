@@ -19,12 +19,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, comment, filled, head, number
+from automarine_cli.exports.base import DRAGS, Planar, Target, Written, YawSubject, comment, filled, head, number
 from automarine_cli.exports.planar import PlanarSubject, rigid_of
 from automarine_cli.models.yaw_model import FORCES, VELOCITIES
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
-AXES = "xyzpqr"
+AXIS_LETTERS = "xyzpqr"
 """Of the six motions: the letters of the fluid's entries."""
 
 
@@ -33,7 +33,7 @@ def write(subject: YawSubject) -> Written:
     rigid, added = subject.inertias
     dof, r = subject.dof, subject.dof.symbols.velocity
     letter, rate, rigid_entry = subject.force.lower(), r.upper(), "izz" if dof.wraps else "mass"
-    linear, dot, entry = f"{letter}{rate}", f"{letter}Dot{rate}", 2 * AXES[dof.number]
+    linear, dot, entry = f"{letter}{rate}", f"{letter}Dot{rate}", 2 * AXIS_LETTERS[dof.number]
     if subject.form == DERIVATIVE and added >= rigid:
         raise SettingError(
             f"gz-sim takes <{dot}> from the last step's acceleration, which grows without bound where the added "
@@ -98,7 +98,7 @@ TARGET = Target(
     says="Gazebo Sim: SDF for the Hydrodynamics system",
     forms={FLUID: ".sdf", DERIVATIVE: ".sdf"},
     frames=("ENU", "NED"),
-    carries=frozenset({*DRAG, "drag-asymmetry"}),
+    carries=frozenset({*DRAGS, "drag-asymmetry"}),
     uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu"}),
     write=write,
     planar=Planar({FLUID: ".sdf"}, ("ENU", "NED"), write_planar),

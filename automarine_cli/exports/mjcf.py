@@ -12,18 +12,18 @@ import math
 from collections.abc import Mapping
 
 from automarine_cli.effects.coulomb_drag import CREEP
-from automarine_cli.exports.base import DRAG, Target, Written, YawSubject, comment, filled, head, mirrored, number, row
+from automarine_cli.exports.base import DRAGS, Target, Written, YawSubject, comment, filled, head, mirrored, number, row
 
-STEP = 0.001  # s; at 50 degrees/s a semi-implicit step is late by a twentieth of a degree
-AXES = ("1 0 0", "0 1 0", "0 0 1")
+TIMESTEP_S = 0.001  # s; at 50 degrees/s a semi-implicit step is late by a twentieth of a degree
+JOINT_AXES = ("1 0 0", "0 1 0", "0 0 1")
 SOFTEST = 1e-4  # MuJoCo's least impedance of a constraint (mjMINIMP)
 HARDENING = 2  # the law of a tether that pulls with the cube of the way as well
 VERSION = "Needs MuJoCo 3.7 or newer, which reads damping and stiffness of higher order."
 FREE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
-STICKS = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
+STICKY = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
 HEAVY = "Gravity is 0: weight and buoyancy are not part of the model."
-CARRIES = (
-    *DRAG, "cubic-drag", "coulomb-drag", "tether-spring", "bias-moment", "thruster-lag", "input-delay", "saturation",
+MJCF_EFFECTS = (
+    *DRAGS, "cubic-drag", "coulomb-drag", "tether-spring", "bias-moment", "thruster-lag", "input-delay", "saturation",
 )  # fmt: skip
 LACKS = {
     *(("thruster-lag", law) for law in (0, 2, 3, 4)),  # filterexact is first order in the thrust
@@ -37,8 +37,8 @@ def write(subject: YawSubject) -> Written:
     rigid, added = subject.inertias
     kind = "hinge" if dof.wraps else "slide"
     turned = subject.frame == "NED" and mirrored(dof)  # MuJoCo's z is up, its y to port
-    axis = AXES[dof.number % 3].replace("1", "-1") if turned else AXES[dof.number % 3]
-    damping = [subject.value(name) for name in (*DRAG, "cubic-drag")]
+    axis = JOINT_AXES[dof.number % 3].replace("1", "-1") if turned else JOINT_AXES[dof.number % 3]
+    damping = [subject.value(name) for name in (*DRAGS, "cubic-drag")]
     spring = subject.values.get("tether-spring", (0.0, 0.0, 0.0, 0.0))
     stiffness = [spring[0], 0.0, spring[3] if spring[1] == HARDENING else 0.0]
     joint = {"damping": row(damping), "armature": number(added) if added else "", **_friction(subject),
@@ -46,10 +46,10 @@ def write(subject: YawSubject) -> Written:
     v, drag = dof.symbols.velocity, "(d0 + d1 |{0}| + d2 {0}^2) {0}, d of damping"
     equation = f"({dof.words.inertia} + armature) {v}' = {dof.symbols.force} - {drag.format(v)}"
     notes = [subject.about_inertia(), FREE.format(dof.name), VERSION]
-    notes += [STICKS] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
+    notes += [STICKY] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
     mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
     fields = {
-        "head": comment(head(subject, equation, notes)), "step": number(STEP), "mass": number(mass),
+        "head": comment(head(subject, equation, notes)), "step": number(TIMESTEP_S), "mass": number(mass),
         "moments": row([moment] * 3), "name": dof.name, "kind": kind, "axis": axis, "joint": _attributes(joint),
         "force": dof.words.force, "actuator": _attributes(_actuator(subject)), "position": dof.words.position,
         "rate": dof.words.rate.replace(" ", "_"),
@@ -74,7 +74,7 @@ def _actuator(subject: YawSubject) -> dict[str, str]:
     most, constant = subject.values.get("saturation", (math.inf,))[0], subject.value("bias-moment")
     attributes = {"dyntype": "filterexact", "dynprm": number(lag), "actearly": "true"} if lag else {}
     if delay:
-        attributes |= {"delay": number(delay), "nsample": str(math.ceil(delay / STEP) + 2)}
+        attributes |= {"delay": number(delay), "nsample": str(math.ceil(delay / TIMESTEP_S) + 2)}
     if math.isfinite(most):
         attributes |= {"ctrllimited": "true", "ctrlrange": row([-most, most])}
     return attributes | ({"biastype": "affine", "biasprm": row([constant, 0.0, 0.0])} if constant else {})
@@ -89,7 +89,7 @@ TARGET = Target(
     says="MuJoCo: an MJCF model, drag as damping of a joint",
     forms={"joint": ".xml"},
     frames=("ENU", "NED"),
-    carries=frozenset(CARRIES),
+    carries=frozenset(MJCF_EFFECTS),
     lacks=frozenset(LACKS),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
     write=write,

@@ -10,11 +10,11 @@ M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau.
 """
 
 from automarine_cli import effects
-from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, comment, filled, head, number, plain
+from automarine_cli.exports.base import DRAGS, Planar, Target, Written, YawSubject, comment, filled, head, number, plain
 from automarine_cli.exports.planar import PlanarSubject
 from automarine_cli.models.yaw_model import VELOCITIES
 
-MORE = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
+MSS_EFFECTS = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
 
 
 def write(subject: YawSubject) -> Written:
@@ -34,7 +34,7 @@ def write(subject: YawSubject) -> Written:
     applied = force if letter == force else f"{letter}_{force}"
     equation = f"({rigid_symbol} - {force}_{r}dot) {r}' = {applied}"
     for effect, (name, factor, meaning) in terms.items():
-        if effect in DRAG or effect in subject.values:
+        if effect in DRAGS or effect in subject.values:
             value = subject.value(effect) if effect == "bias-moment" else -subject.value(effect)
             unit = subject.dof.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
             rows.append((name, value, plain(unit), meaning))
@@ -68,7 +68,7 @@ TARGET = Target(
     says="Fossen's MSS and its Python twin: constants N_r, N_rr with their signs",
     forms={"python": ".py", "matlab": ".m"},
     frames=("NED",),
-    carries=frozenset({*DRAG, *MORE}),
+    carries=frozenset({*DRAGS, *MSS_EFFECTS}),
     si=False,
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
     write=write,

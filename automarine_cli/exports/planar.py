@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FRAMES, Origin, Settings, Subject, Unsupported, number, refuse_part
+from automarine_cli.exports.base import FRAME_AXES, Origin, Settings, Subject, Unsupported, number, refuse_part
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import DELAY, FORCES, VELOCITIES
 from automarine_cli.quantities import Floats
 
-LINEAR, QUADRATIC, CONSTANT = "linear-drag", "quadratic-drag", "bias-moment"
-SIDES = np.array([1.0, -1.0, -1.0])
+LINEAR, QUADRATIC, CONSTANT_FORCE = "linear-drag", "quadratic-drag", "bias-moment"
+ENU_SIGNS = np.array([1.0, -1.0, -1.0])
 """What a velocity or force is multiplied by from one frame to the other."""
 
 
@@ -42,7 +42,7 @@ class PlanarSubject(Subject):
     def head(self) -> list[str]:
         lines = (
             "Equation: M nu' + C(nu) nu + D(nu) nu = tau, nu = (u, v, r) through the water: surge, sway, yaw.",
-            f"Frame: {FRAMES[self.frame]}. Units: N, N m, m/s, rad/s, kg, kg m, kg m^2.",
+            f"Frame: {FRAME_AXES[self.frame]}. Units: N, N m, m/s, rad/s, kg, kg m, kg m^2.",
             "M is rigid and added inertia together; C follows from it, the Munk moment among it.",
             *map(str, self.left_out),
         )
@@ -65,7 +65,7 @@ def planar_subject(
     left_out: list[Unsupported] = []
     for term in model.terms:
         i = term.dof
-        places = {CONSTANT: constant[i:], LINEAR: linear[i, i:], QUADRATIC: quadratic[i, i, i:]}
+        places = {CONSTANT_FORCE: constant[i:], LINEAR: linear[i, i:], QUADRATIC: quadratic[i, i, i:]}
         if term.is_cross:
             along = tuple(VELOCITIES.index(letter) for letter in term.name.partition("_")[2])
             (linear if len(along) == 1 else quadratic)[i, *along] += term.values[0]
@@ -81,7 +81,7 @@ def planar_subject(
     if stored.command_delay > 0.0:
         left_out.append(Unsupported(DELAY, f"no entry of the matrices holds its {stored.command_delay:.3g} s"))
     inertia = model.inertia_matrix(model.theta[None])[0]
-    side = SIDES if frame == "ENU" else np.ones(3)
+    side = ENU_SIGNS if frame == "ENU" else np.ones(3)
     sides = np.outer(side, side)
     return PlanarSubject(
         origin, frame, form, settings, tuple(left_out), sides * inertia, sides * linear,

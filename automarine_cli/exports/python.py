@@ -19,10 +19,10 @@ from automarine_cli.exports.base import Planar, Target, Written, YawSubject, com
 from automarine_cli.exports.planar import PlanarSubject
 from automarine_cli.models.yaw_model import VELOCITIES, Term
 
-STEP = 0.02  # s: the longest step of the integrator
+MAX_STEP_S = 0.02  # s: the longest step of the integrator
 METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember", "states"}
 """What of an effect acts; all else describes it."""
-CARRIES = [name for name in effects.built_in() if not (effects.get(name).columns or effects.get(name).fed)]
+PYTHON_EFFECTS = [name for name in effects.built_in() if not (effects.get(name).columns or effects.get(name).fed)]
 """Effects that need no logged column."""
 
 
@@ -47,7 +47,7 @@ def write(subject: YawSubject) -> Written:
         "more": ", **columns" if logged else "",
         "columns": f" So does columns[{logged[0]!r}][i]." if logged else "",
         "signals": "{name: np.asarray(column)[None, sample] for name, column in columns.items()}" if logged else "{}",
-        "step": number(STEP),
+        "step": number(MAX_STEP_S),
     }
     return Written(filled("python", text))
 
@@ -127,7 +127,7 @@ def arguments(subject: YawSubject, term: Term) -> str:
     return f"({', '.join([*values, *['0.0'] * effects.get(term.name).per_run])},)"
 
 
-AXES = {
+AXIS_SENSES = {
     "NED": "u ahead, v to starboard, r clockwise; psi clockwise from north.",
     "ENU": "u ahead, v to port, r anticlockwise; psi anticlockwise from east.",
 }
@@ -165,8 +165,8 @@ def write_planar(subject: PlanarSubject) -> Written:
         "current": f"({number(north)}, {number(east)})",
         "constants": "\n".join(constants) + "\n" * bool(constants),
         "drags": drags,
-        "step": number(STEP),
-        "axes": AXES[subject.frame],
+        "step": number(MAX_STEP_S),
+        "axes": AXIS_SENSES[subject.frame],
         "water": WATER[subject.frame],
         "moved": MOVED[subject.frame],
     }
@@ -177,7 +177,7 @@ TARGET = Target(
     name="python",
     says="one file of Python and numpy with simulate()",
     forms={"simulate": ".py"},
-    carries=frozenset({*CARRIES, PREFIX}),
+    carries=frozenset({*PYTHON_EFFECTS, PREFIX}),
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),
     write=write,

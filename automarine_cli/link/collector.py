@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 from urllib.parse import quote, urlsplit
 
 from automarine_cli.errors import SettingError, one_sentence
-from automarine_cli.link.document import SHORT, LinkCampaign, Listing, Log, State
+from automarine_cli.link.document import ID_LETTERS, LinkCampaign, Listing, Log, State
 from automarine_cli.link.store import HeldElsewhereError, held, sync_folder
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, json_text, read_plain
@@ -24,7 +24,7 @@ from automarine_cli.text import printable
 
 CONNECT_S, STALL_S = 1.0, 10.0
 """To connect, and without a byte once connected."""
-PIECE = 1 << 18
+LOG_PIECE_BYTES = 1 << 18
 """So much of a log is asked for at once: what lies in buffers when the link is cut is little."""
 MAX_ANSWER = 64_000_000
 
@@ -91,7 +91,7 @@ class Client:
 
     def piece(self, name: str, first: int, size: int) -> bytes:
         """Bytes of a log from `first` on, as many as came before the link was cut. Raises LinkCut, WrongAnswer."""
-        headers = {"Range": f"bytes={first}-{min(first + PIECE, size) - 1}"}
+        headers = {"Range": f"bytes={first}-{min(first + LOG_PIECE_BYTES, size) - 1}"}
         answer = self._ask("GET", f"/runs/{quote(name)}", None, headers)
         if answer.status != HTTPStatus.PARTIAL_CONTENT or not answer.content:
             why = f"and does not hand it out (status {answer.status}); check the vehicle's disk"
@@ -149,8 +149,8 @@ def _whole_or_part(answer: http.client.HTTPResponse) -> bytes:
 
 
 LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"
-POLL_S = 1.0
-TRIES = 3
+STATE_POLL_S = 1.0
+SAME_HASH_TRIES = 3
 """A log that comes so often with the same wrong hash is damaged where it comes from."""
 
 Answer = TypeVar("Answer")
@@ -202,7 +202,7 @@ class Collector:
     wait_s: float | None = None
     progress: Progress = silent
     overwrite: bool = False
-    poll_s: float = POLL_S
+    poll_s: float = STATE_POLL_S
     cuts: int = 0
     bytes_in: int = 0
     damaged: list[str] = field(default_factory=list)
@@ -224,7 +224,7 @@ class Collector:
             self.folder.mkdir(parents=True, exist_ok=True)
         before = self._until_done(self.client.state)
         going = [campaign.id for campaign in before.campaigns if not campaign.over]
-        if before.playing is not None and not any(before.playing.startswith(name[:SHORT]) for name in going):
+        if before.playing is not None and not any(before.playing.startswith(name[:ID_LETTERS]) for name in going):
             going = []  # its campaign is damaged, so that all are stopped
         if stop and (going or before.playing) and not self._until_done(lambda: self.client.stop(going)):
             remedy = "check the vehicle, and stop it by hand"
@@ -244,7 +244,7 @@ class Collector:
             if (answer := state.of(campaign.id)) is None:
                 why = "".join(f"; {trouble}" for trouble in state.troubles)
                 raise SettingError(
-                    f"the vehicle does not know campaign {campaign.id[:SHORT]} any more; send it again{why}"
+                    f"the vehicle does not know campaign {campaign.id[:ID_LETTERS]} any more; send it again{why}"
                 )
             if answer.over:
                 return state
@@ -297,7 +297,7 @@ class Collector:
 
     def _fetch_whole(self, target: Path, size: int, digest: str) -> None:
         part, wrong = self.folder / f".{target.name}.part", Counter[str]()
-        while wrong.total() < WrongAnswer.tries and TRIES not in wrong.values():
+        while wrong.total() < WrongAnswer.tries and SAME_HASH_TRIES not in wrong.values():
             self._fetch_rest(part, target.name, size)
             if (came := sha256(part)) == digest:
                 with one_sentence(self.folder):
@@ -306,7 +306,7 @@ class Collector:
                 return
             wrong[came] += 1
             part.unlink()
-        if TRIES in wrong.values():
+        if SAME_HASH_TRIES in wrong.values():
             blame = "always the same, so that its file on the vehicle is damaged; check the vehicle's disk"
         else:
             blame = "never the same, so that the link spoils it; look at the link, then run the same command again"
@@ -326,7 +326,7 @@ class Collector:
                     file.write(came)
                     file.flush()
                 self.bytes_in += len(came)
-                self.cuts += len(came) < min(PIECE, size - have)
+                self.cuts += len(came) < min(LOG_PIECE_BYTES, size - have)
                 self.progress(f"fetching {name}", have + len(came), size)
 
     def _until_done(self, ask: Callable[[], Answer]) -> Answer:

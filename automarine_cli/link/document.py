@@ -15,21 +15,21 @@ from automarine_cli.planning.candidates import PLAN, Candidate, Supply
 from automarine_cli.simulation.specification import AboveZero, Limit, Settings, ZeroOrMore
 from automarine_cli.text import format_value, printable
 
-SCHEMA = "automarine/link-campaign/1"
+CAMPAIGN_SCHEMA = "automarine/link-campaign/1"
 STATE_SCHEMA: Literal["automarine/link-state/1"] = "automarine/link-state/1"
 RUNS_SCHEMA: Literal["automarine/link-runs/1"] = "automarine/link-runs/1"
 LOG_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,140}\.(csv|part)")
 SHA256 = re.compile("[0-9a-f]{64}")
-LARGEST_LOG = 1 << 32
-MAX_BYTES = 4_000_000
-MAX_RUNS, MAX_COMMANDS, LONGEST_S = 500, 1000, 3600.0
+MAX_LOG_BYTES = 1 << 32
+MAX_CAMPAIGN_BYTES = 4_000_000
+MAX_CAMPAIGN_RUNS, MAX_COMMANDS, MAX_RUN_S = 500, 1000, 3600.0
 SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
 WHOLE, STOPPED, INTERRUPTED = "", "_stopped", "_interrupted"
-ENDS = (WHOLE, STOPPED, INTERRUPTED)
+LOG_ENDS = (WHOLE, STOPPED, INTERRUPTED)
 """What the names of logs end with, by how their runs ended."""
-MAX_HZ, LONGEST_LINE, HEAD = 100.0, 200, 4096
+MAX_LOG_HZ, MAX_LINE_BYTES, MAX_HEAD_BYTES = 100.0, 200, 4096
 """Lines of a log in a second, and bytes of one line and of its head, at most."""
-SHORT = 8
+ID_LETTERS = 8
 """So many letters of a campaign's id begin the names of its logs."""
 
 
@@ -45,15 +45,15 @@ class PlannedRun(Settings):
     def __post_init__(self) -> None:
         if not SAFE_NAME.fullmatch(self.name):
             raise SettingError(f"name is {self.name!r}; expected at most 100 letters, digits and - + _ .")
-        if self.name.endswith(ENDS[1:]):
+        if self.name.endswith(LOG_ENDS[1:]):
             raise SettingError(f"name is {self.name!r}; expected another end, this one marks runs that were cut short")
         super().__post_init__()
         if not 0 < len(self.commands) <= MAX_COMMANDS:
             raise SettingError(f"commands has {len(self.commands)} entries; expected 1 to {MAX_COMMANDS}")
         if min(seconds for _, seconds in self.commands) <= 0:
             raise SettingError("commands holds a time that is not above 0; expected [moment, seconds] pairs")
-        if self.driven > LONGEST_S or self.wait_s > LONGEST_S:
-            raise SettingError(f"lasts or waits {max(self.driven, self.wait_s):g} s; expected {LONGEST_S:g} at most")
+        if self.driven > MAX_RUN_S or self.wait_s > MAX_RUN_S:
+            raise SettingError(f"lasts or waits {max(self.driven, self.wait_s):g} s; expected {MAX_RUN_S:g} at most")
 
     @property
     def driven(self) -> float:
@@ -92,8 +92,8 @@ class LinkCampaign(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 < len(self.runs) <= MAX_RUNS:
-            raise SettingError(f"runs has {len(self.runs)} entries; expected 1 to {MAX_RUNS}")
+        if not 0 < len(self.runs) <= MAX_CAMPAIGN_RUNS:
+            raise SettingError(f"runs has {len(self.runs)} entries; expected 1 to {MAX_CAMPAIGN_RUNS}")
         names = [run.name for run in self.runs]
         if twice := next((name for name in names if names.count(name) > 1), None):
             raise SettingError(f"runs holds {twice!r} more than once; expected a name of its own for each run")
@@ -113,12 +113,12 @@ class LinkCampaign(Settings):
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def log_name(self, run: PlannedRun) -> str:
-        return f"{self.id[:SHORT]}_{run.name}"
+        return f"{self.id[:ID_LETTERS]}_{run.name}"
 
     def room(self, run: PlannedRun) -> int:
         """Bytes that a run's log has at most, unless its vehicle speaks more, or more often, than any we know."""
-        lines = max(MAX_HZ, self.rate_hz) * (self.rest_s + run.driven + 1.0)
-        return int(lines * LONGEST_LINE) + HEAD
+        lines = max(MAX_LOG_HZ, self.rate_hz) * (self.rest_s + run.driven + 1.0)
+        return int(lines * MAX_LINE_BYTES) + MAX_HEAD_BYTES
 
     def begins(self, number: int) -> float:
         return round(sum(self.rest_s + run.driven + run.wait_s for run in self.runs[:number]), 3)
@@ -187,7 +187,7 @@ class Log:
     sha256: str | None = None
 
     def __post_init__(self) -> None:
-        if not LOG_NAME.fullmatch(self.name) or not 0 <= self.size < LARGEST_LOG:
+        if not LOG_NAME.fullmatch(self.name) or not 0 <= self.size < MAX_LOG_BYTES:
             raise SettingError(
                 f"a log cannot be called {format_value(self.name)} or hold {format_value(self.size)} B: check its host"
             )
@@ -206,20 +206,22 @@ class Listing:
 def read_campaign(path: Path) -> LinkCampaign:
     """The campaign in a folder that `automarine plan` wrote, its plan.json, or a document. Raises SettingError."""
     file = path / PLAN.file if path.is_dir() else path
-    data = read_plain(file, "JSON", SettingError, most=MAX_BYTES)
+    data = read_plain(file, "JSON", SettingError, most=MAX_CAMPAIGN_BYTES)
     where = printable(file.name)
     if data.get("schema") == PLAN.schema:
         plan = PLAN.of(data, where, SettingError)
         battery = {**plan.battery, **plan.supply}
-        data = {"schema": SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": plan.rate_hz, "rest_s": plan.rest_s,
-                "runs": [{f.name: run[f.name] for f in fields(PlannedRun) if f.name in run} for run in plan.planned],
-                "battery": {f.name: battery[f.name] for f in fields(Battery) if f.name in battery}}  # fmt: skip
+        data = {
+            "schema": CAMPAIGN_SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": plan.rate_hz, "rest_s": plan.rest_s,
+            "runs": [{f.name: run[f.name] for f in fields(PlannedRun) if f.name in run} for run in plan.planned],
+            "battery": {f.name: battery[f.name] for f in fields(Battery) if f.name in battery},
+        }  # fmt: skip
     return campaign_of(data, where)
 
 
 def campaign_in(content: bytes) -> LinkCampaign:
     source: Source = Document("campaign", content)
-    return campaign_of(read_plain(source, "JSON", SettingError, most=MAX_BYTES), "campaign")
+    return campaign_of(read_plain(source, "JSON", SettingError, most=MAX_CAMPAIGN_BYTES), "campaign")
 
 
 def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:

@@ -23,21 +23,21 @@ from typing import Any
 from urllib.parse import unquote
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
-from automarine_cli.link.document import MAX_BYTES, SHA256, SHORT, State
+from automarine_cli.link.document import ID_LETTERS, MAX_CAMPAIGN_BYTES, SHA256, State
 from automarine_cli.link.player import LEASE_S, play
-from automarine_cli.link.store import ASKED, HeldElsewhereError, Store, held, sync_folder
+from automarine_cli.link.store import ASKED_TO_STOP, HeldElsewhereError, Store, held, sync_folder
 from automarine_cli.link.vehicles.base import Vehicle
 from automarine_cli.pipeline.parallel import deaf_to_interrupts
 from automarine_cli.pipeline.results_folder import write_whole
 
-BEAT_S = 0.5
+LEASE_BEAT_S = 0.5
 QUIET_S = 5.0
 """A request to stop is answered when the vehicle is silent, after this at the latest."""
-PATIENCE_S = 30.0
+REQUEST_PATIENCE_S = 30.0
 HEADER_S, MAX_STRANGERS = 10.0, 64
 """So long, and so many at a time, may who has not shown the token yet stay; the first who came goes first."""
 SEND_BUFFER = 1 << 16  # what lies in it when the link is cut has crossed for nothing
-BLOCK = 1 << 15
+SEND_BLOCK_B = 1 << 15
 RANGE = re.compile(r"bytes=(\d+)-(\d*)")
 STOP = re.compile(r"/stop(?:/([0-9a-f]{64}(?:,[0-9a-f]{64})*))?")
 
@@ -46,7 +46,7 @@ class Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version = "automarine"
     sys_version = ""
-    timeout = PATIENCE_S
+    timeout = REQUEST_PATIENCE_S
     server: "LinkServer"
 
     def setup(self) -> None:
@@ -75,8 +75,8 @@ class Handler(BaseHTTPRequestHandler):
         size = self.headers.get("Content-Length", "")
         if not SHA256.fullmatch(name) or name == self.path:
             self._refuse(HTTPStatus.NOT_FOUND, "a campaign is put to /campaigns/SHA-256 of its document")
-        elif not re.fullmatch(r"\d{1,9}", size) or int(size) > MAX_BYTES:
-            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"give a Content-Length of {MAX_BYTES} at most")
+        elif not re.fullmatch(r"\d{1,9}", size) or int(size) > MAX_CAMPAIGN_BYTES:
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"give a Content-Length of {MAX_CAMPAIGN_BYTES} at most")
         elif len(content := self.rfile.read(int(size))) < int(size):
             self.close_connection = True  # cut before its end: as if it had never come
         else:
@@ -124,7 +124,7 @@ class Handler(BaseHTTPRequestHandler):
             file.seek(first)
             remaining = last + 1 - first
             try:
-                block = file.read(min(BLOCK, remaining))
+                block = file.read(min(SEND_BLOCK_B, remaining))
             except OSError as problem:  # or a disk that fails looks like a link that is cut, for ever
                 self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, f"{name} cannot be read ({problem.strerror})")
                 return
@@ -139,7 +139,7 @@ class Handler(BaseHTTPRequestHandler):
             while block:
                 self.wfile.write(block)
                 remaining -= len(block)
-                block = file.read(min(BLOCK, remaining))
+                block = file.read(min(SEND_BLOCK_B, remaining))
 
     def _refuse(self, status: HTTPStatus, why: str) -> None:
         self.close_connection = True
@@ -187,12 +187,13 @@ class LinkServer(ThreadingHTTPServer):
                     raise SettingError(self.silenced)
                 is_new = self.store.accept(content, name, self.vehicle.refuse, lambda: came <= self._stopped)
             except AutomarineError as problem:
-                if self._refused != (refusal := f"campaign {name[:SHORT]} is refused: {problem}"):  # it is sent again
+                refusal = f"campaign {name[:ID_LETTERS]} is refused: {problem}"
+                if self._refused != refusal:  # it is sent again
                     self._tell(refusal)
                 self._refused = refusal
                 raise
             if is_new:
-                self._tell(f"campaign {name[:SHORT]} is accepted")
+                self._tell(f"campaign {name[:ID_LETTERS]} is accepted")
             return is_new
 
     def stop(self, only: list[str] | None = None) -> bool:
@@ -202,7 +203,7 @@ class LinkServer(ThreadingHTTPServer):
         if only is None:
             self._stopped = time.monotonic()
         try:
-            self.store.stop(ASKED, only)
+            self.store.stop(ASKED_TO_STOP, only)
         except OSError as problem:
             self.silence(problem)
         ends = time.monotonic() + QUIET_S
@@ -321,7 +322,7 @@ def _serve(store: Store, vehicle: Vehicle, address: tuple[str, int], speed: floa
                 player = start(name="player")  # one that died begins with the next run
                 with deaf_to_interrupts():
                     player.start()
-            time.sleep(BEAT_S)
+            time.sleep(LEASE_BEAT_S)
     finally:
         with contextlib.suppress(OSError):
             store.lease.unlink(missing_ok=True)  # the player sends neutral and closes its run
@@ -339,4 +340,4 @@ def _tell_news(server: LinkServer, tell: Callable[[str], object], old: set[str])
             for key in sorted(set(news) - old):
                 tell(news[key])
             old = old | set(news)
-        time.sleep(BEAT_S)
+        time.sleep(LEASE_BEAT_S)

@@ -24,16 +24,16 @@ from automarine_cli.link.document import CampaignState, LinkCampaign, Listing, L
 from automarine_cli.pipeline.results_folder import put_whole, write_whole
 from automarine_cli.text import printable
 
-ASKED = "asked to stop"
+ASKED_TO_STOP = "asked to stop"
 LONGEST_WHY = 1000
 """Bytes of a campaign's record that its reason to stop has room for; a mark for each run follows them."""
-DEATHS = 3
+MAX_DEATHS = 3
 """So often may the player's process end before a run's log has a line; after that the run is not begun again."""
-NEW, DRIVEN = "0123456789"[: DEATHS + 1], "d"
+NEW, DRIVEN = "0123456789"[: MAX_DEATHS + 1], "d"
 """Marks of a run that was never commanded, by its deaths, and of one from before its first command until it ends."""
 MARKS = {wire.WHOLE: "w", wire.STOPPED: "s", wire.INTERRUPTED: "i"}
 """Marks of runs that ended, by what the names of their logs end with."""
-ENDS = {mark: end for end, mark in MARKS.items()} | {DRIVEN: wire.INTERRUPTED}
+END_OF_MARK = {mark: end for end, mark in MARKS.items()} | {DRIVEN: wire.INTERRUPTED}
 NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
 KEEP_SIZE = 1  # Linux, linux/falloc.h
 
@@ -93,7 +93,7 @@ class Store:
             raise SettingError("the campaign is not written as `automarine collect` writes it; use that to send it")
         refuse(campaign)
         campaign.refuse_beyond_reserve()
-        if any(other[: wire.SHORT] == name[: wire.SHORT] for other in there):
+        if any(other[: wire.ID_LETTERS] == name[: wire.ID_LETTERS] for other in there):
             raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
         ready, stopped = self._records(name)
         is_new = not (ready.exists() or stopped.exists())  # that of a document which was deleted stays in force
@@ -102,7 +102,7 @@ class Store:
             if is_new:
                 put_whole(ready, " " * LONGEST_WHY + NEW[0] * len(campaign.runs))
             if is_late():
-                self.stop(ASKED, [name])
+                self.stop(ASKED_TO_STOP, [name])
             put_whole(document, campaign.text)
             sync_folder(self.campaigns)
         except OSError as problem:
@@ -113,7 +113,7 @@ class Store:
         self._memory[_key(document.name, document.lstat())] = campaign
         return True
 
-    def stop(self, why: str = ASKED, only: Collection[str] | None = None) -> None:
+    def stop(self, why: str = ASKED_TO_STOP, only: Collection[str] | None = None) -> None:
         """Mark every campaign here, or `only` those with some ids, as stopped, for good, whatever its document is like.
 
         That is a rename of its record. Raises OSError where the disk refuses even that."""
@@ -154,7 +154,7 @@ class Store:
             left = 0 if record is None or record.why_stopped is not None else sum(mark in NEW for mark in record.marks)
             if left:
                 goes_on = f"it goes on with the last {left} of its {len(campaign.runs)} runs"
-                says.append(f"campaign {campaign.id[: wire.SHORT]} was not over when serve started: {goes_on}")
+                says.append(f"campaign {campaign.id[: wire.ID_LETTERS]} was not over when serve started: {goes_on}")
         return tuple(says)
 
     def part(self, name: str) -> Path:
@@ -167,7 +167,7 @@ class Store:
         with _one_sentence(name):
             if self._place(name)[2] == NEW[-1]:
                 raise OutputError(
-                    f"the driving process ended {DEATHS} times before {name} had a line in its log; look at the "
+                    f"the driving process ended {MAX_DEATHS} times before {name} had a line in its log; look at the "
                     "vehicle's computer and its supply"
                 )
             number = os.open(self.part(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
@@ -245,7 +245,7 @@ class Store:
         odd = [item for item in documents if isinstance(item, str)]
         documented = {path.stem.rpartition("_")[2] for path in self._filed("*.json")}
         stopped = {path.stem for path in self._filed("*.stopped")}
-        odd += [f"the document of campaign {name[: wire.SHORT]} is gone" for name in sorted(stopped - documented)]
+        odd += [f"the document of campaign {name[: wire.ID_LETTERS]} is gone" for name in sorted(stopped - documented)]
         gone = [place.name for place in (self.campaigns, self.runs) if not place.is_dir()]
         odd += [f"{name}/ is gone, and nothing is driven; start `automarine serve` again" for name in gone]
         for name, is_file in sorted(names.items()):
@@ -313,9 +313,9 @@ class Store:
         for path in (ready, stopped):  # in this order: it may be renamed in between
             with suppress(OSError), _opened(path) as file:
                 why, marks = file.read(LONGEST_WHY), file.read().decode("ascii", "replace")
-                if len(marks) != len(campaign.runs) or not {*marks} <= {*NEW, *ENDS}:
+                if len(marks) != len(campaign.runs) or not {*marks} <= {*NEW, *END_OF_MARK}:
                     return None
-                return Record(None if path == ready else why.decode("utf-8", "replace").strip() or ASKED, marks)
+                return Record(None if path == ready else why.decode("utf-8", "replace").strip() or ASKED_TO_STOP, marks)
         return None
 
     def _place(self, name: str) -> tuple[LinkCampaign, int, str]:
@@ -376,8 +376,8 @@ def _ends(campaign: LinkCampaign, record: Record, names: Collection[str]) -> lis
     ends = list[str | None]()
     for run, mark in zip(campaign.runs, record.marks):
         log = campaign.log_name(run)
-        of_log = next((end for end in wire.ENDS if f"{log}{end}.csv" in names), None)
-        ends.append(None if f"{log}.part" in names else ENDS.get(mark, of_log))
+        of_log = next((end for end in wire.LOG_ENDS if f"{log}{end}.csv" in names), None)
+        ends.append(None if f"{log}.part" in names else END_OF_MARK.get(mark, of_log))
     return ends
 
 

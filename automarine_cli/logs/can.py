@@ -32,8 +32,8 @@ SLCAN_LINE = re.compile(
     rb"\s*(?:\(?(\d+\.\d+)\)?[\s,]+)?(?:t([0-9A-Fa-f]{3})|T([0-9A-Fa-f]{8}))([0-8])([0-9A-Fa-f]*)\s*"
 )
 FRAME = re.compile(rb"(?:^|[\s,])[tT][0-9A-Fa-f]{4}")
-STAMP = "ABCD"  # four digits
-MINUTE = 60.0  # s after which the converter's clock begins anew
+CLOCK_DIGITS = "ABCD"  # four digits
+CLOCK_PERIOD_S = 60.0  # s after which the converter's clock begins anew
 
 
 OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
@@ -48,7 +48,7 @@ def read_slcan(content: bytes, source: str) -> tuple[Captured, int]:
     for line in re.split(rb"[\r\n\a]+", content):
         match = SLCAN_LINE.fullmatch(line)
         digits = 2 * int(match[4]) if match else 0
-        if match is None or len(match[5]) not in (digits, digits + len(STAMP)):
+        if match is None or len(match[5]) not in (digits, digits + len(CLOCK_DIGITS)):
             bad += FRAME.search(line) is not None
             continue
         data, stamp = match[5][:digits], match[5][digits:]
@@ -71,9 +71,9 @@ def _time(arrived: Floats, clock: Floats, source: str) -> Floats:
             )
         return arrived
     if np.isnan(arrived).any():
-        return clock + MINUTE * np.cumsum(np.diff(clock, prepend=clock[:1]) < 0)
+        return clock + CLOCK_PERIOD_S * np.cumsum(np.diff(clock, prepend=clock[:1]) < 0)
     passed = (arrived - arrived[0]) - (clock - clock[0])
-    return arrived[0] + clock - clock[0] + MINUTE * np.round(passed / MINUTE)
+    return arrived[0] + clock - clock[0] + CLOCK_PERIOD_S * np.round(passed / CLOCK_PERIOD_S)
 
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:

@@ -4,21 +4,20 @@
 """
 
 import difflib
-import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW, Dof
 from automarine_cli.dofs.motion import Motion
+from automarine_cli.dofs.yaw import DEGREE
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.records import Codec, Source, everything, keyed, read_plain
 from automarine_cli.text import in_words, listed, printable, quoted
 
-DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons
 POUND_FORCE = 4.4482216152605  # N, exact by definition
 
@@ -32,7 +31,6 @@ LENGTHS, SPEEDS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}, {"m/s": 1.0,
 VELOCITIES = ("surge", "sway", "heave")  # of the vehicle's body, which tests of every motion may log
 PLACES = ("north", "east", "lat", "lon")  # on the water, which logs of motion in the plane may hold
 ROTATIONS = tuple(dof for dof in DOFS.values() if dof.wraps)
-TRANSLATIONS = tuple(dof for dof in DOFS.values() if not dof.wraps)
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},
     "voltage": {"V": 1.0, "mV": 1e-3},
@@ -54,7 +52,7 @@ MAX_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, 
 COMMANDS = ("n", *dict.fromkeys(name for dof in DOFS.values() for name in dof.thrusters))
 """Control signals keep the file's own unit, whatever it is called."""
 
-SIGNALS = {
+SIGNAL_UNITS = {
     "us": ("us", "usec", "microseconds", "pwm", "pulse"),
     "rpm": ("rpm",),
     "rev/s": ("rps", "rev_s", "hz"),
@@ -70,7 +68,7 @@ EVERY_PULSE = (500, 2500)  # us, which some drivers take
 def unit_in(name: str) -> str:
     """The unit of a control signal that the name of its column tells, "" for none."""
     plain = f"_{re.sub(r'[^a-z0-9%]+', '_', name.lower())}_".replace("%", "_%_")
-    return next((unit for unit, words in SIGNALS.items() if any(f"_{word}_" in plain for word in words)), "")
+    return next((unit for unit, words in SIGNAL_UNITS.items() if any(f"_{word}_" in plain for word in words)), "")
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ class Canonical:
         return tuple(UNITS.get(self.quantity, ()))
 
 
-def _of_motions(dofs: Iterable[Dof], *quantities: str) -> Iterator[tuple[str, str, str]]:
+def _of_motions(dofs: Collection[Dof], *quantities: str) -> Iterator[tuple[str, str, str]]:
     """The columns of these quantities ("position", ...) and the thrusters of motions: names, what they hold, units."""
     of_each = [(getattr(dof, which), dof) for which in quantities for dof in dofs]
     yield from ((name, quantity, unit) for quantity, dof in of_each for name, unit in dof.columns[quantity])
@@ -106,7 +104,7 @@ _ALL = (
     *_of_motions(ROTATIONS, "position", "velocity", "command"),
     ("voltage_V", "voltage", "V"),
     *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
-    *_of_motions(TRANSLATIONS, "velocity", "position", "command"),
+    *_of_motions(TRANSLATIONS.values(), "velocity", "position", "command"),
     ("north_m", "north", "m"),
     ("east_m", "east", "m"),
     ("lat_deg", "lat", "deg"),
@@ -184,7 +182,7 @@ def names_of(quantity: str) -> tuple[str, ...]:
     return tuple(name for name, canonical in CANONICAL.items() if canonical.quantity == quantity)
 
 
-RATES = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
+RATE_WORDS = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
 NOT_COVERED = ("roll", "pitch")
 """How words in names of columns begin that are of other axes."""
@@ -204,7 +202,7 @@ def likely_column(quantity: str, names: Iterable[str]) -> str | None:
         if len(name) > LONGEST_GUESSED:
             continue
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-        if other_axis(name) or (position and set(plain.split("_")) & set(RATES)):
+        if other_axis(name) or (position and set(plain.split("_")) & set(RATE_WORDS)):
             continue
         alike = [difflib.SequenceMatcher(None, plain, word).ratio() for word in words]
         likeness = max(alike) - 1e-6 * alike.index(max(alike))
@@ -222,7 +220,7 @@ def likely_canonical(quantity: str, column: str) -> str:
     return next((name for end in endings for name in choices if name.endswith((end, f"{end}_s"))), choices[0])
 
 
-OLDEST = 5.0  # s; a command older than this is none
+MAX_COMMAND_AGE_S = 5.0  # s; a command older than this is none
 
 
 @dataclass(frozen=True)
@@ -237,7 +235,7 @@ class Join:
     logs: str
     with_: str | tuple[str, ...]
     take: Literal["previous", "nearest"] = "previous"
-    max_age_s: float = OLDEST
+    max_age_s: float = MAX_COMMAND_AGE_S
 
     def __post_init__(self) -> None:
         for other in self.others:

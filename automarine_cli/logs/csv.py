@@ -24,7 +24,7 @@ from automarine_cli.text import plural, quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
 SAMPLE_LINES = 6
-PIECE = 1 << 20  # bytes
+BLOCK = 1 << 20  # bytes
 SIGNATURES = {
     b"\x1f\x8b": "is gzip-compressed; expected plain text (name it .csv.gz)",
     b"PAR1": "is a Parquet file; expected plain text (name it .parquet)",
@@ -55,24 +55,24 @@ def read_text(text: bytes, name: str, columns: ColumnMap) -> RawLog:
     if len(rows) == 1:
         return RawLog(names, (pa.chunked_array([], pa.float64()),) * len(names), rows[1:])
     decimal, body = ".", pa.py_buffer(data).slice(starts[rows[1]])
-    block = max(PIECE, 2 * int(np.diff(starts).max()))  # a row must fit into a block
+    block = max(BLOCK, 2 * int(np.diff(starts).max()))  # a row must fit into a block
     if delimiter != ",":
-        marks = Counter(_DECIMAL_MARK.findall(data, starts[rows[1]], starts[rows[1]] + PIECE))
+        marks = Counter(_DECIMAL_MARK.findall(data, starts[rows[1]], starts[rows[1]] + BLOCK))
         decimal = "," if marks[b","] > marks[b"."] else "."
     keys, run = [str(i) for i in range(len(names))], columns.source_of(RUN)
     words = {key for key, column in zip(keys, names) if column == run}  # the run 01 is not 1
     for line in first[1:]:
         cells = zip(keys, map(str.strip, _cells(formats.text_of(line), delimiter)))
-        words |= {key for key, c in cells if not (formats.is_number(c, decimal) or c in formats.MISSING)}
+        words |= {key for key, c in cells if not (formats.is_number(c, decimal) or c in formats.EMPTY)}
     for texts in (words, {*keys}):  # a number may turn into words later
         try:
             table = arrow_csv.read_csv(
                 pa.BufferReader(body),
-                read_options=arrow_csv.ReadOptions(column_names=keys, block_size=block, use_threads=body.size > PIECE),
+                read_options=arrow_csv.ReadOptions(column_names=keys, block_size=block, use_threads=body.size > BLOCK),
                 parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
                 convert_options=arrow_csv.ConvertOptions(
                     column_types={key: pa.binary() if key in texts else pa.float64() for key in keys},
-                    decimal_point=decimal, null_values=[*formats.MISSING], strings_can_be_null=True, check_utf8=False,
+                    decimal_point=decimal, null_values=[*formats.EMPTY], strings_can_be_null=True, check_utf8=False,
                 ),
             )  # fmt: skip
             break

@@ -18,18 +18,18 @@ from automarine_cli.logs.mixing import parameters, recorded
 from automarine_cli.logs.streams import Recording, Stream, arming, mode_names, needed, on_one_clock, unsound_is_refused
 from automarine_cli.quantities import Floats
 
-HEAD = b"\xa3\x95"
+DATAFLASH_HEAD = b"\xa3\x95"
 FMT, FMT_LENGTH = 0x80, 89
 LAYOUT = np.dtype(
     [("head", "V3"), ("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
 )
 SECONDS = {"TimeUS": 1e6, "TimeMS": 1e3}  # counts a second
-ARMING, DISARMED = (10, 11, 15), 11  # events
+ARMING, DISARM_EVENT = (10, 11, 15), 11  # events
 INSTANCE = ("I", "Instance", "Inst")  # the byte that tells several sensors of one kind apart (a PID's I is none)
-TAKEN = {"ATT": {"Yaw": "heading_deg"}, "RATE": {"Y": "yaw_rate_deg_s"}, "BAT": {"Volt": "voltage_V"}}
+MESSAGE_COLUMNS = {"ATT": {"Yaw": "heading_deg"}, "RATE": {"Y": "yaw_rate_deg_s"}, "BAT": {"Volt": "voltage_V"}}
 INSTEAD = {"RATE": ("IMU", {"GyrZ": "yaw_rate_rad_s"}), "BAT": ("CURR", {"Volt": "voltage_V"})}
 """Messages of which fields are taken under canonical names, and what serves where they are not."""
-VEHICLES = {"ArduSub": 12, "ArduRover": 10, "ArduCopter": 2, "ArduPlane": 1, "Blimp": 7}  # MAV_TYPE
+VEHICLE_TYPES = {"ArduSub": 12, "ArduRover": 10, "ArduCopter": 2, "ArduPlane": 1, "Blimp": 7}  # MAV_TYPE
 Message = Mapping[str, NDArray[Any]]
 Characters = Mapping[str, tuple[str, float | None, type]]  # of formats: numpy's type, factor
 Layout = tuple[str, np.dtype[Any], dict[str, float | None]]  # name, bytes and factors of a message
@@ -44,7 +44,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
         return on_one_clock(_recording(messages, columns, skipped(lost, "byte", "not a message")), columns, name)
 
 
-FORMAT = Format("ArduPilot dataflash", (".bin",), read, begins=(HEAD,))
+FORMAT = Format("ArduPilot dataflash", (".bin",), read, begins=(DATAFLASH_HEAD,))
 
 
 def _messages(data: bytes, characters: Characters) -> tuple[dict[str, Message], int]:
@@ -77,7 +77,7 @@ def _indexed(data: bytes, characters: Characters) -> tuple[dict[int, Layout], di
     while at + 3 <= end:
         length = lengths.get(data[at + 2]) if data[at] == 0xA3 and data[at + 1] == 0x95 else None
         if length is None or at + length > end:
-            further = data.find(HEAD, at + 1)
+            further = data.find(DATAFLASH_HEAD, at + 1)
             further = end if further < 0 else further
             lost += further - at if length is None else 0  # a message cut off by the end is no damage
             at = further
@@ -118,7 +118,7 @@ def _field(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
 
 
 def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
-    names = TAKEN | {other: fields for name, (other, fields) in INSTEAD.items() if name not in messages}
+    names = MESSAGE_COLUMNS | {other: fields for name, (other, fields) in INSTEAD.items() if name not in messages}
     changes = messages.get("PARM", {})
     clock = _clock(changes) if {"Name", "Value"} <= changes.keys() else None
     history = () if clock is None else parameters(changes["Name"], clock, changes["Value"])
@@ -134,7 +134,7 @@ def _clock(fields: Message) -> Floats | None:
 def _states(messages: Mapping[str, Message]) -> list[Stream]:
     """The flight mode, and whether the vehicle is armed: by ARM, in older logs by the events 10, 11 and 15."""
     texts = " ".join(messages.get("MSG", {}).get("Message", ())[:50])
-    vehicle = next((number for word, number in VEHICLES.items() if word in texts), VEHICLES["ArduSub"])
+    vehicle = next((number for word, number in VEHICLE_TYPES.items() if word in texts), VEHICLE_TYPES["ArduSub"])
     mode, arm, event = (messages.get(name, {}) for name in ("MODE", "ARM", "EV"))
     changes = []
     if "Mode" in mode:
@@ -144,6 +144,6 @@ def _states(messages: Mapping[str, Message]) -> list[Stream]:
     elif "Id" in event:
         arms = np.isin(event["Id"], ARMING)
         event = {key: values[arms] for key, values in event.items()}
-        changes.append((event, {"armed": arming(event["Id"] != DISARMED)}))
+        changes.append((event, {"armed": arming(event["Id"] != DISARM_EVENT)}))
     clocked = ((_clock(fields), state) for fields, state in changes)
     return [Stream("MODE", time, state, lasting=True) for time, state in clocked if time is not None]

@@ -123,7 +123,7 @@ def skipped(count: int, thing: str, why: str) -> tuple[str, ...]:
     return (f"{plural(count, thing)} skipped: {why}",) if count else ()
 
 
-MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--")
+EMPTY = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
 
 
@@ -146,7 +146,7 @@ def decoded(cell: bytes | str | None) -> str:
 def plain(array: pa.ChunkedArray) -> pa.ChunkedArray:
     """Text cells without blanks around them, missing ones null. Raises pyarrow.ArrowInvalid if not UTF-8."""
     trimmed = pc.utf8_trim_whitespace(pc.cast(array, pa.string()))
-    return pc.if_else(pc.is_in(trimmed, value_set=pa.array(MISSING)), pa.scalar(None, pa.string()), trimmed)
+    return pc.if_else(pc.is_in(trimmed, value_set=pa.array(EMPTY)), pa.scalar(None, pa.string()), trimmed)
 
 
 def numbers(array: pa.ChunkedArray, decimal: str = ".") -> pa.ChunkedArray | None:
@@ -165,7 +165,7 @@ def numbers(array: pa.ChunkedArray, decimal: str = ".") -> pa.ChunkedArray | Non
 def first_not_a_number(array: pa.ChunkedArray, decimal: str = ".") -> tuple[int, str]:
     """Index and text of the first cell that keeps a text column from being numbers."""
     texts = [decoded(cell) for cell in array.to_pylist()]
-    i = next((i for i, text in enumerate(texts) if text not in MISSING and not is_number(text, decimal)), 0)
+    i = next((i for i, text in enumerate(texts) if text not in EMPTY and not is_number(text, decimal)), 0)
     return i, texts[i]
 
 

@@ -32,7 +32,7 @@ from automarine_cli.text import listed
 CONTROL_AXES = tuple(dof.column(dof.command, NORMALISED) for dof in (YAW, SURGE, SWAY, HEAVE))
 """The columns that are made, -1 to 1: moment clockwise from above, forces ahead, to starboard and down (SNAME)."""
 SIGNS = {"tau": "clockwise from above", "X": "ahead", "Y": "to starboard", "Z": "down"}
-ROUNDING = 1e-6  # by which a wish may be found wrong that the motors tell: PX4's parameters have 32 bits
+WISH_ERROR = 1e-6  # by which a wish may be found wrong that the motors tell: PX4's parameters have 32 bits
 ELSE = "name the commands in a column map (tau, or n_port and n_stbd) and give it with --columns FILE.toml"
 FETCH = f"record again after the ground station has fetched them, read the vehicle's own log (.bin, .ulg), or {ELSE}"
 
@@ -151,7 +151,7 @@ Row = tuple[float, float, float, float, float, float]
 _FOUR: tuple[Row, ...] = ((0, 0, 1, 0, -1, 1), (0, 0, -1, 0, -1, -1), (0, 0, -1, 0, 1, 1), (0, 0, 1, 0, 1, -1))
 _TWO: tuple[Row, ...] = ((0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 1, 0))
 _SIMPLE: tuple[Row, ...] = (*_TWO, (1, 0, 0, -1, 0, 0), (-1, 0, 0, -1, 0, 0), (0, 0, 0, 0, 0, 1))
-FRAMES: Mapping[int, tuple[str, tuple[Row, ...]]] = {
+FRAME_MIXING: Mapping[int, tuple[str, tuple[Row, ...]]] = {
     0: ("BlueROV1", (*_TWO, (-0.5, 0.5, 0, 0.45, 0, 0), (0.5, 0.5, 0, 0.45, 0, 0), (0, -1, 0, 1, 0, 0),
                      (-0.25, 0, 0, 0, 0, 1))),
     1: ("vectored", (*_FOUR, (1, 0, 0, -1, 0, 0), (-1, 0, 0, -1, 0, 0))),
@@ -165,16 +165,16 @@ FRAMES: Mapping[int, tuple[str, tuple[Row, ...]]] = {
     6: ("SimpleROV 5", _SIMPLE),
 }  # fmt: skip
 """ArduSub's frames by `FRAME_CONFIG`: one row of factors a motor."""
-MOTORS = (*range(33, 41), *range(82, 86))  # SERVOn_FUNCTION of motors 1 to 12
+MOTOR_IDS = (*range(33, 41), *range(82, 86))  # SERVOn_FUNCTION of motors 1 to 12
 STEERED: Mapping[str, Mapping[int, Row]] = {
     "skid steering (SERVOn_FUNCTION 73 and 74)": {73: (0, 0, 1, 0, 1, 0), 74: (0, 0, -1, 0, 1, 0)},
     "steering and throttle (SERVOn_FUNCTION 26 and 70)": {26: (0, 0, 1, 0, 0, 0), 70: (0, 0, 0, 0, 1, 0)},
 }
 """Boats and rovers, the first that is whole: left and right throttle; steering and throttle."""
-DRIVING = {*MOTORS, *(function for rows in STEERED.values() for function in rows)}
-LAST = 32  # the highest number of an output
+DRIVING = {*MOTOR_IDS, *(function for rows in STEERED.values() for function in rows)}
+OUTPUTS = 32  # the highest number of an output
 MIXING = re.compile(r"FRAME_CONFIG|(SERVO|MOT_).*_(FUNCTION|MIN|MAX|TRIM|REVERSED|DIRECTION)")  # parameters of it
-NEUTRAL, SPAN = 1500.0, 400.0  # us, of ArduSub's motors whatever the limits of their outputs
+NEUTRAL_US, SPAN_US = 1500.0, 400.0  # us, of ArduSub's motors whatever the limits of their outputs
 
 
 def recorded(
@@ -207,7 +207,8 @@ def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     (4, motors), and which wishes the motors can tell at all."""
     inverse = np.linalg.pinv(factors)
     unclear = np.abs(inverse @ factors - np.eye(6))[ROW].max(axis=1)
-    return inverse[ROW] * np.array([[1.0], [1.0], [1.0], [-1.0]]), unclear < ROUNDING  # ArduPilot counts up, SNAME down
+    down = np.array([[1.0], [1.0], [1.0], [-1.0]])  # ArduPilot counts up, SNAME down
+    return inverse[ROW] * down, unclear < WISH_ERROR
 
 
 def part_of(source: str, channels: Channels, values: Values) -> Part:
@@ -215,7 +216,7 @@ def part_of(source: str, channels: Channels, values: Values) -> Part:
     lacking = [name for name in (f"SERVO{n}_FUNCTION" for n in channels) if name not in values]
     if not values:
         refuse_lacking(source, ["FRAME_CONFIG", "SERVOn_FUNCTION", "MOT_n_DIRECTION"])
-    functions = {n: int(values[f"SERVO{n}_FUNCTION"]) for n in range(1, LAST + 1) if f"SERVO{n}_FUNCTION" in values}
+    functions = {n: int(values[f"SERVO{n}_FUNCTION"]) for n in range(1, OUTPUTS + 1) if f"SERVO{n}_FUNCTION" in values}
     silent = [n for n, function in functions.items() if function in DRIVING and n not in channels]
     if silent:
         raise Unclear(
@@ -229,7 +230,7 @@ def part_of(source: str, channels: Channels, values: Values) -> Part:
         if rows.keys() <= outputs.keys():
             return _steered(how, source, {outputs[number]: row for number, row in rows.items()}, values)
     refuse_lacking(source, lacking)
-    if set(MOTORS) & outputs.keys():
+    if set(MOTOR_IDS) & outputs.keys():
         refuse_lacking(source, ["FRAME_CONFIG"])
     raise Unclear(
         f"none of the outputs in {source} is a motor of ArduSub (SERVOn_FUNCTION 33 to 40), a left and right throttle "
@@ -239,11 +240,11 @@ def part_of(source: str, channels: Channels, values: Values) -> Part:
 
 def _frame(source: str, outputs: Mapping[int, int], values: Values, lacking: Sequence[str]) -> Part:
     number = int(values["FRAME_CONFIG"])
-    if number not in FRAMES:
+    if number not in FRAME_MIXING:
         raise Unclear(f"FRAME_CONFIG is {number}: how the motors of this frame are mixed is in no table; {ELSE}")
     refuse_lacking(source, lacking)
-    name, rows = FRAMES[number]
-    motors = {motor: outputs[function] for motor, function in enumerate(MOTORS[: len(rows)]) if function in outputs}
+    name, rows = FRAME_MIXING[number]
+    motors = {motor: outputs[function] for motor, function in enumerate(MOTOR_IDS[: len(rows)]) if function in outputs}
     if not motors:
         raise Unclear(f"no motor of the frame {name} is among the outputs in {source}; {ELSE}")
     directions = {motor: f"MOT_{motor + 1}_DIRECTION" for motor in motors}
@@ -251,9 +252,9 @@ def _frame(source: str, outputs: Mapping[int, int], values: Values, lacking: Seq
     factors = np.array([rows[motor] for motor in motors])
     way = np.array([np.sign(values[key]) for key in directions.values()])
     back, observable = least_squares(factors)
-    neutral = np.full(len(motors), NEUTRAL)
+    neutral = np.full(len(motors), NEUTRAL_US)
     how = f"the mixing of ArduSub's frame {name} (FRAME_CONFIG {number})"
-    return Part(how, tuple(motors.values()), neutral - SPAN, neutral, neutral + SPAN, back * way, observable)
+    return Part(how, tuple(motors.values()), neutral - SPAN_US, neutral, neutral + SPAN_US, back * way, observable)
 
 
 def _steered(how: str, source: str, rows: Mapping[int, Row], values: Values) -> Part:

@@ -89,7 +89,7 @@ def is_pulses(name: str, span: Span) -> bool:
     or about neutral, usual ones or as far to both sides."""
     (low, neutral, high), (shortest, longest) = PULSES, EVERY_PULSE
     usual = low <= span.low <= neutral <= span.high <= high
-    centred = abs(span.low + span.high - 2 * neutral) <= NEAR
+    centred = abs(span.low + span.high - 2 * neutral) <= NEUTRAL_TOLERANCE_US
     pulse = unit_in(name) == "us" or (not unit_in(name) and (usual or centred))
     return pulse and shortest <= span.low and span.high <= longest and span.largest_step > 0
 
@@ -125,26 +125,26 @@ def is_share(span: Span) -> bool:
     return any(abs(largest - full) <= 0.002 * full for full in (1.0, 100.0))
 
 
-SLOWEST, FASTEST, BENCH = 2.0, 0.999 * 2e-3, 0.999 * 2e-4  # s between the samples of a logger; of a fast load cell
-DEGREES, RADIANS = 360.0, 2 * np.pi
-HARDLY = 20.0  # an angle that stays within as many degrees in all logs may be radians
-MIN_SUPPLY = 3.0  # V
-FAR = 100.0  # radians that nothing turns through in a pool test without wrapping
-FORCE = {
+MAX_SAMPLE_S, MIN_SAMPLE_S, MIN_BENCH_S = 2.0, 0.999 * 2e-3, 0.999 * 2e-4  # of a logger; of a fast load cell
+TURN_DEG, TURN_RAD = 360.0, 2 * np.pi
+SMALL_TURN_DEG = 20.0  # an angle that stays within as many degrees in all logs may be radians
+MIN_SUPPLY_V = 3.0  # V
+MAX_UNWRAPPED_RAD = 100.0  # radians that nothing turns through in a pool test without wrapping
+FORCE_WORDS = {
     "kgf": "kgf", "kg": "kgf", "lbf": "lbf", "lb": "lbf", "lbs": "lbf", "gf": "gf", "g": "gf", "grams": "gf",
     "n": "N", "newton": "N", "newtons": "N",
 }  # fmt: skip
-SPEED = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
+SPEED_WORDS = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
 EXACT = {
     **{quantity: {*WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", "voltage")},
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
-ABOUT = {
+THRUSTER_WORDS = {
     "n", "cmd", "command", "pwm", "rpm", "rps", "us", "esc", "thruster", "motor", "throttle", "thr", "effort", "pct",
     "percent",
 }  # fmt: skip
 """Words in names of thruster commands that do not say which thruster it is."""
-UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "percent", *FORCE}
+UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "percent", *FORCE_WORDS}
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) ->
         canonical, free = None, [*free, "time"]
     exact = [name for name in free if _named_exactly(quantity, name)]
     if quantity == "force":  # a throttle may be called thrust: what tells a unit comes first
-        exact.sort(key=lambda name: (_unit_in(name, FORCE) is None, is_share(spans[name])))
+        exact.sort(key=lambda name: (_unit_in(name, FORCE_WORDS) is None, is_share(spans[name])))
     elif quantity == "n":  # what is commanded before the speed that was measured
         signals = [name for name in free if unit_in(name) == "us" and is_pulses(name, spans[name])]
         exact = sorted(exact, key=lambda name: unit_in(name) in ("rpm", "rev/s")) or signals * (len(signals) == 1)
@@ -207,7 +207,7 @@ def is_called(quantity: str, names: Sequence[str]) -> bool:
 
 def in_newtons(name: str) -> bool:
     """Whether a name ends in that unit: `left_N`, and no `n_left`."""
-    return len(words_of(name)) > 1 and FORCE.get(words_of(name)[-1]) == "N"
+    return len(words_of(name)) > 1 and FORCE_WORDS.get(words_of(name)[-1]) == "N"
 
 
 def words_of(name: str) -> list[str]:
@@ -220,7 +220,7 @@ def _named_exactly(quantity: str, source: str) -> bool:
     words = words_of(source)
     if quantity == "voltage" and len(words) > 1 and words[-1] in ("v", "mv", "volt", "volts"):
         return True
-    aside = UNIT_WORDS | (ABOUT if quantity in COMMANDS and quantity != "n" else set())
+    aside = UNIT_WORDS | (THRUSTER_WORDS if quantity in COMMANDS and quantity != "n" else set())
     bare = "_".join(word for word in words if word not in aside or len(words) == 1)
     return bool({bare, "_".join(words)} & {*EXACT.get(quantity, ()), *(name.lower() for name in names_of(quantity))})
 
@@ -234,7 +234,8 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised("time", source, span.stamps)
     step, evidence = span.median_step, f"{span}, {span.median_step:.4g} from sample to sample"
     slow, fast = (
-        [u for u in ("s", "ms", "us") if low <= step * UNITS["time"][u] <= SLOWEST] for low in (FASTEST, BENCH)
+        [u for u in ("s", "ms", "us") if least <= step * UNITS["time"][u] <= MAX_SAMPLE_S]
+        for least in (MIN_SAMPLE_S, MIN_BENCH_S)
     )
     fits = slow or fast
     unit = _unit_in(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
@@ -251,19 +252,19 @@ def _angle(quantity: str, source: str, span: Span) -> Recognised:
     unit = _unit_in(source, {"deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"})
     smooth = span.median_step < 0.05 * span.largest_step
     certain = None
-    if smooth and 1.001 * RADIANS < width <= 1.001 * DEGREES and span.largest_step > 0.75 * DEGREES:
+    if smooth and 1.001 * TURN_RAD < width <= 1.001 * TURN_DEG and span.largest_step > 0.75 * TURN_DEG:
         certain = "deg"
-    elif smooth and width <= 1.001 * RADIANS and span.largest_step > 0.75 * RADIANS:
+    elif smooth and width <= 1.001 * TURN_RAD and span.largest_step > 0.75 * TURN_RAD:
         certain = "rad"
-    elif width <= 1.001 * DEGREES and largest > FAR:
+    elif width <= 1.001 * TURN_DEG and largest > MAX_UNWRAPPED_RAD:
         certain = "deg"
     evidence = f"{span}" + (f", wraps at {'360' if certain == 'deg' else '2 pi'}" if certain and smooth else "")
-    likely, instead, why = unit or certain or ("rad" if largest <= 1.1 * RADIANS else "deg"), None, ""
+    likely, instead, why = unit or certain or ("rad" if largest <= 1.1 * TURN_RAD else "deg"), None, ""
     if unit is None and certain is None:
         why = f"deg or rad? The range looks like {likely}"
     elif unit and certain and unit != certain:
         instead, why = certain, f"the name says {unit}, the range says {certain}"
-    elif unit == "deg" and certain is None and width < HARDLY:
+    elif unit == "deg" and certain is None and width < SMALL_TURN_DEG:
         instead, why = "rad", f"degrees would mean that no log turns {width:.2g} degrees; deg or rad?"
     return Recognised(_name(quantity, likely), source, evidence, instead, why, ask="unit" if why else "")
 
@@ -279,7 +280,7 @@ def _moment(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _force(quantity: str, source: str, span: Span) -> Recognised:
-    unit, why = _unit_in(source, FORCE), ""
+    unit, why = _unit_in(source, FORCE_WORDS), ""
     if f"force_{unit}" in CANONICAL:
         return Recognised(f"force_{unit}", source, f"{span}")
     if unit is not None:
@@ -292,13 +293,13 @@ def _force(quantity: str, source: str, span: Span) -> Recognised:
 def _voltage(quantity: str, source: str, span: Span) -> Recognised:
     if span.low > 1000:
         return Recognised("voltage_V", source, f"{span}", "mV")
-    sure = source in CANONICAL or (_named_exactly(quantity, source) and MIN_SUPPLY < span.high < 1000)
+    sure = source in CANONICAL or (_named_exactly(quantity, source) and MIN_SUPPLY_V < span.high < 1000)
     return Recognised("voltage_V", source, f"{span}", open="" if sure else "is this the supply, in volts?")
 
 
 def _speed(quantity: str, source: str, span: Span) -> Recognised:
     key, words = names_of(quantity)[0], words_of(source)
-    unit = next((SPEED[end] for end in (words[-1], "_".join(words[-2:])) if end in SPEED), None)
+    unit = next((SPEED_WORDS[end] for end in (words[-1], "_".join(words[-2:])) if end in SPEED_WORDS), None)
     sure = source == key or (unit and len(words) > 1)
     why = "" if sure else f'm/s of {quantity}? Then write "{source}"'
     return Recognised(key, source, f"{span}", None if unit == "m/s" else unit, why)
@@ -345,9 +346,9 @@ _JUDGES = {
 }
 
 
-LITTLE = 0.1  # share of the largest force below which a force says no direction
-APART = 0.97  # share of the readings that one neutral has to tell apart by the sign of their force
-NEAR = 60.0  # us about the usual neutral of pulses
+MIN_FORCE_SHARE = 0.1  # share of the largest force below which a force says no direction
+MIN_SIGN_SHARE = 0.97  # share of the readings that one neutral has to tell apart by the sign of their force
+NEUTRAL_TOLERANCE_US = 60.0  # us about the usual neutral of pulses
 
 
 def directed(
@@ -371,27 +372,27 @@ def directed(
     elif signal.min() >= 0 and pulses:
         n = _about(n, PULSES[1], PULSES[1], PULSES[1])
     elif n.ask == "subtract":  # percent, 0 to 100: is there thrust in the middle?
-        around = np.abs(signal - middle) <= LITTLE * np.ptp(signal) / 2
-        rests = around.any() and np.abs(pull[around]).max() < LITTLE * np.abs(pull).max()
+        around = np.abs(signal - middle) <= MIN_FORCE_SHARE * np.ptp(signal) / 2
+        rests = around.any() and np.abs(pull[around]).max() < MIN_FORCE_SHARE * np.abs(pull).max()
         n = _about(n, middle, middle, middle) if rests else replace(n, open="", ask="", more={})
     return n, _signed(force, n, signal - n.neutral, pull)
 
 
 def _both_ways(values: Floats) -> bool:
     largest = float(np.abs(values).max(initial=0.0))
-    return bool(values.min() < -LITTLE * largest and values.max() > LITTLE * largest)
+    return bool(values.min() < -MIN_FORCE_SHARE * largest and values.max() > MIN_FORCE_SHARE * largest)
 
 
 def _neutral(signal: Floats, pull: Floats) -> tuple[float, float] | None:
     """Between which values of the signal the force changes its sign; None where none tells the two ways apart."""
-    strong = np.abs(pull) > LITTLE * np.abs(pull).max()
+    strong = np.abs(pull) > MIN_FORCE_SHARE * np.abs(pull).max()
     order = np.argsort(signal[strong], kind="stable")
     value, ahead = signal[strong][order], pull[strong][order] > 0
     right = np.cumsum(~ahead) + ahead.sum() - np.cumsum(ahead)  # astern up to here, ahead from here on
     share = np.maximum(right, len(value) - right)[:-1] / len(value)
     share = np.where(np.diff(value) > 0, share, 0.0)
     best = int(np.argmax(share)) if len(share) else 0
-    return (float(value[best]), float(value[best + 1])) if len(share) and share[best] >= APART else None
+    return (float(value[best]), float(value[best + 1])) if len(share) and share[best] >= MIN_SIGN_SHARE else None
 
 
 def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
@@ -399,7 +400,7 @@ def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
     usual = PULSES[1]
     about = f"about {low:.5g}" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
     evidence = f"{n.evidence.partition(',')[0]}, {'pulses about 1500' if low == high == usual else about}"
-    if PULSES[0] <= low - NEAR <= usual <= high + NEAR:
+    if PULSES[0] <= low - NEUTRAL_TOLERANCE_US <= usual <= high + NEUTRAL_TOLERANCE_US:
         return replace(n, unit="us", open="", ask="", more={"subtract": usual}, evidence=evidence)
     if low <= middle <= high:
         return replace(n, open="", ask="", more={"subtract": middle}, evidence=evidence)
@@ -412,8 +413,8 @@ def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> R
     goes against the command, the sign is asked for."""
     if n.ask or "sign_from" in n.more or not _both_ways(signal):
         return force
-    back = signal < -LITTLE * np.abs(signal).max()
-    if pull.min() >= -LITTLE * pull.max() and pull[back].max(initial=0.0) > LITTLE * pull.max():
+    back = signal < -MIN_FORCE_SHARE * np.abs(signal).max()
+    if pull.min() >= -MIN_FORCE_SHARE * pull.max() and pull[back].max(initial=0.0) > MIN_FORCE_SHARE * pull.max():
         evidence = f"{force.evidence}, one sign while {n.source} goes both ways: unsigned"
         return replace(force, evidence=evidence, more={"sign_from": _signed_by(n.source, n.neutral)})
     if np.sum(signal * np.abs(signal) * pull) < 0:
@@ -427,7 +428,7 @@ def _signed_by(name: str, neutral: float) -> object:
 
 
 NEEDED = ("time", YAW.position, YAW.command)
-OF_YAW = (*NEEDED, *YAW.thrusters, YAW.velocity, "surge", "sway", "voltage")
+YAW_QUANTITIES = (*NEEDED, *YAW.thrusters, YAW.velocity, "surge", "sway", "voltage")
 BOLLARD = ("n", "force", "time", "voltage")
 MAX_LOOKED_INTO = 20  # bollard tests of one layout
 
@@ -505,7 +506,7 @@ def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -
     sources = {column.source for column in mapped.values()}
     names = [name for name in layout.names if name not in sources]
     spans = {name: alike[name] for name in names if name in alike}
-    every = BOLLARD if layout.bollard else OF_YAW
+    every = BOLLARD if layout.bollard else YAW_QUANTITIES
     columns = {quantity: mapped.get(quantity) or recognise(quantity, names, spans) for quantity in every}
     columns |= mapped
     if layout.bollard:

@@ -41,8 +41,8 @@ from automarine_cli.quantities import Floats
 from automarine_cli.text import listed
 
 ROOT = "mavlink/"
-VEHICLES = {"MAV_TYPE_GROUND_ROVER": 10, "MAV_TYPE_SURFACE_BOAT": 11, "MAV_TYPE_SUBMARINE": 12}
-ARMED = "MAV_MODE_FLAG_SAFETY_ARMED"
+VEHICLE_MAV_TYPES = {"MAV_TYPE_GROUND_ROVER": 10, "MAV_TYPE_SURFACE_BOAT": 11, "MAV_TYPE_SUBMARINE": 12}
+ARMED_FLAG = "MAV_MODE_FLAG_SAFETY_ARMED"
 Rows = list[tuple[float, dict[str, Any]]]
 
 
@@ -104,10 +104,10 @@ def _plain(message: Mapping[str, Any]) -> dict[str, float | str]:
     for key, value in message.items():
         if key == "mavtype":
             word = value.get("type", "") if isinstance(value, dict) else str(value)
-            fields["type"] = float(VEHICLES.get(word, 0))
+            fields["type"] = float(VEHICLE_MAV_TYPES.get(word, 0))
         elif key == "base_mode":
             bits = value.get("bits", 0) if isinstance(value, dict) else value
-            fields[key] = float(MAV_MODE_ARMED * (ARMED in bits) if isinstance(bits, str) else bits)
+            fields[key] = float(MAV_MODE_ARMED * (ARMED_FLAG in bits) if isinstance(bits, str) else bits)
         elif key == "param_id":
             fields[key] = ("".join(value) if isinstance(value, list) else str(value)).rstrip("\0")
         elif isinstance(value, int | float):
@@ -125,11 +125,11 @@ POSES = {  # type -> where its quaternion, angular and linear velocity are; the 
     "geometry_msgs/msg/PoseStamped": ("pose.orientation", "", ""),
     "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose.pose.orientation", "", ""),
 }
-OWN = {"heading": "heading_rad", "yaw_rate": "yaw_rate_rad_s", "surge": "surge_m_s", "sway": "sway_m_s"}
-STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+POSE_COLUMNS = {"heading": "heading_rad", "yaw_rate": "yaw_rate_rad_s", "surge": "surge_m_s", "sway": "sway_m_s"}
+STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 NOT_MEASURED = "orientation_covariance[0]"  # of an Imu without orientation: -1
 MEND = "copy the file again, or if its recorder was stopped: rosbag reindex, ros2 bag reindex or mcap recover"
-OTHER_CLOCK = 1.0  # s between stamps and the recorder's clock, from which they are two clocks
+OTHER_CLOCK_S = 1.0  # s between stamps and the recorder's clock, from which they are two clocks
 LONGEST_ARRAY = 16  # numbers of an array that become columns
 Fields = dict[str, NDArray[Any]]
 
@@ -198,8 +198,8 @@ def _topics(bag: Any, wanted: list[Any], ros1: bool, sources: set[str]) -> Itera
             stamps.append(stamp)
             messages.append(deserialize(raw, link.msgtype))
     for topic, (kind, stamps, messages) in topics.items():
-        fields = _columns(messages, [*STAMP, *_usual(kind, messages[0]), *_named(topic, sources)])
-        seconds, nanos = (fields.pop(path, None) for path in STAMP)
+        fields = _columns(messages, [*STAMP_FIELDS, *_usual(kind, messages[0]), *_named(topic, sources)])
+        seconds, nanos = (fields.pop(path, None) for path in STAMP_FIELDS)
         none = np.full(len(stamps), np.nan)
         stamped = none if seconds is None or nanos is None else np.where(seconds > 0, seconds + nanos / 1e9, np.nan)
         yield Topic(topic, kind, fields, np.array(stamps, dtype=np.float64) / 1e9, stamped)
@@ -250,7 +250,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
     turning.sort(key=lambda topic: list(POSES).index(topic.kind))  # among those of one type the bag's order
     shift, notes = _clocks(turning)
     streams = []
-    free = {**OWN, "voltage": "voltage_V"}  # of several sensors of one kind the first serves
+    free = {**POSE_COLUMNS, "voltage": "voltage_V"}  # of several sensors of one kind the first serves
     for topic in [*turning, *(topic for topic in topics if topic not in turning)]:
         time = np.where(np.isnan(topic.stamped), topic.recorded + shift, topic.stamped)
         motion = motions.get(topic.name, {})
@@ -291,6 +291,6 @@ def _clocks(turning: list[Topic]) -> tuple[float, list[str]]:
     """What takes the recorder's times to the clock of the heading's stamps [s], and a note where they are two."""
     apart = turning[0].stamped - turning[0].recorded if turning else np.zeros(0)
     shift = float(np.median(apart[np.isfinite(apart)])) if np.isfinite(apart).any() else 0.0
-    if abs(shift) < OTHER_CLOCK:
+    if abs(shift) < OTHER_CLOCK_S:
         return 0.0, []
     return shift, [f"the stamps are {shift:+.3f} s from the recorder's clock; its times are moved by that"]

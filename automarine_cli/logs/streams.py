@@ -85,7 +85,7 @@ def arming(armed: NDArray[np.bool_]) -> NDArray[np.str_]:
 
 
 LIKE_A_POSE = re.compile("pose|imu|odom|head|yaw|compass|attitude|orient|quat|ahrs", re.IGNORECASE)
-MOST = 60  # topics
+TOPICS = 60  # topics
 
 
 class NoHeading(LogError):
@@ -96,7 +96,7 @@ class NoHeading(LogError):
         self.source, self.holds, self.many = source, holds, many
 
     def __str__(self) -> str:
-        topics = listed(sorted(self.holds, key=lambda name: not LIKE_A_POSE.search(name.partition(" (")[0])), MOST)
+        topics = listed(sorted(self.holds, key=lambda name: not LIKE_A_POSE.search(name.partition(" (")[0])), TOPICS)
         return (
             f"{self.source}: no heading in it; found {'in it and others ' * self.many}{topics or 'nothing'}. "
             "If one of these holds the heading, name its field with a line such as "
@@ -104,7 +104,7 @@ class NoHeading(LogError):
         )
 
 
-PAUSE = 5.0  # s without a heading: the recorder stood still
+PAUSE_S = 5.0  # s without a heading: the recorder stood still
 MOTION = {*VELOCITIES, *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps)}
 """What moves on between two messages: no position that wraps."""
 
@@ -223,8 +223,8 @@ def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
 def _paused(time: Floats) -> Floats:
     """For each row since when a message is of the time after the last pause [s], -inf without one; shape (N,)."""
     last = np.full(len(time), -np.inf)
-    after = np.flatnonzero(np.diff(time) > PAUSE) + 1
-    last[after] = time[after] - PAUSE
+    after = np.flatnonzero(np.diff(time) > PAUSE_S) + 1
+    last[after] = time[after] - PAUSE_S
     return np.maximum.accumulate(last)
 
 

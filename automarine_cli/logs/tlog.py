@@ -20,7 +20,7 @@ from automarine_cli.logs.mixing import parameters, recorded
 from automarine_cli.logs.streams import Recording, Stream, arming, mode_names, needed, on_one_clock, unsound_is_refused
 from automarine_cli.quantities import Floats
 
-STAMP = 8  # bytes in front of each packet: microseconds since 1970, big-endian
+STAMP_BYTES = 8  # bytes in front of each packet: microseconds since 1970, big-endian
 HEADS = {0xFE: 6, 0xFD: 10}  # the first byte of MAVLink 1 and 2 -> bytes of the header
 SIGNED, SIGNATURE = 0x01, 13
 MAV_MODE_ARMED = 128
@@ -34,7 +34,7 @@ OWN_CLOCK = {"time_boot_ms": 1e3, "time_usec": 1e6}  # counts a second since the
 NO_VOLTAGE = 65535  # mV, says the protocol
 COUNTER = 2**32 / 1e6  # s after which 32 bits of microseconds are full
 CALENDAR = 1e8  # s; a larger stamp counts from 1970
-RESTARTED = 1.0  # s by which the vehicle's clock steps back when it starts anew
+RESTART_STEP_S = 1.0  # s by which the vehicle's clock steps back when it starts anew
 Message = dict[str, NDArray[Any]]
 
 
@@ -68,11 +68,11 @@ def _messages(data: bytes, sources: Iterable[str], dialect: Any) -> tuple[dict[s
         counted[number] += 1
         if number in wanted:
             try:
-                message = decode(bytearray(data[at + STAMP : after]))
+                message = decode(bytearray(data[at + STAMP_BYTES : after]))
             except dialect.MAVError:
                 bad += 1
                 continue
-            rows.setdefault(number, []).append((int.from_bytes(data[at : at + STAMP], "big") / 1e6, message))
+            rows.setdefault(number, []).append((int.from_bytes(data[at : at + STAMP_BYTES], "big") / 1e6, message))
     messages = {kinds[number].msgname: _fields(kinds[number].fieldnames, part) for number, part in rows.items()}
     by_name = Counter({kinds[number].msgname: count for number, count in counted.items() if number in kinds})
     return of_the_vehicle(messages), by_name, bad
@@ -81,16 +81,16 @@ def _messages(data: bytes, sources: Iterable[str], dialect: Any) -> tuple[dict[s
 def _packets(data: bytes) -> Iterator[tuple[int, int, int]]:
     """Where each packet's stamp begins, where the packet ends, and the number of its message."""
     at, end = 0, len(data)
-    while at + STAMP + 8 <= end:
-        head = HEADS.get(data[at + STAMP])
-        if head is None or at + STAMP + head > end:
+    while at + STAMP_BYTES + 8 <= end:
+        head = HEADS.get(data[at + STAMP_BYTES])
+        if head is None or at + STAMP_BYTES + head > end:
             at += 1
             continue
-        packet = at + STAMP
+        packet = at + STAMP_BYTES
         number = data[packet + 5] if head == 6 else int.from_bytes(data[packet + 7 : packet + 10], "little")
         signature = SIGNATURE if head == 10 and data[packet + 2] & SIGNED else 0
         after = packet + head + data[packet + 1] + 2 + signature
-        if after > end or (after + STAMP < end and data[after + STAMP] not in HEADS):
+        if after > end or (after + STAMP_BYTES < end and data[after + STAMP_BYTES] not in HEADS):
             at += 1  # no packet follows: this was none, or the next is damaged
             continue
         yield at, after, number
@@ -150,7 +150,7 @@ def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:
     if "time_boot_ms" not in message:
         return np.zeros(0), np.zeros(0)
     boot, received = message["time_boot_ms"] / 1e3, message["received"]
-    first = np.concatenate([[0], np.flatnonzero(np.diff(boot) < -RESTARTED) + 1])
+    first = np.concatenate([[0], np.flatnonzero(np.diff(boot) < -RESTART_STEP_S) + 1])
     return received[first], np.minimum.reduceat(received - boot, first)
 
 

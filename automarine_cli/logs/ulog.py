@@ -21,23 +21,23 @@ from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog, refuse_empty
 from automarine_cli.quantities import Floats
 
-HEAD = b"ULog\x01\x12\x35"
-TAKEN = {
+ULOG_HEAD = b"ULog\x01\x12\x35"
+TOPIC_COLUMNS = {
     "vehicle_attitude": {"heading": "heading_rad"},
     "vehicle_angular_velocity": {"xyz[2]": "yaw_rate_rad_s"},
     "battery_status": {"voltage_v": "voltage_V"},
 }
 BEFORE = {"yawspeed": "yaw_rate_rad_s"}  # where older logs have the yaw rate, in vehicle_attitude
-MOTORS = ("actuator_motors", "actuator_outputs")  # commands -1 to 1; in older logs what goes to the drivers [us]
+MOTOR_TOPICS = ("actuator_motors", "actuator_outputs")  # commands -1 to 1; in older logs what goes to the drivers [us]
 TORQUE = "vehicle_torque_setpoint"
 SETPOINTS = {TORQUE: {"xyz[2]": "tau"}, "vehicle_thrust_setpoint": {"xyz[0]": "X", "xyz[1]": "Y", "xyz[2]": "Z"}}
 MODES = {
     0: "MANUAL", 1: "ALTCTL", 2: "POSCTL", 3: "AUTO_MISSION", 4: "AUTO_LOITER", 5: "AUTO_RTL", 10: "ACRO",
     12: "DESCEND", 13: "TERMINATION", 14: "OFFBOARD", 15: "STAB", 17: "AUTO_TAKEOFF", 18: "AUTO_LAND",
 }  # fmt: skip
-ARMED = 2  # arming_state
+ARMED_STATE = 2  # arming_state
 Fields = Mapping[str, Mapping[str, str]]  # topic -> field -> canonical name
-NOTHING: Fields = {}
+NO_FIELDS: Fields = {}
 Topics = Mapping[str, Mapping[str, NDArray[Any]]]
 
 
@@ -45,7 +45,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a PX4 log. Raises LogError for what is none, and where it holds no attitude."""
     library = streams.needed("pyulog", "px4", name, "PX4 logs")
     with path.open("rb") as file, streams.unsound_is_refused(name, "ULog"):
-        refuse_empty(file.read(len(HEAD)) == HEAD, name, "PX4 log (ULog)")
+        refuse_empty(file.read(len(ULOG_HEAD)) == ULOG_HEAD, name, "PX4 log (ULog)")
         file.seek(0)
         log = library.ULog(file, None, True)
         topics = {
@@ -57,7 +57,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     return streams.on_one_clock(recording, columns, name)
 
 
-FORMAT = Format("PX4 ULog", (".ulg",), read, begins=(HEAD,))
+FORMAT = Format("PX4 ULog", (".ulg",), read, begins=(ULOG_HEAD,))
 
 
 def _notes(log: Any) -> tuple[str, ...]:
@@ -70,11 +70,11 @@ def _recording(
     topics: Topics, notes: tuple[str, ...], columns: ColumnMap, history: mixing.Parameters
 ) -> streams.Recording:
     readings = []
-    motors = next((name for name in MOTORS if name in topics), "")
-    demand, wished = (mixing.Demand(), NOTHING) if mixing.is_commanded_by(columns) else _demand(topics, history)
+    motors = next((name for name in MOTOR_TOPICS if name in topics), "")
+    demand, wished = (mixing.Demand(), NO_FIELDS) if mixing.is_commanded_by(columns) else _demand(topics, history)
     for name, data in topics.items():
         fields = {key: np.asarray(values, dtype=np.float64) for key, values in data.items()}
-        names = {**TAKEN, **wished}.get(name, {})
+        names = {**TOPIC_COLUMNS, **wished}.get(name, {})
         if name == "vehicle_attitude":
             w, x, y, z = (fields[f"q[{i}]"] for i in range(4))
             fields["heading"] = streams.yaw_of(w, x, y, z) % (2 * np.pi)
@@ -83,13 +83,13 @@ def _recording(
         if commands:  # PX4 says by NaN that a motor is stopped
             fields = {key: np.nan_to_num(c) for key, c in fields.items() if key.startswith(("control[", "output["))}
             fields = {key: values for key, values in fields.items() if np.any(values)}
-        stream = streams.taken(name, _clock(data, name in TAKEN), fields, names, columns, keep=commands)
-        if name == MOTORS[0] and stream.columns:
+        stream = streams.taken(name, _clock(data, name in TOPIC_COLUMNS), fields, names, columns, keep=commands)
+        if name == MOTOR_TOPICS[0] and stream.columns:
             stream = replace(stream, columns={**stream.columns, **demand.columns})
         readings.append(stream)
     if "vehicle_status" in topics:
         status = topics["vehicle_status"]
-        armed = streams.arming(status["arming_state"] == ARMED)
+        armed = streams.arming(status["arming_state"] == ARMED_STATE)
         states = {"mode": streams.named(status["nav_state"], MODES, "mode {}"), "armed": armed}
         readings.append(streams.Stream("vehicle_status", _clock(status), states, lasting=True))
     holds = tuple(f"{name} ({len(data['timestamp'])})" for name, data in topics.items())
@@ -100,17 +100,17 @@ def _demand(topics: Topics, history: mixing.Parameters) -> tuple[mixing.Demand, 
     """What PX4 asked of the vehicle: by what it sent to the motors and where these are; else its own setpoints, as
     fields to take by topic."""
     demand = mixing.Demand()
-    if MOTORS[0] in topics:
-        data = topics[MOTORS[0]]
+    if MOTOR_TOPICS[0] in topics:
+        data = topics[MOTOR_TOPICS[0]]
         sent = {
             int(key[8:-1]): np.nan_to_num(np.asarray(values, dtype=np.float64))
             for key, values in data.items()
             if key.startswith("control[")
         }
-        demand = mixing.worked_back(MOTORS[0], _clock(data), sent, history, _by_places)
+        demand = mixing.worked_back(MOTOR_TOPICS[0], _clock(data), sent, history, _by_places)
     wished = {topic: fields for topic, fields in SETPOINTS.items() if topic in topics}
     if demand.columns or TORQUE not in wished:
-        return demand, NOTHING
+        return demand, NO_FIELDS
     names = [name for fields in wished.values() for name in fields.values()]
     note = f"commands {mixing.meaning(names)} are {' and '.join(wished)}, before limits of the motors"
     return mixing.Demand(notes=(note,)), wished
@@ -131,7 +131,7 @@ def _by_places(source: str, sent: mixing.Channels, values: mixing.Values) -> mix
     effect = np.hstack([coefficient * (np.cross(place, axis) - ratio * axis), coefficient * axis]).T
     mix = np.linalg.pinv(effect)
     scale = np.append(np.full(3, mix[:, 2].max()), np.full(3, np.linalg.norm(mix[:, 3:], axis=1).mean()))
-    observable = np.abs(effect @ mix - np.eye(6)).max(axis=1) < mixing.ROUNDING
+    observable = np.abs(effect @ mix - np.eye(6)).max(axis=1) < mixing.WISH_ERROR
     ones, rows = np.ones(len(rotors)), [2, 3, 4, 5]
     how = "PX4's mixing of motors at their places (CA_ROTORn)"
     return mixing.Part(how, tuple(rotors), -ones, 0 * ones, ones, (scale[:, None] * effect)[rows], observable[rows])

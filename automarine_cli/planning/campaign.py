@@ -40,23 +40,23 @@ from automarine_cli.planning.rivals import (
     with_effect,
 )
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.specification import SCHEMA, time_to_turn
+from automarine_cli.simulation.specification import SIMULATION_SCHEMA, time_to_turn
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap, map_and_arm
 
-FAR = 1.5  # a run turns far if it turns by more than this times what steps may; coasting after a step stays below it
-ROUNDS = 3  # how often the wrong explanation is fitted again to the runs chosen, and the choice made again
-MARGIN = 1.3
+FAR_TURN_RATIO = 1.5  # a run turns far if it turns by more than this times what steps may; coasting stays below it
+MAX_SPLIT_ROUNDS = 3  # how often the wrong explanation is fitted again to the runs chosen, and the choice made again
+EVIDENCE_MARGIN = 1.3
 """By how much more evidence is asked for, and again when a choice fell short: it is not quite linear."""
 Objective = Intervals | Discrimination
-QUANTILE = 2.2  # half width of an interval in standard errors: Student's t where about a dozen runs carry it
-SWEEPS = 8
-ALIKE = 1e-3
+HALF_WIDTH_STDERRS = 2.2  # half width of an interval in standard errors: Student's t where about a dozen runs carry it
+MAX_SWEEPS = 8
+BALANCE_WORTH = 1e-3
 """Worth (a thousandth of the standard errors) that is given up for as many runs to one side as to the other."""
-BETTER, MARKED = 1e-9, 1e-7  # gains in worth that count: of a run for its cost, and of an exchange
-DRIFT = "shows drift over the day"
-NARROW = "narrows the intervals"
-FIRST = "tells inertia and drag"
+MIN_WORTH_GAIN, MIN_EXCHANGE_GAIN = 1e-9, 1e-7  # gains in worth that count: of a run for its cost, and of an exchange
+SHOWS_DRIFT = "shows drift over the day"
+NARROWS_INTERVALS = "narrows the intervals"
+TELLS_INERTIA_AND_DRAG = "tells inertia and drag"
 DISTURBED = (
     "The intervals allow for the disturbance and the unsteady thrust that the model's own runs had. In still water "
     "they would be narrower."
@@ -101,7 +101,7 @@ def select(
     `before` (p, p) at hand. Runs that turn far only split explanations: on water that turns along they would narrow an
     interval about the wrong value. Raises SettingError where the limits allow no campaign."""
     candidates = pool.candidates(fitting.base, limits, largest)
-    most = FAR * np.deg2rad(limits.pool.turn_deg)
+    most = FAR_TURN_RATIO * np.deg2rad(limits.pool.turn_deg)
     furthest = (np.abs(heading).max() for heading in headings_of(fitting.model, fitting.logger, candidates))
     candidates = tuple(replace(run, turns=bool(turned > most)) for run, turned in zip(candidates, furthest))
     # at one of the start headings and somewhere in the campaign: what depends on either is worked out again later
@@ -126,26 +126,26 @@ def select(
     split = _split(pairs, spread, budget, limits) if pairs else fixed
     progress("choosing runs", 1, 2)
     goal = limits.goal.half_width_percent
-    goal = None if goal is None else goal / (100.0 * QUANTILE)
+    goal = None if goal is None else goal / (100.0 * HALF_WIDTH_STDERRS)
     intervals = Intervals(fitting.information(spread), before, wanted, goal)
     most_each = np.where([candidate.turns for candidate in candidates], 0.0, budget.most)
     counts = choose(intervals, replace(budget, fixed=split, most=most_each))
     progress("choosing runs", 2, 2)
     chosen = [candidate for candidate, count in zip(candidates, counts) for _ in range(count)]
     names = " and ".join(dict.fromkeys(f"{a.explained_by} from {b.explained_by}" for a, b in pairs[::2]))
-    why = {candidate.label: NARROW for candidate in chosen}
+    why = {candidate.label: NARROWS_INTERVALS for candidate in chosen}
     why |= {candidate.label: f"splits {names}" for candidate, count in zip(candidates, split - fixed) if count > 0}
     if check is not None:
-        why[check.label] = DRIFT
+        why[check.label] = SHOWS_DRIFT
     return chosen, why, check
 
 
 def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudget, limits: Limits) -> Floats:
     """How often to run each candidate so that every pair is split, as cheaply as may be, (K,)."""
     starts = np.array([head_start(a, b, limits.pool.runs) for a, b in pairs])
-    required = np.maximum(MARGIN * limits.goal.evidence - starts, 1.0)
+    required = np.maximum(EVIDENCE_MARGIN * limits.goal.evidence - starts, 1.0)
     about, counts = tuple(pairs), budget.fixed
-    for _ in range(ROUNDS):
+    for _ in range(MAX_SPLIT_ROUNDS):
         contests = tuple(contest(a, b, spread) for a, b in about)
         counts = choose(Discrimination(contests, required), budget).astype(float)
         runs = [spread[i] for i, count in enumerate(counts.astype(int)) for _ in range(count)]
@@ -153,7 +153,7 @@ def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudge
         short = np.array([split.evidence < limits.goal.evidence for split in outcome])
         if not short.any():
             break
-        required = np.where(short, MARGIN * required, required)
+        required = np.where(short, EVIDENCE_MARGIN * required, required)
     return counts
 
 
@@ -194,7 +194,7 @@ def _fill(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
         room = budget.room - counts @ budget.costs
         gain = objective.scores(counts, fits) - _score(objective, counts)
         worth = gain / np.sum(budget.costs[fits] / np.maximum(room, 1e-12), axis=1)
-        if worth.max() <= BETTER:
+        if worth.max() <= MIN_WORTH_GAIN:
             break
         counts = counts + ones[fits[int(np.argmax(worth))]]
     return counts
@@ -203,7 +203,7 @@ def _fill(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
 def _exchange(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
     ones = np.eye(len(counts))
     now = _score(objective, counts)
-    for _ in range(SWEEPS):
+    for _ in range(MAX_SWEEPS):
         before = now
         for out in budget.free(counts):
             without = counts - ones[out]
@@ -211,7 +211,7 @@ def _exchange(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
                 continue
             scores = objective.scores(without, fits)
             best = int(np.argmax(scores))
-            if scores[best] > now + MARKED:
+            if scores[best] > now + MIN_EXCHANGE_GAIN:
                 counts, now = without + ones[fits[best]], float(scores[best])
         if now == before:
             break
@@ -229,7 +229,7 @@ def _pruned(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
 
 def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Floats:
     """As many runs to one side as to the other, candidate by candidate, where that costs next to nothing."""
-    least, enough = _score(objective, counts) - ALIKE, objective.reached(counts)
+    least, enough = _score(objective, counts) - BALANCE_WORTH, objective.reached(counts)
     lean = 0
     for place, mirror in ((k, other) for k, other in enumerate(budget.mirrors) if k < other):
         total = counts[place] + counts[mirror]
@@ -245,7 +245,7 @@ def _balanced(objective: Objective, budget: PlanBudget, counts: Floats) -> Float
 
 
 LARGEST_NU = 1.0  # largest moment of a normalised model where the limits do not say
-TWICE, MIN_SIZES, MAX_SIZES = 2, 2, 12  # how often the first campaign makes each step, and at how many moments
+STEP_REPEATS, MIN_SIZES, MAX_SIZES = 2, 2, 12  # how often the first campaign makes each step, and at how many moments
 PAPER = {"I_r": 1.018, "k_rr": 1.257}
 """Inertia and drag of the paper's vehicle; the first campaign has both scaled by the time of its half turn."""
 NO_MODEL = (
@@ -402,7 +402,7 @@ def first_campaign(prior: PriorResults, limits: Limits, largest: float, supply: 
     fitting = fitting_of(replace(prior, model=model), limits)
     for count in range(MAX_SIZES, MIN_SIZES - 1, -1):
         sizes = (min(float(f"{largest * i / count:.3g}"), largest) for i in range(1, count + 1))
-        chosen = TWICE * [pool.full_step(model, limits, side * size) for size in sizes for side in (1, -1)]
+        chosen = STEP_REPEATS * [pool.full_step(model, limits, side * size) for size in sizes for side in (1, -1)]
         needs = pool.costs(chosen, limits, supply).sum(axis=0)
         if np.all(needs <= pool.allowance(limits) + 1e-9):
             break
@@ -410,7 +410,7 @@ def first_campaign(prior: PriorResults, limits: Limits, largest: float, supply: 
         _refuse_too_little(len(chosen), needs, limits)
     check = chosen[-2] if limits.runs.repeat_first_last else None
     slots = pool.scheduled(pool.in_order(chosen, check, seed), limits, supply)
-    why = {run.label: DRIFT if run == check else FIRST for run in chosen}
+    why = {run.label: SHOWS_DRIFT if run == check else TELLS_INERTIA_AND_DRAG for run in chosen}
     return Plan(
         model="", fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=(),
         slots=_with_ways(slots, why, fitting), now={}, alone={}, together={}, splits=(), errors={},
@@ -432,7 +432,7 @@ def _with_ways(slots: Sequence[Slot], why: Mapping[str, str], fitting: Fitting) 
 def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
     """Say how the campaign will be fitted: by `diagnose` where the model holds effects, else by `fit-yaw`."""
     base = Fitting(prior.model, "whole-runs", 1.0, 0.0).base
-    noise = limits.logger.noise_deg or prior.noise_deg or info.NOISE_DEG
+    noise = limits.logger.noise_deg or prior.noise_deg or info.USUAL_NOISE_DEG
     rate_noise = limits.logger.rate_noise_deg_s or prior.rate_noise_deg_s
     gain = limits.logger.gain_scatter
     scatter = prior.scatter if gain is None else gain
@@ -441,7 +441,7 @@ def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
     random = prior.random if gain is None else {**prior.random, "gain-scatter": gain} if prior.random else {}
     return Fitting(
         prior.model, "whole-runs" if prior.model == base else "diagnosis", float(np.deg2rad(noise)),
-        info.SCATTER if scatter is None else scatter, limits.logger.rate_hz, limits.runs.rest_before_s,
+        info.USUAL_SCATTER if scatter is None else scatter, limits.logger.rate_hz, limits.runs.rest_before_s,
         limits.battery.volts if electric else None, base,
         None if rate_noise is None else float(np.deg2rad(rate_noise)), random,
         command_delay=prior.command_delay,
@@ -468,7 +468,7 @@ def specification(plan: Plan) -> tuple[dict[str, object], str]:
     needy = [term.name for term in added if effects.get(term.name).needs]
     noises = {"noise_deg": fitting.noise, "rate_noise_deg_s": fitting.rate_noise}
     return {
-        "schema": SCHEMA,
+        "schema": SIMULATION_SCHEMA,
         "seed": plan.seed,
         "vehicle": {
             symbols.inertia: model.inertia, symbols.quadratic: quadratic, symbols.linear: linear,

@@ -34,20 +34,20 @@ from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.curves import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 
-SCHEMA = "automarine/plan-limits/1"
-KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")
-MIN_TURN = 30.0
-MAX_LEVELS, MAX_RUNS = 20, 500
+LIMITS_SCHEMA = "automarine/plan-limits/1"
+CANDIDATE_KINDS = ("step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage")
+MIN_TURN_DEG = 30.0
+MAX_PLAN_LEVELS, MAX_PLAN_RUNS = 20, 500
 
 
 @dataclass(frozen=True)
 class Pool(Settings):
     minutes: AboveZero = 60.0
-    runs: Annotated[int, Limit(2, MAX_RUNS)] = 24
+    runs: Annotated[int, Limit(2, MAX_PLAN_RUNS)] = 24
     motion_s: AboveZero | None = None
     wait_s: ZeroOrMore = 60.0
     wait_after_long_turn_s: ZeroOrMore = 180.0
-    turn_deg: Annotated[float, Limit(MIN_TURN, 3600.0)] = 180.0
+    turn_deg: Annotated[float, Limit(MIN_TURN_DEG, 3600.0)] = 180.0
     start_headings_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
     half_turn_s: AboveZero = 4.0
 
@@ -60,22 +60,22 @@ class Pool(Settings):
 @dataclass(frozen=True)
 class Moments(Settings):
     largest: AboveZero | None = None
-    levels: Annotated[int, Limit(2, MAX_LEVELS)] = 6
+    levels: Annotated[int, Limit(2, MAX_PLAN_LEVELS)] = 6
 
 
 @dataclass(frozen=True)
 class Runs(Settings):
-    kinds: tuple[str, ...] = KINDS
+    kinds: tuple[str, ...] = CANDIDATE_KINDS
     rest_before_s: Annotated[float, Limit(1.0, 60.0)] = 3.0
-    most_alike: Annotated[int, Limit(2, MAX_RUNS)] = 4
+    most_alike: Annotated[int, Limit(2, MAX_PLAN_RUNS)] = 4
     of_one_size_percent: Annotated[float, Limit(1.0, 100.0)] = 50.0
     repeat_first_last: bool = True
     voltages_V: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if unknown := next((kind for kind in self.kinds if kind not in KINDS), None):
-            raise SettingError(f"kinds names {unknown!r}; expected some of {', '.join(KINDS)}")
+        if unknown := next((kind for kind in self.kinds if kind not in CANDIDATE_KINDS), None):
+            raise SettingError(f"kinds names {unknown!r}; expected some of {', '.join(CANDIDATE_KINDS)}")
         if "step" not in self.kinds:
             raise SettingError(f"kinds is {list(self.kinds)}; expected 'step' among them, every campaign needs steps")
         if min(self.voltages_V, default=1.0) <= 0:
@@ -115,7 +115,7 @@ class Goal(Settings):
 
 @dataclass(frozen=True)
 class Limits:
-    schema: str = SCHEMA
+    schema: str = LIMITS_SCHEMA
     pool: Pool = field(default_factory=Pool)
     moments: Moments = field(default_factory=Moments)
     runs: Runs = field(default_factory=Runs)
@@ -125,8 +125,8 @@ class Limits:
     goal: Goal = field(default_factory=Goal)
 
     def __post_init__(self) -> None:
-        if self.schema != SCHEMA:
-            raise SettingError(f'schema is {self.schema!r}; expected the line schema = "{SCHEMA}"')
+        if self.schema != LIMITS_SCHEMA:
+            raise SettingError(f'schema is {self.schema!r}; expected the line schema = "{LIMITS_SCHEMA}"')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,12 +150,12 @@ def example_limits() -> str:
 
 POWER_LAW = 1.5
 """Power against thrust of a propeller at rest in the water: P = F^1.5/sqrt(2 rho A) by momentum theory (Rankine)."""
-TURNS = (1 / 3, 1 / 2, 2 / 3, 1.0)  # lengths of steps that are tried, as shares of how far they may turn
-LOW = 0.1  # smallest moment that is tried, as a share of the largest; levels between go by the root, as yaw rates do
-RAMP_S, REST_S, STAIRS = 40.0, 60.0, 20
+STEP_SHARES = (1 / 3, 1 / 2, 2 / 3, 1.0)  # lengths of steps that are tried, as shares of how far they may turn
+MIN_MOMENT_SHARE = 0.1  # of the largest moment; levels between go by the root, as yaw rates do
+RAMP_S, REST_S, RAMP_STAIRS = 40.0, 60.0, 20
 COAST_CONSTANTS, COAST_S = 6.0, (5.0, 20.0)
 """A coast-down lasts so many of the vehicle's time constants at full moment, within these bounds [s]."""
-LONGEST_S = 120.0  # no run is driven for longer: who would wait for it can repeat it
+MAX_DRIVEN_S = 120.0  # no run is driven for longer: who would wait for it can repeat it
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class Candidate:
 
 def levels(limits: Limits, largest: float) -> tuple[float, ...]:
     """Return sizes of moment, smallest first: even in the root, hence in the yaw rate under quadratic drag."""
-    low, most = LOW**0.5, limits.moments.levels - 1
+    low, most = MIN_MOMENT_SHARE**0.5, limits.moments.levels - 1
     return *(float(f"{largest * (low + (1.0 - low) * i / most) ** 2:.3g}") for i in range(most)), largest
 
 
@@ -197,7 +197,7 @@ def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candida
     constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
     coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
     every: dict[str, Iterable[Candidate]] = {
-        "step": (_step(model, side * size, share * turn) for size in sizes for share in TURNS for side in sides),
+        "step": (_step(model, side * size, share * turn) for size in sizes for share in STEP_SHARES for side in sides),
         "coast-down": (
             Candidate("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
             for moment, hold, label in first_parts
@@ -218,8 +218,8 @@ def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candida
             for step in (_step(model, side * largest, turn),)
         ),
     }  # fmt: skip
-    kinds = [kind for kind in KINDS if kind in limits.runs.kinds]
-    unique = {run.label: run for kind in kinds for run in every[kind] if run.driven <= LONGEST_S}
+    kinds = [kind for kind in CANDIDATE_KINDS if kind in limits.runs.kinds]
+    unique = {run.label: run for kind in kinds for run in every[kind] if run.driven <= MAX_DRIVEN_S}
     return tuple(unique.values())
 
 
@@ -250,8 +250,8 @@ def _step(model: YawModel, moment: float, degrees: float, kind: str = "step", la
 
 
 def _ramp(moment: float) -> Candidate:
-    stairs = [moment * (2.0 * (i + 0.5) / STAIRS - 1.0) for i in range(STAIRS)]
-    commands = tuple((round(stair, 6), RAMP_S / STAIRS) for stair in stairs)
+    stairs = [moment * (2.0 * (i + 0.5) / RAMP_STAIRS - 1.0) for i in range(RAMP_STAIRS)]
+    commands = tuple((round(stair, 6), RAMP_S / RAMP_STAIRS) for stair in stairs)
     return Candidate("slow-ramp", f"ramp_{moment_text(moment)}", commands)
 
 
@@ -340,7 +340,7 @@ def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tupl
 
 
 ROUND_DOWN = 1e-6
-FEWEST = 6  # rows of thruster tests from which on the current is told
+MIN_ROWS = 6  # rows of thruster tests from which on the current is told
 MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm"}
 DIGITS = 6
 
@@ -429,9 +429,9 @@ def consumption(records: Sequence[Series], per_test: int, volts: float) -> tuple
         force.append(series.force[good] / per_test)
         power.append(drawn[good] / per_test)
     count = sum(map(len, force))
-    if count < FEWEST:
+    if count < MIN_ROWS:
         raise RunError(
-            f"{count} rows of the thruster tests hold a power or a current, and {FEWEST} are needed; name the column "
+            f"{count} rows of the thruster tests hold a power or a current, and {MIN_ROWS} are needed; name the column "
             "power_W or current_A, or state the current at full moment with battery.full_A in the limits"
         )
     f, p = np.concatenate(force), np.concatenate(power)

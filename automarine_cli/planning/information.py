@@ -40,13 +40,13 @@ from automarine_cli.text import format_value, printable
 
 Fit = Literal["whole-runs", "diagnosis"]
 
-HELD_OUT = 0.25  # share of the runs that `diagnose` does not fit, where no others are given to be held out
-QUIET = 1e-5  # disturbance moment of a pool, as a factor of the fits: none
+HELD_OUT_SHARE = 0.25  # share of the runs that `diagnose` does not fit, where no others are given to be held out
+QUIET_DISTURBANCE = 1e-5  # disturbance moment of a pool, as a factor of the fits: none
 ANGLE = "inertial turn angle"
-FEWEST = 3  # runs below which no interval is told
+MIN_INTERVAL_RUNS = 3  # runs below which no interval is told
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 """Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
-LOOSE = 3.0
+LOOSE_STDERR = 3.0
 """Standard deviation of a parameter before any run, in its own size: the first choices must not divide by 0."""
 
 
@@ -132,7 +132,7 @@ class Fitting:
     @property
     def fitted(self) -> float:
         """Share of the runs that is fitted: `diagnose` holds a quarter out to judge by."""
-        return 1.0 - HELD_OUT if self.fit == "diagnosis" else 1.0
+        return 1.0 - HELD_OUT_SHARE if self.fit == "diagnosis" else 1.0
 
     @cached_property
     def logger(self) -> Logger:
@@ -185,9 +185,9 @@ class Fitting:
         for name in varying_terms(self.model):
             amplitude = next(term.values[0] for term in self.model.terms if term.name == name)
             largest = float(run_effects.of(run_effects.scale, name).max())
-            factors[name] = max(amplitude / (np.sqrt(2.0) * largest), QUIET)
+            factors[name] = max(amplitude / (np.sqrt(2.0) * largest), QUIET_DISTURBANCE)
         noises = [self.noise] if self.rate_noise is None else [self.noise, self.rate_noise]
-        return np.log([*noises, *(factors.get(name, QUIET) for name in run_effects.factor_names)])
+        return np.log([*noises, *(factors.get(name, QUIET_DISTURBANCE) for name in run_effects.factor_names)])
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -218,10 +218,10 @@ class Fitting:
 
     @property
     def loose_information(self) -> Floats:
-        """Next to no information (p, p) on the free parameters: of each its own size, `LOOSE` times over."""
+        """Next to no information (p, p) on the free parameters: of each its own size, `LOOSE_STDERR` times over."""
         values = np.append(self.model.theta, 1.0 / self.rate)
         sizes = np.where(self.on_log, 1.0, np.maximum(np.abs(values), 1e-3))[self.free]
-        return np.diag(1.0 / (LOOSE * sizes) ** 2)
+        return np.diag(1.0 / (LOOSE_STDERR * sizes) ** 2)
 
     def information(self, candidates: Sequence[Candidate]) -> Floats:
         """Return the information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
@@ -290,7 +290,7 @@ def reported_covariance(per_run: Floats) -> Floats:
     total = per_run.sum(axis=0)
     inverse = linear_mixed.covariance_of(total)
     runs = len(per_run)
-    if runs < FEWEST:
+    if runs < MIN_INTERVAL_RUNS:
         return inverse
     without = np.array([linear_mixed.covariance_of(total - information) for information in per_run])
     jackknife = (runs - 1) / runs * np.sum(without @ per_run, axis=0) @ inverse
@@ -348,7 +348,7 @@ class Intervals:
         return np.asarray(self.wanted.T @ covariance @ self.wanted)
 
 
-NOISE_DEG, SCATTER = 1.0, 0.03  # where a model's file does not say: a compass in a pool, the thrust of small motors
+USUAL_NOISE_DEG, USUAL_SCATTER = 1.0, 0.03  # of a compass in a pool, of the thrust of small motors
 NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chosen to narrow the intervals."
 
 

@@ -19,13 +19,13 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.information import LOOSE, Fitting, PriorResults
+from automarine_cli.planning.information import LOOSE_STDERR, Fitting, PriorResults
 from automarine_cli.quantities import Floats
 
-ROUNDS, HALVINGS = 20, 6
-SETTLED = 1e-4
-SEEN = 4.0  # misfit without an effect from which it counts as seen: two standard errors of its size
-MAX_STARTS, FEW = 12, 8  # places from which the other explanation's fit may start, and runs on which they are compared
+MAX_FIT_ROUNDS, MAX_HALVINGS = 20, 6
+SETTLED_GAIN = 1e-4
+MIN_VISIBLE_MISFIT = 4.0  # misfit without an effect from which it counts as seen: two standard errors of its size
+MAX_STARTS, FEW_CANDIDATES = 12, 8  # of the other explanation's fit, and runs on which they are compared
 
 
 Pair = tuple[Fitting, Fitting]
@@ -112,7 +112,7 @@ def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) ->
     return [replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]]
 
 
-NOTHING = ModelPair(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
+NO_CONTEST = ModelPair(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 
 
 def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> ModelPair:
@@ -133,9 +133,9 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     bounds = problem.parameters.limits
     phi = np.clip(other.phi(problem), bounds[:, 0], bounds[:, 1])
     current, now = _about(true, other, candidates)
-    for _ in range(ROUNDS if np.isfinite(now) else 0):
+    for _ in range(MAX_FIT_ROUNDS if np.isfinite(now) else 0):
         step = _step(current, (bounds - phi[:, None])[other.free])
-        for _ in range(HALVINGS):
+        for _ in range(MAX_HALVINGS):
             trial = phi.copy()
             trial[other.free] += step
             moved = replace(other, model=other.model.with_theta(problem.parameters.natural(trial)[:-1]))
@@ -146,7 +146,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
         else:
             break
         gained, phi, other, current, now = now - then, trial, moved, there, then
-        if gained < SETTLED * max(now, 1.0):
+        if gained < SETTLED_GAIN * max(now, 1.0):
             break
     return other, now
 
@@ -155,7 +155,7 @@ def _step(current: ModelPair, bounds: Floats) -> Floats:
     """Change of the free parameters (p,) to the best of the linearised contest, no bolder than their own sizes."""
     hessian = current.hessian.sum(axis=0) + current.ridge
     step = linear_mixed.bounded_solution(hessian, current.gradient.sum(axis=0), bounds)
-    boldest = LOOSE * float(np.max(np.abs(step) * np.sqrt(np.diagonal(current.ridge))))
+    boldest = LOOSE_STDERR * float(np.max(np.abs(step) * np.sqrt(np.diagonal(current.ridge))))
     return step / max(boldest, 1.0)
 
 
@@ -165,14 +165,14 @@ def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
         try:
             current = contest(true, other, candidates)
         except FitError:
-            return NOTHING, np.inf
+            return NO_CONTEST, np.inf
     offset, pull = current.hessian[:, -1, -1].sum(), current.gradient[:, -1].sum()
     return current, float(current.square.sum() - pull**2 / max(offset, 1e-12))
 
 
 def closest(true: Fitting, starts: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
     """Return of several starts the one whose fit comes closest: the best that the other explanation can do."""
-    rough, few = [], candidates[:: max(1, len(candidates) // FEW)]
+    rough, few = [], candidates[:: max(1, len(candidates) // FEW_CANDIDATES)]
     for other in starts:
         current, now = _about(true, other, few)
         rough.append(float(current.misfit(np.ones((1, len(few))))[0]) if np.isfinite(now) else np.inf)
@@ -205,7 +205,7 @@ def head_start(true: Fitting, other: Fitting, runs: int) -> float:
 def shows(explanation: Fitting, candidates: Sequence[Candidate]) -> bool:
     """Tell whether the effect is seen at all on these runs: what imitates by vanishing only is no rival."""
     bare = replace(explanation, model=without(explanation.model, explanation.explained_by))
-    return fitted(explanation, bare, candidates)[1] > SEEN
+    return fitted(explanation, bare, candidates)[1] > MIN_VISIBLE_MISFIT
 
 
 def without(model: YawModel, effect: str) -> YawModel:

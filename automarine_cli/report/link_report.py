@@ -1,7 +1,7 @@
 """What `serve` shows of a campaign that it only looks at, and `collect` of what it fetched."""
 
 from automarine_cli.link.collector import Collected
-from automarine_cli.link.document import SHORT
+from automarine_cli.link.document import ID_LETTERS
 from automarine_cli.link.vehicles.simulated import Rehearsal
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
@@ -26,7 +26,7 @@ def _(rehearsal: Rehearsal) -> Sections:
 @sections.register
 def _(collected: Collected) -> Sections:
     rows = [
-        {"campaign": campaign.id[:SHORT], "runs": f"{campaign.played} of {campaign.runs}",
+        {"campaign": campaign.id[:ID_LETTERS], "runs": f"{campaign.played} of {campaign.runs}",
          "interrupted": campaign.interrupted,
          "state": printable(campaign.why_stopped or ("over" if campaign.over else "going on")),
          "battery left Ah": f"{campaign.battery_left_Ah:g}"}

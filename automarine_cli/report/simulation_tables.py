@@ -12,7 +12,7 @@ from automarine_cli.simulation.specification import Specification, levels_of
 from automarine_cli.thrusters.map import bollard_columns
 
 TRUTH = "truth.json"
-DECIMALS = 9  # of what was drawn: more would show the machine's own rounding
+TRUTH_DECIMALS = 9  # of what was drawn: more would show the machine's own rounding
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,4 +92,4 @@ def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> d
 
 
 def _rounded(value: float) -> float:
-    return round(value, DECIMALS) + 0.0
+    return round(value, TRUTH_DECIMALS) + 0.0

@@ -17,9 +17,9 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import find_steps, released
 from automarine_cli.runs.run import Run
 
-WINDOW = 2.0  # length [s] of the windows in which a disturbance moment is held
+WINDOW_S = 2.0  # length [s] of the windows in which a disturbance moment is held
 
-WHITE = 2.33
+WHITENESS_STDERRS = 2.33
 """Standard deviations of von Neumann's ratio by which neighbouring readings are more alike than white noise (1 %)."""
 MAX_SWITCHES = 24
 """Runs with more changes of command than this (closed-loop driving) get one delay for all changes together."""
@@ -55,7 +55,7 @@ class Batch:
     each step; `node` (R, N) which grid node each sample is; `seen` (R, N) which samples exist; `channels` what was
     measured, the position of the first degree of freedom first; `interval` (R, E) sample interval [s] in which each
     change happened, 0 in the padding; `start` (R,) clock of the first sample [s]; `before` (D, R, 1) what was held
-    before; `window` (R, M) which of the windows of `WINDOW` seconds each step lies in; `signals` other logged columns
+    before; `window` (R, M) which of the windows of `WINDOW_S` seconds each step lies in; `signals` other logged columns
     held over the steps, (R, M).
 
     Where a constant force acts, a vehicle that stands still before its first change of command is held: on the
@@ -169,7 +169,7 @@ def make_batch(
         interval=padded([g.interval for g in grids], switches),
         start=np.array([run.time[0] for run in runs]),
         before=np.array([[[_held_before(run, dof)] for run in runs] for dof in motion.dofs]),
-        window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
+        window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW_S).astype(int),
         moment_unit=unit,
         signals={n: padded([s[g.held] for s, g in zip(signals_of(runs, n), grids)], steps) for n in signals},
     )
@@ -203,7 +203,7 @@ def without_noise(values: Floats) -> Floats:
     if len(values) < 2 or not np.ptp(values) > 0:
         return values
     alike = 1.0 - 0.5 * float(np.mean(np.diff(values) ** 2) / np.var(values))
-    return values if alike * np.sqrt(len(values)) > WHITE else np.full_like(values, values.mean())
+    return values if alike * np.sqrt(len(values)) > WHITENESS_STDERRS else np.full_like(values, values.mean())
 
 
 def padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:

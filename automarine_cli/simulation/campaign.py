@@ -21,17 +21,17 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import WINDOW, make_batch
+from automarine_cli.simulation.batch import WINDOW_S, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
 from automarine_cli.simulation.specification import Commands, RunGroup, Specification, normal, uniform
 
-FINER = 8.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
-PLANAR_STEP = 0.02  # s: the error stays far below the last digit logged
-AROUND = 1e-7  # s: the command changes in the middle of an interval of twice this length
-CHUNK = 64  # runs that are simulated together
+STEP_REFINEMENT = 8.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
+PLANAR_STEP_S = 0.02  # s: the error stays far below the last digit logged
+SWITCH_HALF_WIDTH_S = 1e-7  # s: the command changes in the middle of an interval of twice this length
+CHUNK_RUNS = 64  # runs that are simulated together
 MAX_REDRAWS = 10_000
-MAX_SAMPLES, MAX_RUNS = 500_000_000, 1_000_000
-DECIMALS = 3  # of seconds, degrees and metres in every log
+MAX_SAMPLES, MAX_SIMULATED_RUNS = 500_000_000, 1_000_000
+LOG_DECIMALS = 3  # of seconds, degrees and metres in every log
 MOMENT_DECIMALS = 6
 
 
@@ -100,7 +100,7 @@ def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: Specif
     The whole campaign where there are effects, since an effect may look at all of it."""
     if specification.effects:
         return [list(range(len(plans)))] if plans else []
-    chunk = 1 if specification.motion.turns else CHUNK
+    chunk = 1 if specification.motion.turns else CHUNK_RUNS
     order = sorted(range(len(plans)), key=lambda i: (steps[i], plans[i].samples, i))
     alike = [list(same) for _, same in groupby(order, key=lambda i: steps[i])]
     return [same[i : i + chunk] for same in alike for i in range(0, len(same), chunk)]
@@ -109,15 +109,15 @@ def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: Specif
 def _step(plan: Plan, model: YawModel) -> float:
     """A power of two [s]: few different ones, and none depends on the other runs."""
     if model.motion.turns:
-        return PLANAR_STEP
+        return PLANAR_STEP_S
     largest = max((abs(moment) for (moment,) in plan.moments), default=0.0)
-    return float(2.0 ** floor(log2(step_for(model, largest) / FINER)))
+    return float(2.0 ** floor(log2(step_for(model, largest) / STEP_REFINEMENT)))
 
 
 def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed: int) -> list[SimulatedRun]:
     plans, step = work
     times: list[Floats] = [np.arange(float(plan.samples)) * specification.logger.period for plan in plans]
-    windows = max(int(time[-1] / WINDOW) + 2 for time in times)
+    windows = max(int(time[-1] / WINDOW_S) + 2 for time in times)
     drawn = [_draw(plan, specification, seed, windows) for plan in plans]
     truth = _truth(drawn, specification, times, step, seed)
     return [_log(*run, specification, seed) for run in zip(drawn, times, truth)]
@@ -132,7 +132,7 @@ def _draw(plan: Plan, specification: Specification, seed: int, windows: int) -> 
     share = uniform(len(plan.changes), seed, key, "switch")  # of the sample interval before a change shows
     pushed, added = np.zeros((len(specification.motion.dofs), windows)), _added_moment(plan, specification, seed)
     if (disturbance := specification.disturbance) is not None:
-        left = np.exp(-WINDOW / disturbance.time_s)
+        left = np.exp(-WINDOW_S / disturbance.time_s)
         sizes = (disturbance.surge_N, disturbance.sway_N, disturbance.yaw_Nm)
         for row, size, dof in zip(pushed, sizes, specification.motion.dofs):
             row[:] = size * lasting(normal(windows, seed, key, dof.name), left)
@@ -218,7 +218,7 @@ def _knots(time: Floats, switches: Floats, is_held: bool) -> Floats:
     first = time[0]
     if len(switches) and (is_held or switches[0] < first):
         first = switches[0]
-    knots = np.unique(np.concatenate([[first], time, switches - AROUND, switches + AROUND]))
+    knots = np.unique(np.concatenate([[first], time, switches - SWITCH_HALF_WIDTH_S, switches + SWITCH_HALF_WIDTH_S]))
     return np.asarray(knots[knots >= first])
 
 
@@ -227,9 +227,9 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
 
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
     more than half a thousand million samples."""
-    plans = list(islice(_listed(specification, seed), MAX_RUNS + 1))
-    if len(plans) > MAX_RUNS:
-        raise SettingError(f"{specification.source}: more than {MAX_RUNS} runs would be made; ask for fewer")
+    plans = list(islice(_listed(specification, seed), MAX_SIMULATED_RUNS + 1))
+    if len(plans) > MAX_SIMULATED_RUNS:
+        raise SettingError(f"{specification.source}: more than {MAX_SIMULATED_RUNS} runs would be made; ask for fewer")
     _refuse_clashes(plans, specification)
     total = sum(plan.samples for plan in plans)
     if total > MAX_SAMPLES:
@@ -322,7 +322,7 @@ def _turned(reading: Floats, low: float) -> Floats:
     return _rounded(np.where(wrapped >= 360.0, 0.0, wrapped) + low)
 
 
-def _rounded(values: Floats, decimals: int = DECIMALS) -> Floats:
+def _rounded(values: Floats, decimals: int = LOG_DECIMALS) -> Floats:
     return np.asarray(np.round(values, decimals) + 0.0)
 
 
@@ -335,8 +335,8 @@ def lasting(drawn: Floats, share: float) -> Floats:
 
 
 Column: TypeAlias = Floats | Sequence[str]
-COMMANDS = {"n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
-"""Columns of CSV that have as many decimals as the number; every other one has `DECIMALS`."""
+COMMAND_COLUMNS = {"n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
+"""Columns of CSV that have as many decimals as the number; every other one has `LOG_DECIMALS`."""
 
 
 def label(specification: Specification, seed: int) -> str:
@@ -378,9 +378,9 @@ def parquet_bytes(columns: Mapping[str, Column], comment: str) -> bytes:
 def _cells(name: str, column: Column) -> Iterable[str]:
     if not isinstance(column, np.ndarray):
         return column
-    if name in COMMANDS:
+    if name in COMMAND_COLUMNS:
         return (f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".") for value in column.tolist())
-    return (f"{value:.{DECIMALS}f}" for value in column.tolist())
+    return (f"{value:.{LOG_DECIMALS}f}" for value in column.tolist())
 
 
 def gzip_bytes(data: bytes) -> bytes:

@@ -74,7 +74,7 @@ def safe_path(settings: Record, *names: str) -> None:
             raise SettingError(f"{key_of(settings, name)} is {value!r}; {expected}")
 
 
-TINY = 2.0**-54  # keeps a uniform deviate off zero
+MIN_DEVIATE = 2.0**-54  # keeps a uniform deviate off zero
 
 
 def uniform(count: int, seed: int, *words: str) -> Floats:
@@ -84,7 +84,7 @@ def uniform(count: int, seed: int, *words: str) -> Floats:
 
 def normal(count: int, seed: int, *words: str) -> Floats:
     """Standard normal deviates, shape (count,), of the stream with that key."""
-    return np.asarray(ndtri(_stream(seed, words).random(count) + TINY))
+    return np.asarray(ndtri(_stream(seed, words).random(count) + MIN_DEVIATE))
 
 
 def _stream(seed: int, words: tuple[str, ...]) -> np.random.Generator:
@@ -95,8 +95,8 @@ def _stream(seed: int, words: tuple[str, ...]) -> np.random.Generator:
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
 Commands: TypeAlias = tuple[tuple[float, ...], ...]
 """Rows of a moment or force for each degree of freedom, and how many seconds it is held."""
-MAX_LEVELS = 100_000
-LABELS = {"step": "{f}", "coast-down": "coast"}  # what labels begin with where it is not the kind
+MAX_VALUES = 100_000
+KIND_LABELS = {"step": "{f}", "coast-down": "coast"}  # what labels begin with where it is not the kind
 SETTINGS = {
     "step": (("levels",), ("way", "duration_s")),
     "coast-down": (("levels", "coast_s"), ("way", "duration_s")),
@@ -107,7 +107,7 @@ SETTINGS = {
     "planar": (("name",), ("commands", "largest", "hold_s", "duration_s")),
 }
 """What a kind of runs needs, and what it may have beside it."""
-HOLD_S, DRAWN_S, STAIRS = (2.0, 5.0), 40.0, 20  # where a group does not say
+HOLD_S, DRAWN_S, DEFAULT_STAIRS = (2.0, 5.0), 40.0, 20  # where a group does not say
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,8 @@ class Range(Settings):
         super().__post_init__()
         if self.to < self.from_:
             raise SettingError(f"to is {self.to:g}; expected at least from, {self.from_:g}")
-        if (self.to - self.from_) / self.step > MAX_LEVELS:
-            raise SettingError(f"step is {self.step:g}; that makes more than {MAX_LEVELS} values; give a larger step")
+        if (self.to - self.from_) / self.step > MAX_VALUES:
+            raise SettingError(f"step is {self.step:g}; that makes more than {MAX_VALUES} values; give a larger step")
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -205,8 +205,8 @@ class RunGroup(Settings):
             forces = "X, Y, N" if self.kind == "planar" else self.dof.words.force
             raise SettingError(f"commands: expected at least one [{forces}, seconds], each longer than 0 s")
         (least, most), duration = self.hold_s or HOLD_S, self.duration_s or DRAWN_S
-        if self.largest and not (0 < least <= min(most, duration) and duration <= MAX_LEVELS * least):
-            expected = f"expected [least, most], both above 0, for 1 to {MAX_LEVELS} commands in duration_s"
+        if self.largest and not (0 < least <= min(most, duration) and duration <= MAX_VALUES * least):
+            expected = f"expected [least, most], both above 0, for 1 to {MAX_VALUES} commands in duration_s"
             raise SettingError(f"hold_s: {expected}")
 
     def runs(self, model: Any, seed: int) -> Iterator[tuple[str, str, Commands]]:
@@ -220,9 +220,9 @@ class RunGroup(Settings):
 
     def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
         """Label and commands of each run, repeats left out."""
-        base, hold = self.name or self.dof.fill(LABELS.get(self.kind, self.kind)), self.duration_s or 0.0
+        base, hold = self.name or self.dof.fill(KIND_LABELS.get(self.kind, self.kind)), self.duration_s or 0.0
         if self.to is not None:
-            count = self.steps or STAIRS
+            count = self.steps or DEFAULT_STAIRS
             stairs = np.linspace(self.from_ or 0.0, self.to, count + 1)[1:].round(6).tolist()
             yield f"{base}_{moment_text(self.to)}", tuple((moment, hold / count) for moment in stairs)
         elif self.levels is None:
@@ -273,8 +273,8 @@ def time_to_turn(angle: float, moment: float, model: YawModel) -> float:
     return float(optimize.brentq(lambda time: turned(time) - angle, 0.0, high, xtol=1e-14))
 
 
-SCHEMA = "automarine/simulation/1"
-SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
+SIMULATION_SCHEMA = "automarine/simulation/1"
+MIN_NUMBER, MAX_NUMBER = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
 
 
 @dataclass(frozen=True)
@@ -474,7 +474,7 @@ class Specification(Settings):
     """A campaign of one degree of freedom, with hidden `effects`; or in the plane, with `hidden` parameters and forces
     that nobody logs, and `sensors` by column."""
 
-    schema: str = SCHEMA
+    schema: str = SIMULATION_SCHEMA
     vehicle: Vehicle | PlanarVehicle
     hidden: Mapping[str, float] = field(default_factory=dict)
     disturbance: Disturbance | None = None
@@ -611,12 +611,14 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
 
 def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
     """Refuse another schema, and numbers that no campaign has. Raises SettingError with the key's path."""
-    if mapping.get("schema") != SCHEMA:
+    if mapping.get("schema") != SIMULATION_SCHEMA:
         schema = format_value(mapping.get("schema"))
-        raise SettingError(f'{where}: schema: found {schema}, expected the line schema = "{SCHEMA}"')
+        raise SettingError(f'{where}: schema: found {schema}, expected the line schema = "{SIMULATION_SCHEMA}"')
     for value, place in everything(mapping):
-        if isinstance(value, int | float) and value and place != ("seed",) and not SMALLEST <= abs(value) <= LARGEST:
-            sizes = f"{SMALLEST:g} to {LARGEST:g}"
+        if place == ("seed",) or not isinstance(value, int | float) or not value:
+            continue
+        if not MIN_NUMBER <= abs(value) <= MAX_NUMBER:
+            sizes = f"{MIN_NUMBER:g} to {MAX_NUMBER:g}"
             raise SettingError(
                 f"{where}: {in_words(place)}found {format_value(value)}, expected 0 or a size of {sizes}"
             )

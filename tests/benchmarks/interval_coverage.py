@@ -29,7 +29,7 @@ from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.simulation.specification import SCHEMA, specification_from
+from automarine_cli.simulation.specification import SIMULATION_SCHEMA, specification_from
 
 LOW, HIGH = 92, 98  # %
 SCATTERS = (0.0, 0.03, 0.05, 0.18)
@@ -94,7 +94,7 @@ def effect_specification(name: str) -> dict[str, Any]:
     steps = [side * size for size in (0.1, 0.2, 0.4, 0.6, 0.9, 1.2) for side in (-1, 1)]
     coasts = [side * size for size in (0.3, 0.6, 1.0) for side in (-1, 1)]
     return {
-        "schema": SCHEMA,
+        "schema": SIMULATION_SCHEMA,
         "vehicle": {"I_r": INERTIA, "k_rr": K_RR},
         "effects": [{"name": name, **PLANTED[name]}],
         "logger": {"rate_hz": 10, "noise_deg": 1.0},

@@ -110,7 +110,8 @@ def corners(name: str) -> list[dict[str, Any]]:
                 design.step_and_load(target, tried, vehicles, np.pi / 2, 0.1, 40.0), np.pi / 2, np.deg2rad(2.0)
             )
             highest = min(np.pi / target.period, 60.0 / (1.5 * FIVE[name][5]))
-            disk = design.all_margins(target, tried, vehicles, design.frequencies(highest, design.FINE)).disk
+            omega = design.frequencies(highest, design.FINE_FREQUENCIES)
+            disk = design.all_margins(target, tried, vehicles, omega).disk
             rows.append({
                 "vehicle": name, "gains": kind, "settled": int(flight.settles.sum()), "disk_margin": float(disk.min()),
                 **numbers_of(flight), "seconds": seconds,

@@ -123,7 +123,7 @@ def day(small_day: Path, tmp_path: Path) -> Path:
 
 def test_a_campaign_ends_with_gains_and_its_report_shows_them(day: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a diagnosis the model is tuned; nothing is made again that has not changed."""
-    monkeypatch.setattr(design, "CROWD", 12)
+    monkeypatch.setattr(design, "CROWD_VEHICLES", 12)
     campaign, out = day / "pool" / "campaign.toml", day / "out"
     assert "tune" not in {step.step for step in run_campaign(campaign, out=out, until="fit-yaw").steps}
     plan, tune = settings(read_campaign(campaign), "tune", out), load("tune")

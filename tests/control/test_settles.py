@@ -10,7 +10,7 @@ from test_tune_cli import Run, estimate, small_crowds, written
 
 import automarine_cli as am
 from automarine_cli.control.knowledge import read_knowledge
-from automarine_cli.simulation.specification import SCHEMA
+from automarine_cli.simulation.specification import SIMULATION_SCHEMA
 
 __all__ = ["small_crowds"]  # a fixture
 
@@ -106,7 +106,7 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     plan = planned(tmp_path, extended, 50.0, "I_r", diagnosis=path)
     am.simulate(plan, out=tmp_path / "day")
     rest = {
-        "schema": SCHEMA, "seed": 3, "vehicle": {"I_r": 0.3, "k_rr": 1.0, "moment_unit": "nu"},
+        "schema": SIMULATION_SCHEMA, "seed": 3, "vehicle": {"I_r": 0.3, "k_rr": 1.0, "moment_unit": "nu"},
         "effects": [{"name": "input-delay", "t_d": 0.4}], "logger": {"rate_hz": 10.0, "noise_deg": 0.7},
         "scatter": {"gain": 0.03},
         "runs": [{"kind": "step", "moments": [0.3, -0.3, 0.6, -0.6, 1.0, -1.0], "turn_deg": 180.0}],

@@ -25,7 +25,7 @@ Run = Callable[..., Result]
 
 def smaller(patch: pytest.MonkeyPatch) -> None:
     """Fewer vehicles than a user gets: the verdicts here are clear ones."""
-    patch.setattr(designing, "CROWD", 72)
+    patch.setattr(designing, "CROWD_VEHICLES", 72)
 
 
 @pytest.fixture(autouse=True)

@@ -14,7 +14,7 @@ from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
-from automarine_cli.effects.history_force import SHARES, TIMES
+from automarine_cli.effects.history_force import MEMORY_SHARES, MEMORY_TIMES
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -138,7 +138,7 @@ OWN = {
     "battery-sag 1": ((0.0, 0.25, MOMENT, 0.0, 1, 5.0), sagging, 1),
     "battery-sag 2": ((0.0, 0.8, MOMENT, 0.0, 2, 5.0), emptying, 1),
     "history-force 0": ((0.4, 3.0, 0), remembering([3.0], [0.4]), 1),
-    "history-force 1": ((0.2, 2.0, 1), remembering(TIMES, [0.2 * share for share in SHARES]), 3),
+    "history-force 1": ((0.2, 2.0, 1), remembering(MEMORY_TIMES, [0.2 * share for share in MEMORY_SHARES]), 3),
     "wall 1": ((0.0, 0.0, 1, 0.15, -0.1), pushed_by(
         lambda x, r, u: -(0.15 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * u), 0),
     "wall 0": ((0.2, -0.1), pushed_by(
@@ -160,7 +160,7 @@ def test_each_law_against_its_own_equation(name: str) -> None:
 
 def test_three_exponentials_are_bassets_kernel() -> None:
     age = np.geomspace(0.2, 30.0, 50)
-    kernel = sum(share * np.exp(-age / time) for share, time in zip(SHARES, TIMES))
+    kernel = sum(share * np.exp(-age / time) for share, time in zip(MEMORY_SHARES, MEMORY_TIMES))
     np.testing.assert_allclose(kernel * np.sqrt(age), 1.0, atol=0.04)
 
 

@@ -19,7 +19,7 @@ from automarine_cli.effects.base import EVEN
 from automarine_cli.effects.learned import KNOTS, Learned
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import in_enu
-from automarine_cli.exports.python import CARRIES, definitions
+from automarine_cli.exports.python import PYTHON_EFFECTS, definitions
 from automarine_cli.models.yaw_model import YawModel, response
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -55,7 +55,8 @@ def many() -> YawModel:
 
 def trials() -> dict[tuple[str, str], YawModel]:
     """By name and frame: every law of every effect that the file can have, each in both frames, and many together."""
-    models = {f"{name} {law}": planted(name, law) for name in CARRIES for law in range(laws_of(effects.get(name)))}
+    laws = ((name, law) for name in PYTHON_EFFECTS for law in range(laws_of(effects.get(name))))
+    models = {f"{name} {law}": planted(name, law) for name, law in laws}
     models["many"] = many()
     curve = [0.0, 4.0, 1.2, 1.0, *np.linspace(-0.1, 0.2, KNOTS), 1.0]  # a gain on the thrust
     models |= {f"curve {i}": base_for("none").with_effect(f"learned:{x}", curve) for i, x in ((1, "yaw-rate"),
@@ -141,7 +142,7 @@ def test_files_hold_what_acts_and_nothing_else(texts: dict[tuple[str, str], str]
 
 def test_no_two_effects_define_the_same_name() -> None:
     """Their sources stand in one file."""
-    modules = {type(effects.get(name)).__module__ for name in CARRIES} | {base.__name__, Learned.__module__}
+    modules = {type(effects.get(name)).__module__ for name in PYTHON_EFFECTS} | {base.__name__, Learned.__module__}
     names = [name for module in modules for name in definitions(sys.modules[module])]
     assert len(names) == len(set(names))
 
@@ -167,7 +168,7 @@ NEEDS = {
 
 
 def test_every_effect_is_in_the_file_or_has_its_reason() -> None:
-    assert set(CARRIES) | set(NEEDS) == set(effects.names())
+    assert set(PYTHON_EFFECTS) | set(NEEDS) == set(effects.names())
 
 
 @pytest.mark.parametrize("name", NEEDS)

@@ -18,7 +18,7 @@ from made_link import BATTERY
 from made_outputs import mixed, sub_parameters
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from automarine_cli.link.document import SCHEMA, LinkCampaign, PlannedRun
+from automarine_cli.link.document import CAMPAIGN_SCHEMA, LinkCampaign, PlannedRun
 from automarine_cli.link.vehicles.ardusub.packets import Clock
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
 
@@ -311,7 +311,7 @@ def campaign_of(*moments: float, seconds: float = 4.0, **changed: Any) -> LinkCa
         PlannedRun(f"{i:02d}_step_{moment:+g}", ((moment, seconds), (0.0, 2.0)), 90.0 * (i % 4), 5.0)
         for i, moment in enumerate(moments, 1)
     )
-    return LinkCampaign(SCHEMA, "nu", 10.0, 1.0, replace(BATTERY, **changed), runs)
+    return LinkCampaign(CAMPAIGN_SCHEMA, "nu", 10.0, 1.0, replace(BATTERY, **changed), runs)
 
 
 def flown(vehicle: FakeSub, campaign: LinkCampaign, *others: Callable[[], object], **more: Any) -> list[str]:

@@ -27,7 +27,7 @@ from automarine_cli.commands.check import check
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, read_log
-from automarine_cli.logs.formats import MISSING
+from automarine_cli.logs.formats import EMPTY
 from automarine_cli.models.store import read_model
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.records import json_text
@@ -106,7 +106,7 @@ def agrees_with_simple_reader(path: Path) -> None:
         text = (gzip.decompress(content) if path.suffix == ".gz" else content).decode("utf-8")
         lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
         rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
-        numbers = [[np.nan if cell in MISSING else float(cell) for cell in row[:3]] for row in rows[1:]]
+        numbers = [[np.nan if cell in EMPTY else float(cell) for cell in row[:3]] for row in rows[1:]]
         simple = np.array(numbers, dtype=float)
     except (ValueError, csv.Error, EOFError, OSError):
         return

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from vehicle_logs import Dive, dive
 
-from automarine_cli.logs.mixing import FRAMES
+from automarine_cli.logs.mixing import FRAME_MIXING
 
 Floats = NDArray[np.float64]
 WISHED = ("tau", "X", "Y", "Z")
@@ -25,7 +25,7 @@ def mixed(wished: Mapping[str, Floats], frame: int, directions: Sequence[int] = 
     """What ArduSub's `output_armed_stabilizing` and `calc_thrust_to_pwm` send [us], shape (8, N); 0: no motor."""
     none = np.zeros(len(wished["tau"]))
     out = np.zeros((8, len(none)))
-    for motor, (roll, pitch, yaw, up, ahead, abeam) in enumerate(FRAMES[frame][1]):
+    for motor, (roll, pitch, yaw, up, ahead, abeam) in enumerate(FRAME_MIXING[frame][1]):
         thrust = roll * wished.get("roll", none) + pitch * wished.get("pitch", none) + yaw * wished["tau"]
         thrust = thrust - up * wished.get("Z", none) + ahead * wished.get("X", none) + abeam * wished.get("Y", none)
         out[motor] = np.clip(np.trunc(1500 + 400 * np.clip(directions[motor] * thrust, -1, 1)), 1100, 1900)
@@ -34,7 +34,7 @@ def mixed(wished: Mapping[str, Floats], frame: int, directions: Sequence[int] = 
 
 def sub_parameters(frame: int, directions: Sequence[int] = DIRECTIONS) -> dict[str, float]:
     """The parameters of ArduSub that have a part in it."""
-    count = len(FRAMES.get(frame, FRAMES[2])[1])
+    count = len(FRAME_MIXING.get(frame, FRAME_MIXING[2])[1])
     told = {"FRAME_CONFIG": float(frame)}
     told |= {f"SERVO{n}_FUNCTION": 32.0 + n if n <= count else 0.0 for n in range(1, 9)}
     return told | {f"MOT_{n}_DIRECTION": float(directions[n - 1]) for n in range(1, count + 1)}

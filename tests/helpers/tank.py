@@ -6,7 +6,7 @@ from typing import Any
 from specified import make_runs
 
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from
+from automarine_cli.simulation.specification import SIMULATION_SCHEMA, Specification, specification_from
 
 INERTIA, K_RR = 1.018, 1.257  # the source paper's Tables 1 and 2
 MOMENTS = {"from": -1.2, "to": 1.2, "step": 0.1}
@@ -29,7 +29,7 @@ def pool_specification(
     """The sample campaign's steps, changed where the test says so; `top` are other keys of the specification."""
     steps = {"kind": "step", "moments": moments, "repeats": repeats, "turn_deg": turn_deg}
     table = {
-        "schema": SCHEMA,
+        "schema": SIMULATION_SCHEMA,
         "vehicle": {"I_r": INERTIA, "k_rr": K_RR} if vehicle is None else vehicle,
         "logger": {"noise_deg": noise_deg} | dict(logger or {}),
         "scatter": {"gain": gain} | dict(scatter or {}),

@@ -36,7 +36,7 @@ PATIENCE_S = 60.0  # of this clock, for what comes soon where nobody else needs 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A compass whose thread waits for the machine is not taken for one that fell silent."""
-    monkeypatch.setattr(can, "SILENT_S", SPEED * PATIENCE_S)
+    monkeypatch.setattr(can, "MAX_MUTE_S", SPEED * PATIENCE_S)
     monkeypatch.setattr(can, "SEND_S", PATIENCE_S)
     monkeypatch.setattr(server, "QUIET_S", PATIENCE_S)
 
@@ -78,11 +78,11 @@ def test_frames_come_at_a_steady_rate_and_end_with_neutral(tmp_path: Path) -> No
     with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
         collected(vehicle.url, tmp_path / "pool", campaign)
         per_run = 10 * (1 + 10 + 1) + 1
-        until(lambda: len(vessel.heard) >= 2 * (per_run + can.NEUTRALS))
+        until(lambda: len(vessel.heard) >= 2 * (per_run + can.NEUTRAL_FRAMES))
         time.sleep(0.2)
-        assert len(vessel.heard) == 2 * (per_run + can.NEUTRALS)  # silence
+        assert len(vessel.heard) == 2 * (per_run + can.NEUTRAL_FRAMES)  # silence
     assert vessel.moments()[-4:] == [0.0] * 4
-    for first, right in ((0, 0.4), (per_run + can.NEUTRALS, -0.65)):
+    for first, right in ((0, 0.4), (per_run + can.NEUTRAL_FRAMES, -0.65)):
         moments = np.round(vessel.moments()[first : first + per_run], 3)
         assert np.array_equal(moments, np.repeat([0.0, right, 0.0], [10, 100, 11]))
 
@@ -94,16 +94,17 @@ def test_nothing_but_neutral_after_a_stop(tmp_path: Path) -> None:
         until(lambda: any(vessel.moments()[-1:]))
         assert ask(vehicle.port, "POST", "/stop")[0] == 200
         before = len(vessel.heard)
-        until(lambda: vessel.moments()[-can.NEUTRALS :] == [0.0] * can.NEUTRALS)
+        until(lambda: vessel.moments()[-can.NEUTRAL_FRAMES :] == [0.0] * can.NEUTRAL_FRAMES)
         time.sleep(0.3)
-        assert not any(vessel.moments()[before:]) and vessel.moments()[-can.NEUTRALS :] == [0.0] * can.NEUTRALS
+        assert not any(vessel.moments()[before:])
+        assert vessel.moments()[-can.NEUTRAL_FRAMES :] == [0.0] * can.NEUTRAL_FRAMES
     ((name, log),) = logs_in(vehicle.store.runs).items()
     assert name.endswith("_stopped.csv") and float(rows_of(log)[-1]["tau"]) == 0.0
 
 
 def fall_silent(vessel: Vessel, patch: pytest.MonkeyPatch) -> None:
     vessel.speaks = False
-    patch.setattr(can, "SILENT_S", 2.0)
+    patch.setattr(can, "MAX_MUTE_S", 2.0)
 
 
 def intrude(vessel: Vessel, patch: pytest.MonkeyPatch) -> None:
@@ -201,8 +202,8 @@ def test_neutral_comes_for_a_while(tmp_path: Path, faults: dict[str, Callable[[F
     """A plug that is loose for a moment does not swallow every frame of neutral."""
     with Vessel(1.0).afloat() as vessel:
         play(vessel, tmp_path, replace(made_campaign(1, seconds=0.2), rest_s=0.1))
-        neutral = FaultyBus.sent[-can.NEUTRALS :]
-        until(lambda: vessel.moments()[-can.NEUTRALS :] == [0.0] * can.NEUTRALS)
+        neutral = FaultyBus.sent[-can.NEUTRAL_FRAMES :]
+        until(lambda: vessel.moments()[-can.NEUTRAL_FRAMES :] == [0.0] * can.NEUTRAL_FRAMES)
         assert neutral[-1] - neutral[0] > 0.3
 
 
@@ -232,7 +233,7 @@ def test_a_bus_that_hung_is_sent_nothing_that_was_missed(
     vessel, hangs = Vessel(SPEED), iter([0.5])
 
     def hang(bus: FaultyBus) -> None:
-        monkeypatch.setattr(can, "SILENT_S", 0.3 * SPEED)  # from here on only: no pause before is taken for this one
+        monkeypatch.setattr(can, "MAX_MUTE_S", 0.3 * SPEED)  # from here on only: no pause before is taken for this one
         time.sleep(next(hangs, 0.0))
 
     faults["recv"] = whenever_driven(vessel, hang)

@@ -226,7 +226,7 @@ def test_a_link_that_spoils_logs_is_no_damaged_disk(tmp_path: Path, monkeypatch:
 
 def test_two_collects_into_one_folder_fetch_every_log_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     campaign, logs = made_campaign(4, seconds=20.0), expected_logs(made_campaign(4, seconds=20.0))
-    monkeypatch.setattr(collector_module, "PIECE", 500)
+    monkeypatch.setattr(collector_module, "LOG_PIECE_BYTES", 500)
     with vehicle_at(tmp_path / "vehicle") as vehicle:
         collected(vehicle.url, tmp_path / "first", campaign)
         both = [Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", poll_s=0.02) for _ in range(2)]

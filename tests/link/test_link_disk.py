@@ -19,7 +19,7 @@ from automarine_cli.link import store as store_module
 from automarine_cli.link.document import CampaignState, LinkCampaign
 from automarine_cli.link.player import Player
 from automarine_cli.link.server import LinkServer
-from automarine_cli.link.store import DEATHS, Store
+from automarine_cli.link.store import MAX_DEATHS, Store
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
 from automarine_cli.link.vehicles.base import Vehicle
 from automarine_cli.link.vehicles.simulated import Simulated
@@ -135,13 +135,13 @@ def test_a_player_that_dies_before_its_log_begins_is_started_a_few_times_only(tm
     """Each start arms the vehicle and turns it: a supply that breaks down at that would have it armed for ever."""
     store = handed_over(tmp_path, CAMPAIGN)
     name = CAMPAIGN.log_name(CAMPAIGN.runs[0])
-    for _ in range(DEATHS):
+    for _ in range(MAX_DEATHS):
         os.close(store.begin(name, 1000))  # and then there is silence
         store.close_leftovers()
     vehicle = FakeSub()
     state = play(store, sub_of(vehicle))
     assert arms(vehicle) == 0 and state.over and state.played == 0
-    assert f"ended {DEATHS} times before {name} had a line in its log; look at" in str(state.why_stopped)
+    assert f"ended {MAX_DEATHS} times before {name} had a line in its log; look at" in str(state.why_stopped)
 
 
 def test_neither_a_stop_nor_a_hash_needs_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from vehicle_logs import Dive, dataflash, dive, telemetry
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_log, require_motion
-from automarine_cli.logs.mixing import FRAMES, part_of, worked_back
+from automarine_cli.logs.mixing import FRAME_MIXING, part_of, worked_back
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
 REAL = DATA / "ardusub"
@@ -38,7 +38,7 @@ def commands(table: LogTable) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("frame", FRAME_MIXING)
 def test_what_was_wished_comes_back(tmp_path: Path, frame: int, name: str) -> None:
     wished = wishes(COUNT, frame)
     table = read(tmp_path, sub_dive(wished, frame), name)

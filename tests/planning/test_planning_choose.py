@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.planning.campaign import DRIFT, NARROW, Plan, PlanBudget, choose, plan_campaign, ways_back
+from automarine_cli.planning.campaign import (
+    NARROWS_INTERVALS,
+    SHOWS_DRIFT,
+    Plan,
+    PlanBudget,
+    choose,
+    plan_campaign,
+    ways_back,
+)
 from automarine_cli.planning.candidates import Limits, Logger, Moments, Pool, Runs, Supply
 from automarine_cli.planning.information import Ambiguity, Intervals, PriorResults
 from automarine_cli.planning.rivals import Discrimination, ModelPair
@@ -30,9 +38,9 @@ def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Ambi
 def test_a_plain_plan() -> None:
     """Both sides alike, start headings in turn, no run turns far."""
     campaign = planned()
-    sides = [np.sign(slot.candidate.commands[0][0]) for slot in campaign.slots if slot.why == NARROW]
+    sides = [np.sign(slot.candidate.commands[0][0]) for slot in campaign.slots if slot.why == NARROWS_INTERVALS]
     assert abs(sum(sides)) <= 1
-    assert campaign.slots[0].why == campaign.slots[-1].why == DRIFT
+    assert campaign.slots[0].why == campaign.slots[-1].why == SHOWS_DRIFT
     assert campaign.candidates[0].label == campaign.candidates[-1].label
     headings = [run.start_heading for run in campaign.candidates]
     assert headings == [90.0 * (i % 4) for i in range(len(campaign.slots))]

@@ -14,7 +14,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel, response
 from automarine_cli.simulation import campaign as room
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign, make_plans
-from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from, time_to_turn
+from automarine_cli.simulation.specification import SIMULATION_SCHEMA, Specification, specification_from, time_to_turn
 
 Floats = NDArray[np.float64]
 
@@ -155,7 +155,7 @@ def test_rates_have_a_bias_a_run_that_the_truth_tells() -> None:
     """Standard deviation as asked for, mean of reading less truth as written, and no other number changes."""
     step = {"kind": "step", "forces": [20.0], "duration_s": 10.0, "repeats": 100}
     vehicle = {"motion": "surge", "m_u": 20.0, "X_uu": 30.0, "force_unit": "N"}
-    table = {"schema": SCHEMA, "vehicle": vehicle, "runs": [step]}
+    table = {"schema": SIMULATION_SCHEMA, "vehicle": vehicle, "runs": [step]}
     logger = {"rate_hz": 10, "noise_m": 0.0, "speed_noise_m_s": 0.0}
     sensed = specification_from(table | {"logger": logger | {"speed_noise_m_s": 0.3, "speed_bias_m_s": 0.5}})
     result, true = simulate(sensed, seed=3), make_campaign(specification_from(table | {"logger": logger}), 3)

@@ -25,8 +25,8 @@ from automarine_cli.text import printable, quoted
 Gains = Mapping[str, Floats]  # parameters by name, (S, 1) each
 State = tuple[Floats, ...]
 Controller = Callable[[State, Floats, Floats, Floats], tuple[State, Floats]]
-BEYOND = 10.0
-LARGEST = 2_000_000  # bytes of a parameter file; a vehicle has some thousand parameters
+RANGE_EXTENSION = 10.0
+MAX_PARAMETER_FILE_BYTES = 2_000_000  # bytes of a parameter file; a vehicle has some thousand parameters
 LINE = re.compile(r"^\s*(?:\d+[\s,]+\d+[\s,]+)?([A-Z][A-Z0-9_]*)\s*[,\s]\s*(\S+)")
 
 
@@ -126,7 +126,7 @@ class Target(ABC):
     def range_of(self, name: str) -> tuple[float, float]:
         """Return the documented range of a parameter, or one ten times further where that is allowed."""
         (parameter,) = (p for p in self.parameters if p.name == name)
-        further = BEYOND if self.beyond else 1.0
+        further = RANGE_EXTENSION if self.beyond else 1.0
         return parameter.low / further, parameter.high * further
 
     def at_ends(self, gains: Mapping[str, float]) -> list[Parameter]:
@@ -150,7 +150,7 @@ def present_gains(target: Target, source: Source | None) -> Mapping[str, float] 
         raise SettingError(f"{target.name} reads no parameter file; leave out --present")
     parameters, present = {p.name: p for p in target.parameters}, {}
     with source.open("rb") as file:
-        text = file.read(LARGEST).decode("utf-8", "replace")
+        text = file.read(MAX_PARAMETER_FILE_BYTES).decode("utf-8", "replace")
     for row, line in enumerate(text.splitlines(), 1):
         match = LINE.match(line)
         if match is None or match[1] not in parameters:

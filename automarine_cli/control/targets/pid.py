@@ -15,7 +15,7 @@ from automarine_cli.control.targets.base import Controller, Gains, NominalPlant,
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
-FEWEST = 10.0  # how many times shorter than the derivative's time its low-pass is: chapter 3
+DERIVATIVE_FILTER_RATIO = 10.0  # how many times shorter than the derivative's time its low-pass is: chapter 3
 
 
 class Pid(Target):
@@ -44,7 +44,7 @@ class Pid(Target):
             "K_i": p * w * spread(summed, 0.01, 0.4),
             "K_d": d,
             "b": weight,
-            "T_f": np.maximum(0.5 * self.period, d / (FEWEST * p)),
+            "T_f": np.maximum(0.5 * self.period, d / (DERIVATIVE_FILTER_RATIO * p)),
         }
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:

@@ -23,11 +23,11 @@ from automarine_cli.pipeline.records import Document, Source
 from automarine_cli.planning.candidates import CommandTable, Drive, command_table, drive_of
 from automarine_cli.thrusters.map import map_and_arm
 
-LISTEN_S = 0.5
-"""So long a run listens before it sends, to a compass that speaks; to one that does not, `SILENT_S`."""
-SILENT_S = 2.0
+BUS_LISTEN_S = 0.5
+"""So long a run listens before it sends, to a compass that speaks; to one that does not, `MAX_MUTE_S`."""
+MAX_MUTE_S = 2.0
 """A compass that has not been heard of for so long is gone."""
-NEUTRALS, NEUTRALS_S = 5, 0.1
+NEUTRAL_FRAMES, NEUTRAL_PAUSE_S = 5, 0.1
 """How often, and after what time, neutral is sent at the end of a run: a plug may be loose for a moment."""
 SEND_S = 0.5
 """A command that has not left after this is none any more."""
@@ -111,7 +111,7 @@ class CanBus:
         commands, ends = self._table(campaign, run).names, steps[-1].at
         with self._opened() as bus:
             ear = _Ear(self, bus, {frame.arbitration_id for step in steps for frame in step.frames})
-            ear.listen(LISTEN_S / self.speed, SILENT_S / self.speed)
+            ear.listen(BUS_LISTEN_S / self.speed, MAX_MUTE_S / self.speed)
             if halted():
                 return
             yield f"# Driven over CAN, {campaign.log_name(run)}; commands as sent.\n"
@@ -119,7 +119,7 @@ class CanBus:
             pace, tick, now = Pace(self.speed), 0, steps[0]
             try:
                 while (since := tick / campaign.rate_hz) <= ends and not halted():
-                    if (late := -pace.left(since)) > SILENT_S / self.speed:  # what was missed is not sent in a burst
+                    if (late := -pace.left(since)) > MAX_MUTE_S / self.speed:  # what was missed is not sent in a burst
                         raise SettingError(f"the bus {self.place} hung for {late:.1f} s; look at its adapter")
                     now = next(step for step in reversed(steps) if step.at <= since + 1e-9)
                     bus.send(now)
@@ -127,9 +127,9 @@ class CanBus:
                     while (wait := pace.left(min(tick / campaign.rate_hz, ends + 1e-9))) > 0:
                         if (heard := ear.heard(wait)) is not None:
                             yield f"{begins + pace.passed:.3f},{heard},{','.join(now.readings)}\n"
-                    ear.refuse_silence(SILENT_S / self.speed)
+                    ear.refuse_silence(MAX_MUTE_S / self.speed)
             finally:
-                bus.rest(steps[0], NEUTRALS_S / self.speed)
+                bus.rest(steps[0], NEUTRAL_PAUSE_S / self.speed)
             if halted() and ear.last:
                 yield f"{begins + pace.passed:.3f},{ear.last},{','.join(steps[0].readings)}\n"
 
@@ -171,7 +171,7 @@ class _Bus:
 
     def rest(self, neutral: Step, pause: float) -> None:
         """Send neutral several times; one that fails keeps no other from being sent. Raises what the last raises."""
-        for left in reversed(range(NEUTRALS)):
+        for left in reversed(range(NEUTRAL_FRAMES)):
             try:
                 self.send(neutral)
             except SettingError:

@@ -24,7 +24,7 @@ from automarine_cli.simulation.rollout import Start, simulate, step_for
 from automarine_cli.simulation.specification import normal
 from automarine_cli.text import listed, printable
 
-NOISE_DEG = 1.0
+COMPASS_NOISE_DEG = 1.0
 """Of the simulated compass, as the paper's."""
 
 
@@ -77,7 +77,7 @@ class Simulated:
         run, begins = campaign.runs[number], campaign.begins(number)
         name = campaign.log_name(run)
         time, heading, moments = self.track(campaign, run)
-        noise = NOISE_DEG * normal(len(time), 0, name)
+        noise = COMPASS_NOISE_DEG * normal(len(time), 0, name)
         readings = np.round(np.rad2deg(heading) + noise, 3) % 360.0
         if halted():
             return

@@ -16,14 +16,14 @@ from automarine_cli.logs.streams import needed
 from automarine_cli.logs.tlog import MAV_MODE_ARMED, NO_VOLTAGE
 from automarine_cli.text import printable
 
-OURS = (255, 190)
+STATION_ID = (255, 190)
 """System and component that we send as: those of a ground station, whose sticks ArduSub takes."""
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1: cameras and companions beat too, and some seem armed
 STATION, NO_AUTOPILOT = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
-STICKS = ("MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE")
-BEAT_S, POLL_S = 1.0, 0.01
+STICK_MESSAGES = ("MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE")
+HEARTBEAT_S, LINK_POLL_S = 1.0, 0.01
 STICK_HZ = 40.0
-ACK_S, TRIES = 1.0, 3
+ACK_S, COMMAND_TRIES = 1.0, 3
 ADDRESS = re.compile(r"(?P<way>udpin|udpout|tcp):(?P<where>[^:]+:\d{1,5})|serial:(?P<device>.+):(?P<baud>\d+)")
 
 
@@ -94,14 +94,14 @@ class Link:
         self.address, self.halted, self.heard, self.now = address, halted, Heard(), clock.now
         self._clock, self._beat, self._stick, self._sent, self.steady = clock, -math.inf, 0, -math.inf, False
         self._port = _opened(address)
-        self._mav = _library("pymavlink.dialects.v20.ardupilotmega").MAVLink(self._port, *OURS)
+        self._mav = _library("pymavlink.dialects.v20.ardupilotmega").MAVLink(self._port, *STATION_ID)
         self._mav.robust_parsing = True
 
     def poll(self) -> None:
         """Send what is due, and take what came. Raises Halt, and SettingError where the connection broke."""
         if self.halted():
             raise Halt
-        if self.now() - self._beat >= BEAT_S:
+        if self.now() - self._beat >= HEARTBEAT_S:
             self._beat = self.now()
             self._mav.heartbeat_send(STATION, NO_AUTOPILOT, 0, 0, 0)
         if self.steady and not self._stick and self.now() - self._sent > 1.5 / STICK_HZ:
@@ -120,7 +120,7 @@ class Link:
             self.poll()
             if until() or self.now() >= ends:
                 return until()
-            self._clock.sleep(max(min(POLL_S, ends - self.now()), 0.0))
+            self._clock.sleep(max(min(LINK_POLL_S, ends - self.now()), 0.0))
 
     def stick(self, yaw: int) -> None:
         """Send the sticks: yaw from -1000 to 1000, all others in the middle."""
@@ -128,7 +128,7 @@ class Link:
         self._mav.manual_control_send(self.heard.system, 0, 0, 500, yaw, 0)
 
     def command(self, number: int, *values: float) -> bool:
-        for _ in range(TRIES):
+        for _ in range(COMMAND_TRIES):
             self.heard.answers.pop(number, None)
             seven = (*values, 0, 0, 0, 0, 0, 0, 0)[:7]
             self._mav.command_long_send(self.heard.system, AUTOPILOT, number, 0, *seven)
@@ -147,7 +147,7 @@ class Link:
     def _hear(self, message: Any) -> None:
         name, who = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
         heard = self.heard
-        if name in STICKS:
+        if name in STICK_MESSAGES:
             heard.senders[who] = name
         elif name == "HEARTBEAT" and message.type == STATION:
             heard.stations.add(who)

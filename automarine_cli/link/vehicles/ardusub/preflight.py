@@ -12,18 +12,18 @@ from automarine_cli.control.knowledge import turning
 from automarine_cli.control.vehicles import ThrustCurve
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
-from automarine_cli.link.vehicles.ardusub.packets import OURS, Heard, Link
+from automarine_cli.link.vehicles.ardusub.packets import STATION_ID, Heard, Link
 from automarine_cli.link.vehicles.base import refuse_beyond
 from automarine_cli.logs.mixing import Part, Unclear, part_of
 from automarine_cli.thrusters.map import ThrusterMap
 
-CENTRE, SPAN = 1500.0, 0.4
+STICK_CENTRE, STICK_SPAN = 1500.0, 0.4
 """Of the pulse that a stick becomes [us]: its middle, and what each thousandth adds at a gain of 1."""
 USUAL = 3.375
 """The ACRO_YAW_P at which a whole pulse is the whole output in MANUAL."""
 ANGLE_DEG = 45.0
 """A whole pulse in STABILIZE; times ACRO_YAW_P it is a turn rate [deg/s]."""
-MOST = 1000
+FULL_STICK = 1000
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Stick:
     def of(cls, heard: Heard) -> "Stick":
         """As the vehicle tells; what it does not tell is as delivered."""
         parameters = heard.parameters
-        centre = parameters.get("RC4_TRIM", CENTRE)
+        centre = parameters.get("RC4_TRIM", STICK_CENTRE)
         return cls(
             heard.named_values.get("PilotGain", parameters.get("JS_GAIN_DEFAULT", 0.5)),
             parameters.get("ACRO_YAW_P", USUAL),
@@ -54,10 +54,10 @@ class Stick:
     @property
     def reach(self) -> float:
         """The largest output, from 0 to 1, to whichever side it is less."""
-        return min(abs(self.output(MOST)), abs(self.output(-MOST)))
+        return min(abs(self.output(FULL_STICK)), abs(self.output(-FULL_STICK)))
 
     def output(self, yaw: int) -> float:
-        off = int(CENTRE + yaw * SPAN * self.gain) - CENTRE
+        off = int(STICK_CENTRE + yaw * STICK_SPAN * self.gain) - STICK_CENTRE
         share = self.way * off / (self.up if off > 0 else self.down)
         return float(np.clip(np.clip(share, -1.0, 1.0) * self.yaw_p / USUAL, -1.0, 1.0))
 
@@ -72,7 +72,7 @@ class Stick:
         signed = self.way * share
         span = self.up if signed > 0 else self.down
         off = dead + abs(signed) * (span - dead)
-        return int(np.clip(round(np.copysign(off, signed) / (SPAN * self.gain)), -MOST, MOST))
+        return int(np.clip(round(np.copysign(off, signed) / (STICK_SPAN * self.gain)), -FULL_STICK, FULL_STICK))
 
 
 def authority(campaign: LinkCampaign, full: float | None, thrusters: Path | None, arm: float | None) -> ThrustCurve:
@@ -93,16 +93,16 @@ def authority(campaign: LinkCampaign, full: float | None, thrusters: Path | None
 
 ARDUPILOT, SUBMARINE = 3, 12  # MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_SUBMARINE
 SET_MESSAGE_INTERVAL = 511
-RATES = {
+MESSAGE_RATES = {
     "ATTITUDE": (30, 25.0), "SERVO_OUTPUT_RAW": (36, 50.0), "VFR_HUD": (74, 5.0), "GLOBAL_POSITION_INT": (33, 5.0),
     "SYS_STATUS": (1, 2.0),
 }  # fmt: skip
 """Messages that are asked for: their number, and how often a second."""
 NAMED_S = 5.0
-FIRST_S, LISTEN_S, ROUNDS = 5.0, 3.0, 6
+FIRST_S, PILOT_LISTEN_S, ASK_ROUNDS = 5.0, 3.0, 6
 DISARMS = 2.0
 LONGEST_PILOT_S = 3.0
-PARAMETERS = (
+PREFLIGHT_PARAMETERS = (
     "FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "FS_GCS_ENABLE", "SYSID_MYGCS", "MAV_GCS_SYSID", "MAV_GCS_SYSID_HI",
     "JS_GAIN_DEFAULT", "ACRO_YAW_P", "RC4_MIN", "RC4_TRIM", "RC4_MAX", "RC4_DZ", "RC4_REVERSED", "FRAME_CONFIG",
     *(f"SERVO{n}_FUNCTION" for n in range(1, 17)), *(f"MOT_{n}_DIRECTION" for n in range(1, 9)),
@@ -121,13 +121,13 @@ def preflight(
     if (heard.autopilot, heard.kind) != (ARDUPILOT, SUBMARINE):
         expected = f"expected {ARDUPILOT} and {SUBMARINE} of ArduSub; check --mavlink"
         raise SettingError(f"the autopilot is MAV_AUTOPILOT {heard.autopilot} in a MAV_TYPE {heard.kind}, {expected}")
-    for message, rate in RATES.values():
+    for message, rate in MESSAGE_RATES.values():
         link.command(SET_MESSAGE_INTERVAL, message, 1e6 / rate)
     heard.count.clear()
     begun = link.now()
-    for _ in range(ROUNDS):
-        link.ask(name for name in PARAMETERS if name not in heard.parameters)
-        link.wait(LISTEN_S / ROUNDS)
+    for _ in range(ASK_ROUNDS):
+        link.ask(name for name in PREFLIGHT_PARAMETERS if name not in heard.parameters)
+        link.wait(PILOT_LISTEN_S / ASK_ROUNDS)
     link.wait(NAMED_S, lambda: "PilotGain" in heard.named_values)
     most = max(abs(moment) for run in campaign.runs[number:] for moment, _ in run.commands)
     output, seconds = float(authority.inverse(np.array(most / authority.full))), link.now() - begun
@@ -140,15 +140,15 @@ def _complaints(heard: Heard, output: float, seconds: float) -> Iterator[str]:
     """Yield a sentence for each rule broken in so many seconds by a vehicle that has to reach an `output`.
 
     Raises SettingError where its frame is unclear."""
-    parameters = heard.parameters
+    parameters, ours = heard.parameters, STATION_ID[0]
     if heard.armed:
         yield "the vehicle is armed already, so somebody else drives it; make them disarm it"
     # one that takes sticks from other ground stations only would pass ours over in silence
     name = "MAV_GCS_SYSID" if "MAV_GCS_SYSID" in parameters else "SYSID_MYGCS"
     if name not in parameters:
         yield "the vehicle tells no parameters, without which it is not driven; check the link, and start it again"
-    elif not parameters[name] <= OURS[0] <= max(parameters[name], parameters.get("MAV_GCS_SYSID_HI", 0.0)):
-        yield f"{name} is {parameters[name]:g}, and sticks are taken from that system only; set it to {OURS[0]}, ours"
+    elif not parameters[name] <= ours <= max(parameters[name], parameters.get("MAV_GCS_SYSID_HI", 0.0)):
+        yield f"{name} is {parameters[name]:g}, and sticks are taken from that system only; set it to {ours}, ours"
     for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE"):
         if parameters.get(name) != DISARMS:
             value = f"{parameters[name]:g}" if name in parameters else "unknown"
@@ -160,16 +160,16 @@ def _complaints(heard: Heard, output: float, seconds: float) -> Iterator[str]:
         yield other
     if heard.named_values.get("InputHold"):  # sticks in the middle would not be neutral
         yield "the vehicle holds an input of its pilot (InputHold); ask for its release at the joystick"
-    if (trim := parameters.get("RC4_TRIM", CENTRE)) != CENTRE:
-        yield f"RC4_TRIM is {trim:g}, so that a stick in the middle turns the vehicle; set it to {CENTRE:g}"
+    if (trim := parameters.get("RC4_TRIM", STICK_CENTRE)) != STICK_CENTRE:
+        yield f"RC4_TRIM is {trim:g}, so that a stick in the middle turns the vehicle; set it to {STICK_CENTRE:g}"
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
-        rate, expected = heard.count[name] / seconds, RATES[name][1]
+        rate, expected = heard.count[name] / seconds, MESSAGE_RATES[name][1]
         if rate < 0.4 * expected:
             remedy = "use a link that carries more, and check that the vehicle's estimator runs"
             yield f"{name} came {rate:.1f} times a second, and {expected:g} were asked for; {remedy}"
     outputs_are_known(heard)
     stick = Stick.of(heard)
-    if stick.reach < output - 1.0 / CENTRE:
+    if stick.reach < output - 1.0 / STICK_CENTRE:
         more = output / max(stick.reach, 1e-3)
         gain = more * stick.gain
         mend = f"the gain to {gain:.3g}" if gain <= 1 else f"ACRO_YAW_P to {more * stick.yaw_p:.3g}"
@@ -208,7 +208,7 @@ def another_pilot(heard: Heard) -> str:
             "the joystick there, or close that ground station, and try again"
         )
     for system, component in sorted(heard.stations):
-        if system == OURS[0]:
+        if system == STATION_ID[0]:
             return (
                 f"another ground station has our number (system {system}, component {component}), and its heartbeat "
                 "hides our silence; close it, or give it another number (QGroundControl: MAVLink System ID)"

@@ -22,16 +22,16 @@ from automarine_cli.simulation.specification import Limit, Settings
 
 STABILIZE, MANUAL = 0, 19
 DO_SET_MODE, ARM_DISARM = 176, 400
-NEUTRALS = 10
+NEUTRAL_STICKS = 10
 """So many sticks in the middle come before silence."""
-SILENT_S, STALE_S = 3.0, 1.0
+MAX_SILENT_S, STALE_S = 3.0, 1.0
 """So long may the vehicle, and its attitude, not be heard."""
-FOLLOWS, FOLLOWS_S = 0.1, 1.0
+MAX_OUTPUT_ERROR, MAX_OUTPUT_ERROR_S = 0.1, 1.0
 """How far, and for how long, the outputs may be from what was sent."""
 TURN_DEG_S, SLOWEST_DEG_S, PER_S = 20.0, 4.0, 0.5
 """Turning to a heading: fastest, slowest, and how fast for each degree that is left."""
 NEAR_DEG, STILL_DEG_S, STILL_S = 3.0, 1.0, 1.0
-PATIENCE_S = 30.0
+TURN_PATIENCE_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class RunSession:
         self._enter(STABILIZE)
         self._still(1.0)
         self._is_armed = True  # it may be from here on, though the answer be lost
-        if not (self._link.command(ARM_DISARM, 1.0) and self._link.wait(SILENT_S, lambda: self._link.heard.armed)):
+        if not (self._link.command(ARM_DISARM, 1.0) and self._link.wait(MAX_SILENT_S, lambda: self._link.heard.armed)):
             raise SettingError(f"the vehicle does not arm ({self._last_words}); correct what it complains of")
         self._turn_to(heading)
         self._enter(MANUAL)
@@ -90,8 +90,8 @@ class RunSession:
         while (since := link.now() - begun) < edges[-1] + 2.0 / STICK_HZ:
             self._send(yaw := self._stick.manual(outputs[np.searchsorted(edges, since, side="right")]))
             output, sent = self._output(link.heard.pulses), self._stick.output(yaw)
-            agreed = link.now() if abs(output - sent) < FOLLOWS else agreed
-            if link.now() - agreed > FOLLOWS_S:
+            agreed = link.now() if abs(output - sent) < MAX_OUTPUT_ERROR else agreed
+            if link.now() - agreed > MAX_OUTPUT_ERROR_S:
                 raise SettingError(
                     f"the vehicle's yaw output is {output:+.2f}, and {sent:+.2f} was sent; check who else commands it, "
                     "and that nobody changed its gain"
@@ -118,7 +118,7 @@ class RunSession:
         self._link.halted = lambda: False
         if self._is_armed:
             with suppress(SettingError):  # what is not heard any more may still hear the word to disarm
-                self._still(NEUTRALS / STICK_HZ, checked=False)
+                self._still(NEUTRAL_STICKS / STICK_HZ, checked=False)
             self._link.steady = False
             self._link.command(ARM_DISARM, 0.0)
 
@@ -130,7 +130,7 @@ class RunSession:
         """Turn in STABILIZE until it is still there, on the way that leaves the tether twisted least."""
         short = (heading - self._heading + 180.0) % 360.0 - 180.0
         target = self._heading + short - 360.0 * round((self.twist + short) / 360.0)
-        most = PATIENCE_S + abs(target - self._heading) / SLOWEST_DEG_S
+        most = TURN_PATIENCE_S + abs(target - self._heading) / SLOWEST_DEG_S
         ends, still_s = self._link.now() + most, 0.0
         while still_s < STILL_S:
             error = target - self._heading
@@ -146,9 +146,9 @@ class RunSession:
                 )
 
     def _enter(self, mode: int) -> None:
-        self._still(NEUTRALS / STICK_HZ, checked=self._is_armed)
+        self._still(NEUTRAL_STICKS / STICK_HZ, checked=self._is_armed)
         link = self._link
-        if not (link.command(DO_SET_MODE, 1.0, mode) and link.wait(SILENT_S, lambda: link.heard.mode == mode)):
+        if not (link.command(DO_SET_MODE, 1.0, mode) and link.wait(MAX_SILENT_S, lambda: link.heard.mode == mode)):
             why = f"({self._last_words}); check what commands it"
             raise SettingError(f"the vehicle does not change to mode {mode} {why}")
         self._mode = mode
@@ -167,7 +167,7 @@ class RunSession:
 
     def _check(self) -> None:
         heard, now, deepest = self._link.heard, self._link.now(), self._limits.depth
-        if now - heard.last["HEARTBEAT"] > SILENT_S or now - heard.last["ATTITUDE"] > STALE_S:
+        if now - heard.last["HEARTBEAT"] > MAX_SILENT_S or now - heard.last["ATTITUDE"] > STALE_S:
             raise SettingError("the vehicle was not heard any more; check the link, and where the vehicle is")
         if not heard.armed:
             raise SettingError(f"the vehicle disarmed itself ({self._last_words}); correct that first")
