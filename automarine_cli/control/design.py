@@ -414,9 +414,8 @@ def shorten(problem: Problem) -> tuple[Problem, float]:
     quiet = float(np.ceil(RECOVERY_SETTLINGS * quickest))
     recovery = task.recovery if np.isfinite(task.recovery) else max(quiet, MIN_RECOVERY_S)
     seconds = max(float(np.clip(FLIGHT_SETTLINGS * quickest, MIN_FLIGHT_S, task.seconds)), recovery)
-    return replace(problem, task=replace(task, seconds=seconds, recovery=recovery)), 2.0 * max(
-        task.seconds, recovery, quiet
-    )
+    short = replace(problem, task=replace(task, seconds=seconds, recovery=recovery))
+    return short, 2.0 * max(task.seconds, recovery, quiet)
 
 
 def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST_SETS) -> Trials:

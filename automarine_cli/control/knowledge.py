@@ -14,13 +14,7 @@ from automarine_cli.models.yaw_model import DELAY, YawModel
 from automarine_cli.pipeline.records import Source
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, paper_grid
-from automarine_cli.planning.information import (
-    NO_RIVALS,
-    USUAL_NOISE_DEG,
-    USUAL_SCATTER,
-    PriorResults,
-    read_prior_results,
-)
+from automarine_cli.planning.information import NO_RIVALS, PriorResults, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect, without
 from automarine_cli.quantities import Floats
 from automarine_cli.text import printable
@@ -86,7 +80,7 @@ def read_knowledge(
     Raises ModelError for a file that is none, for drag that drives, and for an effect that no controller can be
     designed with."""
     prior = read_prior_results(model, diagnosis)
-    file, judged = prior.file, prior.diagnosis
+    file, judged, stored = prior.file, prior.diagnosis, prior.stored
     assert file is not None
     if prior.command_delay > 0.0:  # a logger that is late itself gives the controller nothing
         estimate = file.command_delay_s.estimate if file.command_delay_s else None
@@ -100,15 +94,12 @@ def read_knowledge(
                 "more: fit again with more runs, or prefer another of the file's models"
             )
     main = Explanation(prior.model, _covariance(prior, prior.model), "the model as it was named")
-    stored = prior.stored
     bare = stored.models[stored.preferred] if stored.command_delay > 0.0 else stored.undelayed
-    force = file.force_range
-    largest = max(map(abs, force)) if force else None
+    largest = max(map(abs, file.force_range)) if file.force_range else None
     models = [_rival(prior, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in prior.doubts]
     present = {term.name for term in prior.model.terms} | ({DELAY} if delay is not None else set())
-    if len(bare.terms) < len(prior.model.terms):
-        have = {term.name for term in bare.terms}
-        names = [term.name for term in prior.model.terms if term.name not in have]
+    had = {term.name for term in bare.terms}
+    if names := [term.name for term in prior.model.terms if term.name not in had]:
         models.append(Explanation(bare, _covariance(prior, bare), f"the model without {', '.join(names)}", names[0]))
     models += _idle(main, judged, largest or 1.0)
     late, unknown, note = _late(prior, judged, delay)
@@ -116,9 +107,8 @@ def read_knowledge(
     volts = (logged, supply[0] * logged, supply[1] * logged)
     # noise as the fit found it; of a position of which the file does not say, one of the units that people read
     unit = float(prior.model.dof.shown(1.0))
-    noise = ((prior.noise_deg or USUAL_NOISE_DEG) / unit, (prior.rate_noise_deg_s or 0.0) / unit)
-    scatter = USUAL_SCATTER if prior.scatter is None else prior.scatter
-    spread = Spread(scatter, late, volts, noise)
+    noise = (prior.noise_deg / unit, (prior.rate_noise_deg_s or 0.0) / unit)
+    spread = Spread(prior.scatter, late, volts, noise)
     without = [
         f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
         for term in bare.terms
@@ -133,7 +123,7 @@ def read_knowledge(
         settled = f"{why}, and tune that model.", next(iter(proposed))
     rivals = (rival for effect in (judged.effects if judged else ()) for rival in effect.rivals)
     splits = {rival.name: rival.split_by for rival in rivals}
-    return Knowledge(prior.stored, (main, *models), spread, largest, splits, (*without, *notes), settled)
+    return Knowledge(stored, (main, *models), spread, largest, splits, (*without, *notes), settled)
 
 
 def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] | None:
@@ -142,7 +132,7 @@ def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] |
     low, high = power.ci95 if power and power.ci95 else (0.0, 0.0)
     if low > MIN_GAIN_EXPONENT or high < -MIN_GAIN_EXPONENT:
         why = "The gain of the thrust goes with the size of the command, as with a dead-band or a curve of the thrust"
-    elif prior.scatter is not None and prior.scatter >= WILD_SCATTER:
+    elif prior.scatter >= WILD_SCATTER:
         why = f"The thrust seems to scatter by {100 * prior.scatter:.0f} % from run to run, more than thrusters do"
     else:
         return None

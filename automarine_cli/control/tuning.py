@@ -444,8 +444,8 @@ def check_tuning(
     problem, gains = _of_tuning(tuning)
     dof, task = problem.nominal.dof, problem.task
     runs = load_runs(logs, given_columns(columns), dof=dof, progress=progress).runs
-    sets = {name: np.full((1, 1), value) for name, value in gains.items()}
     target = problem.limit_rate(design.PROMISED_LOOPS)
+    sets = {name: np.full((1, 1), value) for name, value in gains.items()}
 
     def promise(time: Floats, wish: Floats) -> tuple[Floats, Floats]:
         """Time (M,) and positions (S, M) of every vehicle that follows a reference from rest."""

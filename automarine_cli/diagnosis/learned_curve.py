@@ -114,7 +114,7 @@ def candidates(study: DiagnosisProblem, model: YawModel) -> list[YawModel]:
     for name, (low, high) in ranges(study).items():
         effect = effects.get(PREFIX + name)
         assert isinstance(effect, Learned)
-        if effect.acts_in(model.dof) and (study.position_counts or not effect.placed):
+        if effect.acts_in(model.dof) and (study.position_counts or not effect.uses_absolute):
             for kind in effect.variable.kinds:
                 values = [low, high, study.largest, 1.0, *[0.0] * KNOTS, float(KINDS.index(kind))]
                 models.append(model.with_effect(effect.name, values))

@@ -152,7 +152,7 @@ def candidates(study: DiagnosisProblem, model: YawModel) -> list[str]:
         effect.name for effect in absent
         if effect.acts_in(model.dof) and set(effect.needs) <= set(study.signals)
         # velocities alone show neither where the vehicle is nor the sensor of that
-        and (study.position_counts or not (effect.place is effects.Place.SENSOR or effect.placed))
+        and (study.position_counts or not (effect.place is effects.Place.SENSOR or effect.uses_absolute))
     ]  # fmt: skip
 
 

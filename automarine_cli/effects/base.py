@@ -194,13 +194,13 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()  # signals that its methods read
     logged: ClassVar[tuple[str, ...]] = ()  # columns of which its signals are made, where they are none themselves
     stage: ClassVar[int] = TOGETHER
-    steered: ClassVar[bool] = False  # whether the moment depends on the heading, else summed at the end
-    placed: ClassVar[bool] = False  # whether on the very heading, not only on the turn since the start
+    uses_position: ClassVar[bool] = False  # whether the moment depends on the position, else summed at the end
+    uses_absolute: ClassVar[bool] = False  # whether on the very position, not only on the turn since the start
     per_run: ClassVar[int] = 0  # coefficients that each run may have of its own [force]; they come after the values
     role: ClassVar[str] = ""  # what its one parameter is in a motion's own equation, by `Dof.parameters`
     power: ClassVar[int | None] = None  # of the speed with which it resists; None for what is no drag
     remembers: ClassVar[bool] = False  # whether what a sensor shows depends on what it showed: see `remember`
-    fed: ClassVar[bool] = False  # whether `read` gets the moment delivered after the values
+    reads_force: ClassVar[bool] = False  # whether `read` gets the moment delivered after the values
     delays: ClassVar[bool] = False  # whether it makes commands late
     rotational: ClassVar[bool] = False  # whether it acts in rotations alone
 

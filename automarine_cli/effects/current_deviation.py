@@ -20,7 +20,7 @@ class CurrentDeviation(Effect):
     separated_by = "thrusters switched on while the vehicle is held still, or a gyro beside the compass"
     source = "Bowditch (2019), The American Practical Navigator, chapter on the compass (electromagnetic deviation)"
     parity = MIXED
-    fed = True
+    reads_force = True
     rotational = True
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:

@@ -21,8 +21,8 @@ class HeadingMoment(Effect):
     )
     source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 8 (current and weathervaning)"
     parity = MIXED
-    steered = True
-    placed = True
+    uses_position = True
+    uses_absolute = True
     rotational = True
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:

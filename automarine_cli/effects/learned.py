@@ -34,9 +34,9 @@ Read = Callable[[State], Floats]
 class Variable:
     """What a curve runs over: its unit (a template), how it is read from the state, the kinds that are tried.
 
-    Where `sized` only its size counts, and a moment has its sign; `turn` is where it closes on itself; `steered`,
-    `placed` and `needs` as those of an effect, `motions` the names of the degrees of freedom that have it; `code` reads
-    it in exported files, where it is neither a column nor the position.
+    Where `sized` only its size counts, and a moment has its sign; `turn` is where it closes on itself, as a position
+    does; `uses_position` and `needs` as those of an effect, `motions` the names of the degrees of freedom that have it;
+    `code` reads it in exported files, where it is neither a column nor the position.
     """
 
     name: str
@@ -45,8 +45,7 @@ class Variable:
     kinds: tuple[str, ...] = KINDS
     sized: bool = False
     turn: float = 0.0
-    steered: bool = False
-    placed: bool = False
+    uses_position: bool = False
     needs: tuple[str, ...] = ()
     motions: tuple[str, ...] = tuple(DOFS)
     code: str = ""
@@ -74,10 +73,11 @@ def variable_of(name: str) -> Variable:
         return Variable(name, "{force}", lambda state: state.delivered, (GAIN,), sized=True, motions=dofs,
                         code="state.delivered")  # fmt: skip
     if dofs := motions("travelled"):
-        return Variable(name, "{x}", lambda state: state.travelled, steered=True, motions=dofs, code="state.travelled")
+        return Variable(name, "{x}", lambda state: state.travelled, uses_position=True, motions=dofs,
+                        code="state.travelled")  # fmt: skip
     if dofs := tuple(motion for motion in motions("position") if DOFS[motion].wraps):
         turn = DOFS[dofs[0]].turn
-        return Variable(name, "{x}", lambda state: state.position % turn, turn=turn, steered=True, placed=True,
+        return Variable(name, "{x}", lambda state: state.position % turn, turn=turn, uses_position=True,
                         motions=dofs)  # fmt: skip
     return column
 
@@ -191,8 +191,8 @@ def learned(name: str) -> Effect:
         "says": f"The {{force}} depends on {text}; no effect of the library does this.",
         "reveals": f"the same {{forces}} over the whole range of {text}",
         "separated_by": f"runs in which {text} changes and all else stays as it is",
-        "steered": variable.steered,
-        "placed": variable.placed,
+        "uses_position": variable.uses_position,
+        "uses_absolute": bool(variable.turn),
         "needs": variable.needs,
     }  # fmt: skip
     effect: Effect = type("Learned", (Learned,), members)()

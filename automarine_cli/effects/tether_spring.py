@@ -31,7 +31,7 @@ class TetherSpring(Effect):
             ("water-swirl", "battery-sag"),
         ),
     )
-    steered = True
+    uses_position = True
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         kappa, law, slack, cubic = values

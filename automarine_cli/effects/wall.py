@@ -28,8 +28,8 @@ class Wall(Effect):
         ),
     )
     parity = MIXED
-    steered = True
-    placed = True
+    uses_position = True
+    uses_absolute = True
     rotational = True
 
     def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:

@@ -22,7 +22,8 @@ from automarine_cli.models.yaw_model import VELOCITIES, Term
 MAX_STEP_S = 0.02  # s: the longest step of the integrator
 METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember", "states"}
 """What of an effect acts; all else describes it."""
-PYTHON_EFFECTS = [name for name in effects.built_in() if not (effects.get(name).columns or effects.get(name).fed)]
+_LIBRARY = map(effects.get, effects.built_in())
+PYTHON_EFFECTS = [effect.name for effect in _LIBRARY if not (effect.columns or effect.reads_force)]
 """Effects that need no logged column."""
 
 

@@ -102,13 +102,13 @@ class Step:
         self.delivered, self.tilt = _delivered(terms, course, late)
         # A controller makes the command of a row of that row's reading: were it told beforehand, a sensor that commands
         # disturb would explain its own noise (closed loops: Forssell and Ljung 1999, Automatica 35:1215).
-        fed = any(term.effect.fed for term in self.sensors)
+        fed = any(term.effect.reads_force for term in self.sensors)
         self._before = (
             [*_delivered(terms, course, np.maximum(late, course.half_width))] if fed else [self.delivered, self.tilt]
         )
         self.water_moves = model.current(theta)
         places = self.places
-        placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
+        placed = bool(self.places.memory) or any(t.effect.uses_position for t in terms)
         turning = places.position[-1:] if model.motion.turns else ()
         coefficients = [place for group in places.per_run.values() for place in group]
         self.columns = np.array([
@@ -232,7 +232,7 @@ class Step:
         tried = mean[place] + np.stack([0.0 * size, size, -size])
         time = self.clock[:, m, None]
         for term in sensors:
-            values = (*term.wide(), *((self._delivered_at(channel.dof, m),) if term.effect.fed else ()))
+            values = (*term.wide(), *((self._delivered_at(channel.dof, m),) if term.effect.reads_force else ()))
             tried = np.stack([term.effect.read(x[..., None], time, values)[..., 0] for x in tried])
         return tried[0], [(place, (tried[1] - tried[2]) / (2.0 * size))]
 

@@ -3,14 +3,13 @@ answers, its state and its list of logs; plain data, and checked."""
 
 import hashlib
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.records import Codec, Document, Source, json_text, read_plain, to_mapping
+from automarine_cli.pipeline.records import Codec, Document, json_text, read_plain, to_mapping
 from automarine_cli.planning.candidates import PLAN, Candidate, Supply
 from automarine_cli.simulation.specification import AboveZero, Limit, Settings, ZeroOrMore
 from automarine_cli.text import format_value, printable
@@ -216,13 +215,9 @@ def read_campaign(path: Path) -> LinkCampaign:
             "runs": [{f.name: run[f.name] for f in fields(PlannedRun) if f.name in run} for run in plan.planned],
             "battery": {f.name: battery[f.name] for f in fields(Battery) if f.name in battery},
         }  # fmt: skip
-    return campaign_of(data, where)
+    return Codec(where).read(LinkCampaign, data)
 
 
 def campaign_in(content: bytes) -> LinkCampaign:
-    source: Source = Document("campaign", content)
-    return campaign_of(read_plain(source, "JSON", SettingError, most=MAX_CAMPAIGN_BYTES), "campaign")
-
-
-def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:
-    return Codec(where).read(LinkCampaign, data)
+    data = read_plain(Document("campaign", content), "JSON", SettingError, most=MAX_CAMPAIGN_BYTES)
+    return Codec("campaign").read(LinkCampaign, data)

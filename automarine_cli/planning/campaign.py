@@ -434,16 +434,15 @@ def _with_ways(slots: Sequence[Slot], why: Mapping[str, str], fitting: Fitting) 
 def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
     """Say how the campaign will be fitted: by `diagnose` where the model holds effects, else by `fit-yaw`."""
     base = Fitting(prior.model, "whole-runs", 1.0, 0.0).base
-    noise = limits.logger.noise_deg or prior.noise_deg or info.USUAL_NOISE_DEG
+    noise = limits.logger.noise_deg or prior.noise_deg
     rate_noise = limits.logger.rate_noise_deg_s or prior.rate_noise_deg_s
     gain = limits.logger.gain_scatter
-    scatter = prior.scatter if gain is None else gain
     names = (*(term.name for term in prior.model.terms), *(doubt.rival for doubt in prior.doubts))
     electric = limits.runs.voltages_V or any("voltage" in effects.get(name).needs for name in names)
     random = prior.random if gain is None else {**prior.random, "gain-scatter": gain} if prior.random else {}
     return Fitting(
         prior.model, "whole-runs" if prior.model == base else "diagnosis", float(np.deg2rad(noise)),
-        info.USUAL_SCATTER if scatter is None else scatter, limits.logger.rate_hz, limits.runs.rest_before_s,
+        prior.scatter if gain is None else gain, limits.logger.rate_hz, limits.runs.rest_before_s,
         limits.battery.volts if electric else None, base,
         None if rate_noise is None else float(np.deg2rad(rate_noise)), random,
         command_delay=prior.command_delay,

@@ -182,8 +182,8 @@ class Candidate:
 
 def levels(limits: Limits, largest: float) -> tuple[float, ...]:
     """Return sizes of moment, smallest first: even in the root, hence in the yaw rate under quadratic drag."""
-    low, most = MIN_MOMENT_SHARE**0.5, limits.moments.levels - 1
-    return *(float(f"{largest * (low + (1.0 - low) * i / most) ** 2:.3g}") for i in range(most)), largest
+    sizes = largest * np.linspace(MIN_MOMENT_SHARE**0.5, 1.0, limits.moments.levels) ** 2
+    return (*(float(f"{size:.3g}") for size in sizes[:-1]), largest)
 
 
 def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
@@ -193,6 +193,7 @@ def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candida
         (side * size, _seconds(model, size, degrees), f"{moment_text(side * size)}_{degrees:.0f}deg")
         for size in sizes[1::2] for degrees in (turn / 3, 2 * turn / 3) for side in sides
     ]  # fmt: skip
+    whole_steps = [_step(model, side * largest, turn) for side in sides]
     constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
     coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
     every: dict[str, Iterable[Candidate]] = {
@@ -213,8 +214,7 @@ def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candida
         "rest": (Candidate("rest", "rest", ((0.0, REST_S),)),),
         "other-voltage": (
             replace(step, kind="other-voltage", label=f"{step.label}_{volts:g}V", voltage=volts)
-            for volts in limits.runs.voltages_V for side in sides
-            for step in (_step(model, side * largest, turn),)
+            for volts in limits.runs.voltages_V for step in whole_steps
         ),
     }  # fmt: skip
     kinds = [kind for kind in CANDIDATE_KINDS if kind in limits.runs.kinds]

@@ -362,16 +362,16 @@ class Ambiguity:
 
 @dataclass(frozen=True)
 class PriorResults:
-    """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
-    where the file does not say), how many runs were fitted, open doubts, a gyro's noise; what is `random` in driven
-    runs, by name, in base units; the command delay [s], which is no effect of the model; effects that the fit
+    """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (usual
+    ones where the file does not say), how many runs were fitted, open doubts, a gyro's noise; what is `random` in
+    driven runs, by name, in base units; the command delay [s], which is no effect of the model; effects that the fit
     `proposed` and no diagnosis judged, with their deviance."""
 
     stored: StoredModels
     model: YawModel
     now: Mapping[str, Estimate]
-    noise_deg: float | None
-    scatter: float | None
+    noise_deg: float
+    scatter: float
     used: int
     doubts: tuple[Ambiguity, ...] = ()
     notes: tuple[str, ...] = ()
@@ -420,8 +420,8 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     random = {name: entry.value for name, entry in file.random.items() if entry.value is not None}
     noise, scatter, rate = (value if value is not None and value > 0 else None for value in (file.noise, spread, rate))
     return PriorResults(
-        stored, chosen, now, noise, scatter, file.runs.used, doubts, notes, rate, random,
-        {} if diagnosis is not None else file.proposed, file, judged, late,
+        stored, chosen, now, noise or USUAL_NOISE_DEG, scatter or USUAL_SCATTER, file.runs.used, doubts, notes, rate,
+        random, {} if diagnosis is not None else file.proposed, file, judged, late,
     )  # fmt: skip
 
 

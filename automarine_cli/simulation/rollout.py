@@ -128,7 +128,7 @@ def simulate(model: YawModel, batch: Batch, theta: Floats | None = None, start: 
         for term in terms:
             if term.effect.place is Place.SENSOR:
                 fed: tuple[Floats, ...] = ()
-                if term.effect.fed:  # what is delivered as each node is reached
+                if term.effect.reads_force:  # what is delivered as each node is reached
                     force, before = commands[term.dof].force, commands[term.dof].before
                     fed = (np.concatenate([np.broadcast_to(before, (*force.shape[:2], 1)), force], axis=2),)
                 reading = term.effect.read(readings[term.dof], time, (*term.wide(), *fed))
@@ -147,7 +147,7 @@ def _integrate(
     Positions are followed only where something depends on them: numpy's cost a call, not arithmetic, is what a step
     costs. In a current the velocities that are advanced are those through the water."""
     movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
-    followed = model.motion.turns or any(term.effect.steered for term in movers)
+    followed = model.motion.turns or any(term.effect.uses_position for term in movers)
     tau = _delivered(batch, commands, start, shape)
     clock, signals = commands[0], commands[0].signals
     lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (clock.length, clock.start))

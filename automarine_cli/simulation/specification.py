@@ -107,6 +107,9 @@ SETTINGS = {
     "planar": (("name",), ("commands", "largest", "hold_s", "duration_s")),
 }
 """What a kind of runs needs, and what it may have beside it."""
+OF_SOME_KINDS = (
+    "levels", "way", "duration_s", "coast_s", "back_s", "commands", "to", "from_", "steps", "largest", "hold_s",
+)  # fmt: skip
 HOLD_S, DRAWN_S, DEFAULT_STAIRS = (2.0, 5.0), 40.0, 20  # where a group does not say
 
 
@@ -183,9 +186,8 @@ class RunGroup(Settings):
         super().__post_init__()
         safe_path(self, "name", "folder", "together", "suffix")
         needed, optional = SETTINGS[self.kind]
-        for name in {name: 0 for settings in SETTINGS.values() for part in settings for name in part}:
-            value = None if name == "name" else getattr(self, name)
-            if value is not None and name not in (*needed, *optional):
+        for name in OF_SOME_KINDS:
+            if getattr(self, name) is not None and name not in (*needed, *optional):
                 keys = ", ".join(key_of(self, name) for name in (*needed, *optional))
                 raise SettingError(f"{key_of(self, name)} is no setting of the kind {self.kind}, which has {keys}")
         if lacking := next((name for name in needed if getattr(self, name) is None), None):

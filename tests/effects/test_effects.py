@@ -154,12 +154,12 @@ def test_methods_are_those_of_its_place_and_laws_are_declared(name: str) -> None
 
 @EVERY_LAW
 def test_says_whether_it_asks_for_the_heading(name: str) -> None:
-    """Without `steered` the simulator gives no heading: what asks for one all the same must not pass unnoticed."""
+    """Without `uses_position` the simulator gives no heading: who asks for one all the same must not pass unseen."""
     (effect, law), one = of_law(name), np.ones((1, 1))
     values = (*(np.full((1, 1), value) for value in sizes_of(effect, law)), *np.zeros((effect.per_run, 1, 1)))
     needs, stored = dict.fromkeys(effect.needs, one), [one] * len(effect.states)
     unknown = State(one * np.nan, one * np.nan, one, 0.5 * one, one, one, needs, stored=stored)
-    assert np.isnan(effect.moment(unknown, values)).any() == effect.steered
+    assert np.isnan(effect.moment(unknown, values)).any() == effect.uses_position
 
 
 @EVERY_LAW

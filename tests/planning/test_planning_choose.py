@@ -31,7 +31,7 @@ LIMITS = Limits(
 
 
 def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Ambiguity, ...] = ()) -> Plan:
-    prior = PriorResults(StoredModels({"3": MODEL}, "3", 0.0, "model"), model, {}, None, None, 0, doubts)
+    prior = PriorResults(StoredModels({"3": MODEL}, "3", 0.0, "model"), model, {}, 1.0, 0.03, 0, doubts)
     return plan_campaign(prior, limits, 1.2, Supply(0.3, 6.0, 1.2))
 
 
