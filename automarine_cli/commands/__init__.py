@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from automarine_cli.commands.terminal import Refusal, WrongUsage, verbosity, versions
+from automarine_cli.commands.terminal import RefusedCommand, WrongUsage, verbosity, versions
 from automarine_cli.errors import AutomarineError
 
 if TYPE_CHECKING:
@@ -134,17 +134,17 @@ class CommandGroup(click.Group):
 
     def _refusal(self, ctx: click.Context, problem: Exception) -> click.ClickException:
         if isinstance(problem, AutomarineError):
-            return Refusal(str(problem))
+            return RefusedCommand(str(problem))
         if isinstance(problem, OSError) and problem.errno == errno.EPIPE:
             _forget_stdout()
             ctx.exit(141)  # as if the closed pipe had ended us, which is what shells expect
         if isinstance(problem, MemoryError):
-            return Refusal("not enough memory; give fewer logs at a time, or --jobs 1")
+            return RefusedCommand("not enough memory; give fewer logs at a time, or --jobs 1")
         _show_traceback(ctx)
         if isinstance(problem, OSError):
-            return Refusal(f"{problem}; check the path, its permissions and the free disk space")
+            return RefusedCommand(f"{problem}; check the path, its permissions and the free disk space")
         error = f"{type(problem).__name__}: {problem}".replace("\n", " ")
-        return Refusal(f"{error}; this is a bug in automarine, please report it (-vv shows where)")
+        return RefusedCommand(f"{error}; this is a bug in automarine, please report it (-vv shows where)")
 
 
 def _show_traceback(ctx: click.Context) -> None:

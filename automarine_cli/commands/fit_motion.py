@@ -15,7 +15,7 @@ from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
     from automarine_cli.fits.identify import YawFit
-    from automarine_cli.pipeline.parallel import Progress
+    from automarine_cli.pipeline.parallel import Each, Progress
     from automarine_cli.runs.half_turn import Trim
 
 WHOLE_RUNS = "whole-runs"
@@ -76,8 +76,9 @@ depths = option(
 
 def _fit(
     dof: Dof, *, logs: Sequence[Any], columns: Any, fit_to: str, tail: float | None, channels: str,
-    with_effects: tuple[str, ...], known: Any, strict: bool, jobs: int, progress: "Progress", thrusters: Any = None,
-    arm: float | None = None, within: float | None = None, depths: tuple[float, float] | None = None,
+    with_effects: tuple[str, ...], known: Any, strict: bool, jobs: int, map_fn: "Each", progress: "Progress",
+    thrusters: Any = None, arm: float | None = None, within: float | None = None,
+    depths: tuple[float, float] | None = None,
 ) -> "YawFit":  # fmt: skip
     from automarine_cli import effects
     from automarine_cli.fits.driven import parse_effects
@@ -86,7 +87,6 @@ def _fit(
     from automarine_cli.fits.paper import parse_tail
     from automarine_cli.logs import given_columns
     from automarine_cli.models.yaw_model import COMMAND_DELAY
-    from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.fit_report import warnings_of
     from automarine_cli.runs.half_turn import half_turns
     from automarine_cli.runs.load import append_exclusions, load_runs, require_usable
@@ -111,13 +111,10 @@ def _fit(
     def whole_runs() -> list[Any]:
         return [trim.of_whole(run) for run in runs]
 
-    def fit_models(function: Callable[[str], Any], models: Sequence[str], stage: str) -> list[Any]:
-        return ordered_map(function, models, jobs, progress=progress, stage=stage)
-
     with append_exclusions(campaign.set_aside):
         fit = identify_turns(
-            dof, turns, not_turned, whole_runs, "half-turns" if fit_to == "steps" else fit_to,
-            beforehand, fit_models, channels, tail_start, names,
+            dof, turns, not_turned, whole_runs, fit_to="half-turns" if fit_to == "steps" else fit_to, prior=beforehand,
+            map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names,
         )  # fmt: skip
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
     warnings = [*command_warnings(runs), *limits, *warnings_of(fit)]
@@ -171,8 +168,8 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         help="Effects to fit together with the drag, such as dead-band,input-delay; fits whole runs.",
     )  # fmt: skip
 
-    def fit(jobs: int, progress: "Progress", **settings: Any) -> "YawFit":
-        return _fit(dof, jobs=jobs, progress=progress, **settings)
+    def fit(jobs: int, map_fn: "Each", progress: "Progress", **settings: Any) -> "YawFit":
+        return _fit(dof, jobs=jobs, map_fn=map_fn, progress=progress, **settings)
 
     fit.__doc__ = HELP[dof.name]
     declared = options.together(

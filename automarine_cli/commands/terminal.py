@@ -67,7 +67,7 @@ def painted(table: str, stream: TextIO) -> str:
     return "\n".join([click.style(lines[0], bold=True), *styled[1:]] if titled else styled)
 
 
-class Refusal(click.ClickException):
+class RefusedCommand(click.ClickException):
     """What is refused, in one sentence; `Error:` is red on a terminal."""
 
     def show(self, file: IO[Any] | None = None) -> None:

@@ -101,7 +101,7 @@ RUN = ResultKind("run.json", "run", RunFile, "run", YAW)
 
 
 @dataclass(frozen=True)
-class Step:
+class CampaignStep:
     """A step: its name, its folder, the kind of its result, and the section of the campaign file with its settings.
 
     `logs` are kinds of logs: those of the first tuple of which there are any are taken, or all logs where there is no
@@ -127,23 +127,23 @@ class Step:
         return (self.folder.replace("_", " ") if self.folder.endswith(words) else words).capitalize()
 
 
-def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
+def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[CampaignStep]:
     after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
     models = (f"{motion}/{fit.file}",)
-    yield Step(f"fit-{motion}", motion, fit, motion, fitted)
-    yield Step(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
+    yield CampaignStep(f"fit-{motion}", motion, fit, motion, fitted)
+    yield CampaignStep(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
     everything = tuple(kind for kinds in fitted for kind in kinds)
-    yield Step(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
+    yield CampaignStep(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
     models, folder = (f"{before}diagnosis/extended_model.json",), f"{before}final_validation"
-    yield Step(f"validate-final{after}", folder, VALIDATION, motion, (("validation",),), models, final=True)
+    yield CampaignStep(f"validate-final{after}", folder, VALIDATION, motion, (("validation",),), models, final=True)
 
 
 STEPS = (
-    Step("check", "check", CHECK),
-    Step("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
+    CampaignStep("check", "check", CHECK),
+    CampaignStep("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
     *(step for motion in DOFS for step in _of(motion, MODELS[motion], (("steps",), ("manoeuvres",)))),
     *_of(PLANAR.name, PLANAR_MODEL, (("runs",),)),
-    Step("tune", "tune", TUNING, "tune", (), (f"diagnosis/{DIAGNOSIS.file}", "yaw/yaw_model.json")),
+    CampaignStep("tune", "tune", TUNING, "tune", (), (f"diagnosis/{DIAGNOSIS.file}", "yaw/yaw_model.json")),
 )
 STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 
@@ -152,7 +152,7 @@ STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 class StepResult:
     """What a step left: its folder, what its result file holds, and its manifest (None if there is none)."""
 
-    step: Step
+    step: CampaignStep
     folder: Path
     file: Any
     manifest: Manifest | None
@@ -197,7 +197,7 @@ class MotionResults:
         return self.validation if self.final else None
 
 
-def read_steps(folder: Path, steps: Iterable[Step] = STEPS) -> Steps:
+def read_steps(folder: Path, steps: Iterable[CampaignStep] = STEPS) -> Steps:
     """Read those of the steps that are there. Raises OutputError for a file that automarine did not write so."""
     results = {}
     for step in steps:

@@ -358,7 +358,7 @@ PARALLEL_FROM_LOGS = 3000  # logs; to start processes takes longer than to read 
 
 
 @dataclass(frozen=True)
-class Campaign:
+class LoadedRuns:
     """The runs of one campaign on one clock, in file order; what was set aside; the files read (no links that lead
     nowhere); what was commanded beyond the limits of the thrusters."""
 
@@ -371,7 +371,7 @@ class Campaign:
 def load_runs(
     logs: Logs, columns: ColumnMap | None = None, *, dof: Dof, strict: bool = False, progress: Progress = silent,
     jobs: int = 1, read: Reading | None = None,
-) -> Campaign:  # fmt: skip
+) -> LoadedRuns:  # fmt: skip
     """Read and clean the logs of a motion meant by files, directories and globs, on `jobs` processes.
 
     `read` is what makes runs of logs, by default `read_runs`. Raises LogError or RunError for a log named
@@ -391,7 +391,7 @@ def load_runs(
     runs = named_apart(runs)
     _refuse_two_units(runs)
     limited, limits = checks.within_limits(runs)
-    return Campaign(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
+    return LoadedRuns(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
 
 
 def _refuse_other_units(
