@@ -9,7 +9,7 @@ import errno
 import os
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -120,9 +120,7 @@ class CommandGroup(click.Group):
         except click.UsageError as slip:
             raise WrongUsage.of(slip) from slip
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         names = self.list_commands(ctx)
         if args[0] not in names and not args[0].startswith("-"):
             import difflib
@@ -140,18 +138,14 @@ class CommandGroup(click.Group):
             ctx.exit(141)  # as if the closed pipe had ended us, which is what shells expect
         if isinstance(problem, MemoryError):
             return RefusedCommand("not enough memory; give fewer logs at a time, or --jobs 1")
-        _show_traceback(ctx)
+        if ctx.meta.get("automarine.verbosity", 0) >= 2:
+            import traceback
+
+            click.echo(traceback.format_exc(), err=True, nl=False)
         if isinstance(problem, OSError):
             return RefusedCommand(f"{problem}; check the path, its permissions and the free disk space")
         error = f"{type(problem).__name__}: {problem}".replace("\n", " ")
         return RefusedCommand(f"{error}; this is a bug in automarine, please report it (-vv shows where)")
-
-
-def _show_traceback(ctx: click.Context) -> None:
-    if ctx.meta.get("automarine.verbosity", 0) >= 2:
-        import traceback
-
-        click.echo(traceback.format_exc(), err=True, nl=False)
 
 
 def _forget_stdout() -> None:
