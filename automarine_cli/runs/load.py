@@ -173,12 +173,6 @@ def _bridged(run: Run) -> tuple[Run, ...]:
     return tuple(parts)
 
 
-def _too_short(part: Run) -> str | None:
-    left = f"only {np.ptp(part.time):.2g} s are left beside a jump of the {part.dof.position}"
-    short = part.counts["jumps"] and np.ptp(part.time) < MIN_PART_S
-    return f"{left}; at least {MIN_PART_S:g} s are needed" if short else None
-
-
 MIN_STANDSTILL = 5  # Samples of a standstill
 TREND_STDERRS = 4.0  # Standard errors within which the readings of a standstill show no trend
 
@@ -486,7 +480,11 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
             aside.append(unreadable(file, error, name) if usable else ExcludedRun(file.name, name, str(error)))
             continue
         for part in parts:
-            why = (checks.clock_trouble(part.time) or _too_short(part)) if len(parts) > 1 else None
+            why = checks.clock_trouble(part.time) if len(parts) > 1 else None
+            length = float(np.ptp(part.time))
+            if why is None and part.counts["jumps"] and length < MIN_PART_S:
+                left = f"only {length:.2g} s are left beside a jump of the {part.dof.position}"
+                why = f"{left}; at least {MIN_PART_S:g} s are needed"
             if why is None:
                 runs.append(part)
             else:
