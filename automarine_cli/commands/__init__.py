@@ -9,11 +9,11 @@ import errno
 import os
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from automarine_cli.commands.terminal import Refusal, WrongUsage, verbosity, versions
+from automarine_cli.commands.terminal import RefusedCommand, WrongUsage, verbosity, versions
 from automarine_cli.errors import AutomarineError
 
 if TYPE_CHECKING:
@@ -120,9 +120,7 @@ class CommandGroup(click.Group):
         except click.UsageError as slip:
             raise WrongUsage.of(slip) from slip
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         names = self.list_commands(ctx)
         if args[0] not in names and not args[0].startswith("-"):
             import difflib
@@ -134,24 +132,20 @@ class CommandGroup(click.Group):
 
     def _refusal(self, ctx: click.Context, problem: Exception) -> click.ClickException:
         if isinstance(problem, AutomarineError):
-            return Refusal(str(problem))
+            return RefusedCommand(str(problem))
         if isinstance(problem, OSError) and problem.errno == errno.EPIPE:
             _forget_stdout()
             ctx.exit(141)  # as if the closed pipe had ended us, which is what shells expect
         if isinstance(problem, MemoryError):
-            return Refusal("not enough memory; give fewer logs at a time, or --jobs 1")
-        _show_traceback(ctx)
+            return RefusedCommand("not enough memory; give fewer logs at a time, or --jobs 1")
+        if ctx.meta.get("automarine.verbosity", 0) >= 2:
+            import traceback
+
+            click.echo(traceback.format_exc(), err=True, nl=False)
         if isinstance(problem, OSError):
-            return Refusal(f"{problem}; check the path, its permissions and the free disk space")
+            return RefusedCommand(f"{problem}; check the path, its permissions and the free disk space")
         error = f"{type(problem).__name__}: {problem}".replace("\n", " ")
-        return Refusal(f"{error}; this is a bug in automarine, please report it (-vv shows where)")
-
-
-def _show_traceback(ctx: click.Context) -> None:
-    if ctx.meta.get("automarine.verbosity", 0) >= 2:
-        import traceback
-
-        click.echo(traceback.format_exc(), err=True, nl=False)
+        return RefusedCommand(f"{error}; this is a bug in automarine, please report it (-vv shows where)")
 
 
 def _forget_stdout() -> None:

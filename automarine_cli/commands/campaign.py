@@ -22,7 +22,7 @@ from automarine_cli.text import format_value, listed, printable
 if TYPE_CHECKING:
     from automarine_cli.logs import ColumnMap, LogFile
     from automarine_cli.pipeline.records import Source
-    from automarine_cli.report.campaign import Step
+    from automarine_cli.report.campaign import CampaignStep
 
 LOG_KINDS = {
     "thrusters": "thruster tests", "steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs",
@@ -94,7 +94,7 @@ class Campaign:
         }
         return {role: path for role, path in every.items() if path is not None}
 
-    def has(self, step: "Step") -> bool:
+    def has(self, step: "CampaignStep") -> bool:
         return step.always or step.section in self.sections
 
     def every_log(self) -> "list[LogFile]":
@@ -121,7 +121,7 @@ class Campaign:
             return str(place)
         return str(Path(glob.escape(base), entry))
 
-    def plan(self, step: "Step", out: Path) -> dict[str, Any]:
+    def plan(self, step: "CampaignStep", out: Path) -> dict[str, Any]:
         """Complete the settings of a step's command, with results in `out`. Raises NothingToDoError."""
         from automarine_cli.diagnosis.diagnose import NAMED
         from automarine_cli.models.store import DIAGNOSIS

@@ -3,7 +3,6 @@ whole runs where there are no steps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,12 +14,11 @@ from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
     from automarine_cli.fits.identify import YawFit
-    from automarine_cli.pipeline.parallel import Progress
+    from automarine_cli.pipeline.parallel import Each, Progress
     from automarine_cli.runs.half_turn import Trim
 
 WHOLE_RUNS = "whole-runs"
-HELP = {
-    "yaw": """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
+HELP = """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
 
     Logs need heading_deg and tau (or n_port and n_stbd with --thrusters and --arm). Each run is trimmed to its
     first half-turn and fitted twice: by the paper's method, and by maximum likelihood. Logs without steps are
@@ -30,40 +28,35 @@ HELP = {
     Example:
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine fit-yaw sample_runs/steps --tail 90
-    """,
-    "surge": """Identify the surge model from step runs: distance against force, drag (Table 1) and mass (Table 2).
+    """
+HELP_OF_TRANSLATION = """Identify the {motion} model from step runs: {results}.
 
-    Logs need distance_m and force_X_N (or X, normalised; or n_port and n_stbd with --thrusters). Each step is
-    fitted twice, as by fit-yaw. If drag ahead and astern differ, both are given. Logs without steps are fitted
-    as whole runs.
+    Logs need {columns}. Each step is fitted twice, as by fit-yaw{more} Logs without steps are fitted as whole runs.
 
     \b
     Example:
-      automarine fit-surge sample_runs/surge --within 3 -o out/surge
-      automarine fit-surge sample_runs/surge --within 3 --tail 1.5
-    """,
-    "sway": """Identify the sway model from step runs: distance against force, drag (Table 1) and mass (Table 2).
-
-    Logs need distance_m and force_Y_N (or Y, normalised), positive to starboard. Each step is fitted twice, as by
-    fit-yaw. Drag is the same to both sides. Logs without steps are fitted as whole runs.
-
-    \b
-    Example:
-      automarine fit-sway sample_runs/sway --within 3 -o out/sway
-      automarine fit-sway sample_runs/sway --within 3 --tail 1.5
-    """,
-    "heave": """Identify the heave model from step runs: depth against force, drag, mass, and the vehicle's buoyancy.
-
-    Logs need depth_m and force_Z_N (or Z, normalised; or n_vert with --thrusters), all positive down. Each step
-    is fitted twice, as by fit-yaw, together with a constant force. If drag down and up differ, both are given.
-    Logs without steps are fitted as whole runs.
-
-    \b
-    Example:
-      automarine fit-heave sample_runs/heave --depths 0.2 3 -o out/heave
-      automarine fit-heave sample_runs/heave --depths 0.2 3 --tail 1.2
-    """,
-}
+      automarine fit-{motion} sample_runs/{motion} {part} -o out/{motion}
+      automarine fit-{motion} sample_runs/{motion} {part} --tail {tail}
+    """
+DRAG_AND_MASS = "distance against force, drag (Table 1) and mass (Table 2)"
+HELPS = {
+    "yaw": HELP,
+    "surge": HELP_OF_TRANSLATION.format(
+        motion="surge", results=DRAG_AND_MASS, part="--within 3", tail="1.5",
+        columns="distance_m and force_X_N (or X, normalised; or n_port and n_stbd with --thrusters)",
+        more=". If drag ahead and astern differ, both are given.",
+    ),
+    "sway": HELP_OF_TRANSLATION.format(
+        motion="sway", results=DRAG_AND_MASS, part="--within 3", tail="1.5",
+        columns="distance_m and force_Y_N (or Y, normalised), positive to starboard",
+        more=". Drag is the same to both sides.",
+    ),
+    "heave": HELP_OF_TRANSLATION.format(
+        motion="heave", results="depth against force, drag, mass, and the vehicle's buoyancy", part="--depths 0.2 3",
+        columns="depth_m and force_Z_N (or Z, normalised; or n_vert with --thrusters), all positive down", tail="1.2",
+        more=", together with a constant force. If drag down and up differ, both are given.",
+    ),
+}  # fmt: skip
 within = option(
     "--within", type=options.POSITIVE, metavar="METRES",
     help="Use this many metres of each step, to end before the wall is felt.  [default: to its end]",
@@ -76,8 +69,9 @@ depths = option(
 
 def _fit(
     dof: Dof, *, logs: Sequence[Any], columns: Any, fit_to: str, tail: float | None, channels: str,
-    with_effects: tuple[str, ...], known: Any, strict: bool, jobs: int, progress: "Progress", thrusters: Any = None,
-    arm: float | None = None, within: float | None = None, depths: tuple[float, float] | None = None,
+    with_effects: tuple[str, ...], known: Any, strict: bool, jobs: int, map_fn: "Each", progress: "Progress",
+    thrusters: Any = None, arm: float | None = None, within: float | None = None,
+    depths: tuple[float, float] | None = None,
 ) -> "YawFit":  # fmt: skip
     from automarine_cli import effects
     from automarine_cli.fits.driven import parse_effects
@@ -86,7 +80,6 @@ def _fit(
     from automarine_cli.fits.paper import parse_tail
     from automarine_cli.logs import given_columns
     from automarine_cli.models.yaw_model import COMMAND_DELAY
-    from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.fit_report import warnings_of
     from automarine_cli.runs.half_turn import half_turns
     from automarine_cli.runs.load import append_exclusions, load_runs, require_usable
@@ -111,13 +104,10 @@ def _fit(
     def whole_runs() -> list[Any]:
         return [trim.of_whole(run) for run in runs]
 
-    def fit_models(function: Callable[[str], Any], models: Sequence[str], stage: str) -> list[Any]:
-        return ordered_map(function, models, jobs, progress=progress, stage=stage)
-
     with append_exclusions(campaign.set_aside):
         fit = identify_turns(
-            dof, turns, not_turned, whole_runs, "half-turns" if fit_to == "steps" else fit_to,
-            beforehand, fit_models, channels, tail_start, names,
+            dof, turns, not_turned, whole_runs, fit_to="half-turns" if fit_to == "steps" else fit_to, prior=beforehand,
+            map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names,
         )  # fmt: skip
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
     warnings = [*command_warnings(runs), *limits, *warnings_of(fit)]
@@ -136,17 +126,6 @@ def _trim(within: float | None, depths: tuple[float, float] | None) -> "Trim":
     return UNTRIMMED if within is None else Trim(within)
 
 
-def _checked(place: str, dof: Dof, type: click.ParamType = click.STRING) -> options.Checked:
-    """A type whose values a function of another room checks for a motion; nothing is imported for none."""
-    module, _, name = place.rpartition(".")
-
-    def check(value: Any) -> None:
-        if value != ():  # no effects ask none of the library
-            getattr(import_module(f"automarine_cli.{module}"), name)(value, dof)
-
-    return options.Checked(check, type)
-
-
 def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     steps, unit, limits = ("half-turns", "DEGREES", "15 to 165") if dof is YAW else ("steps", "METRES", "above 0")
     fit_to = option(
@@ -155,26 +134,26 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     )  # fmt: skip
 
     tail = option(
-        "--tail", type=_checked("fits.paper.parse_tail", dof, options.Finite()), metavar=unit,
+        "--tail", type=options.Checked("fits.paper:parse_tail", dof, type=options.Finite()), metavar=unit,
         help=f"Where the steady part of a step begins, {limits}, for the paper's method.  [default: where the expected "
         f"error of drag and {dof.words.inertia} is smallest]",
     )  # fmt: skip
 
     channels = option(
-        "--channels", type=_checked("runs.channels.parse_channels", dof), default="auto", show_default=True,
+        "--channels", type=options.Checked("runs.channels:parse_channels", dof), default="auto", show_default=True,
         metavar="WHICH", seldom=True, group=INPUT, help=options.CHANNELS_HELP,
     )  # fmt: skip
 
+    effect_names = options.Checked("fits.driven:parse_effects", dof, type=options.Names())
     with_effects = option(
-        "--with", "with_effects", default="", type=_checked("fits.driven.parse_effects", dof, options.Names()),
-        metavar="EFFECTS", seldom=True,
+        "--with", "with_effects", default="", type=effect_names, metavar="EFFECTS", seldom=True,
         help="Effects to fit together with the drag, such as dead-band,input-delay; fits whole runs.",
     )  # fmt: skip
 
-    def fit(jobs: int, progress: "Progress", **settings: Any) -> "YawFit":
-        return _fit(dof, jobs=jobs, progress=progress, **settings)
+    def fit(jobs: int, map_fn: "Each", progress: "Progress", **settings: Any) -> "YawFit":
+        return _fit(dof, jobs=jobs, map_fn=map_fn, progress=progress, **settings)
 
-    fit.__doc__ = HELP[dof.name]
+    fit.__doc__ = HELPS[dof.name]
     declared = options.together(
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
         with_effects, options.known_parameters, options.ending(options.strict, options.jobs),

@@ -45,17 +45,15 @@ def guide(topic: str | None) -> "Contents | Page":
             tuple((name, pages.title(name)) for name in pages.pages()),
         )
     page = pages.page(topic)
-    return pages.with_options(page, _options(load(topic))) if topic in pages.commands() else page
+    if topic not in pages.commands():
+        return page
+    formatter, described = click.HelpFormatter(width=_width()), load(topic)
+    described.format_options(click.Context(described, help_option_names=["-h", "--help"]), formatter)
+    return pages.with_options(page, formatter.getvalue().strip("\n"))
 
 
 def _width() -> int:
     return min(width_of(sys.stdout) or PIPE_WIDTH, MAX_WIDTH)
-
-
-def _options(command: click.Command) -> str:
-    formatter = click.HelpFormatter(width=_width())
-    command.format_options(click.Context(command, help_option_names=["-h", "--help"]), formatter)
-    return formatter.getvalue().strip("\n")
 
 
 def _show(ctx: click.Context, result: Any) -> None:

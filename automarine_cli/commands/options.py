@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterable
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +29,16 @@ POSITIVE = Finite(min=0, min_open=True)
 
 
 class Checked(click.ParamType):
-    """A value that a function of another room checks, imported when one is given."""
+    """A value that a function of another room, MODULE:FUNCTION, checks with `more`; imported when a value is given."""
 
-    def __init__(self, check: Callable[[Any], object], type: click.ParamType = click.STRING) -> None:
-        self.check, self.type, self.name = check, type, type.name
+    def __init__(self, place: str, *more: Any, type: click.ParamType = click.STRING) -> None:
+        self.place, self.more, self.type, self.name = place, more, type, type.name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         converted = self.type.convert(value, param, ctx)
-        self.check(converted)
+        if converted != ():  # no effects ask none of the library
+            module, _, function = self.place.partition(":")
+            attrgetter(function)(import_module(f"automarine_cli.{module}"))(converted, *self.more)
         return converted
 
 
@@ -95,16 +99,8 @@ CHANNELS_HELP = "Sensors to use: auto (those that agree with the position), posi
 channels = option(
     "--channels", default="auto", show_default=True, metavar="WHICH", seldom=True, group=INPUT, help=CHANNELS_HELP
 )
-
-
-def _check_known(text: str) -> None:
-    from automarine_cli.fits.known import Known
-
-    Known.of(text)
-
-
 known_parameters = option(
-    "--known", multiple=True, type=Checked(_check_known), metavar="NAME=VALUE[±STDERR]", seldom=True,
+    "--known", multiple=True, type=Checked("fits.known:Known.of"), metavar="NAME=VALUE[±STDERR]", seldom=True,
     help="Known parameter, in the unit of the fit: I_r=915 (exactly) or I_r=915±50. Several with commas, or repeated.",
 )  # fmt: skip
 inputs = option(

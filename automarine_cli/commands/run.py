@@ -20,7 +20,7 @@ from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.text import listed
 
 if TYPE_CHECKING:
-    from automarine_cli.report.campaign import CampaignRun, Campaigns, RunFile, Step, StepOutcome
+    from automarine_cli.report.campaign import CampaignRun, Campaigns, CampaignStep, RunFile, StepOutcome
 
 RESULTS = "results"
 """The folder beside the campaign file that takes the results of who names none."""
@@ -165,7 +165,7 @@ def _run(
 
 
 def _do(
-    step: "Step", campaign: Campaign, out: Path, force: bool, overwrite: bool, kinds: Sequence[str], jobs: int,
+    step: "CampaignStep", campaign: Campaign, out: Path, force: bool, overwrite: bool, kinds: Sequence[str], jobs: int,
     progress: Progress,
 ) -> tuple[str, str]:  # fmt: skip
     """Do a step, and say what became of it and why; a result that is no longer of this campaign is taken away."""
@@ -202,7 +202,9 @@ def _do(
     return "done", "--force" if why is None else why
 
 
-def _content(campaign: Campaign, out: Path, steps: "Sequence[Step]", outcomes: "Sequence[StepOutcome]") -> "RunFile":
+def _content(
+    campaign: Campaign, out: Path, steps: "Sequence[CampaignStep]", outcomes: "Sequence[StepOutcome]"
+) -> "RunFile":
     from automarine_cli.pipeline.results_folder import MANIFEST, sha256
     from automarine_cli.report.campaign import RUN, RunFile, StepDone, cautions
     from automarine_cli.thrusters.map import THRUSTER_MAP

@@ -40,12 +40,9 @@ def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> 
     return Simulation(spec, seed, make_campaign(spec, seed, jobs=jobs, progress=progress))
 
 
-def _with_seed(settings: dict[str, Any]) -> dict[str, Any]:
-    seed = settings["seed"]
-    return settings | {"seed": _read(settings["specification"]).seed if seed is None else seed}
-
-
-simulate.complete = _with_seed
+simulate.complete = lambda settings: (
+    settings if settings["seed"] is not None else settings | {"seed": _read(settings["specification"]).seed}
+)
 
 
 def _read(specification: Any) -> "Specification":

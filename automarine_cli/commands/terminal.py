@@ -37,19 +37,15 @@ def folded(sentence: str, width: int | None) -> str:
     a pipe."""
     if width is None:
         return sentence
-    lines = sentence.split("\n")
-    return "\n".join(_filled(line, width, labelled=len(lines) > 1) for line in lines)
-
-
-def _filled(line: str, width: int, *, labelled: bool) -> str:
-    """One line; where it may begin with a label, `label    text`, its text stays right of that."""
-    if len(line) <= width:
-        return line
-    label = LABEL.match(line) if labelled else None
-    indent = " " * len(label[0]) if label else "  "
-    tied = line.replace(" %", TIED + "%")
-    filled = textwrap.fill(tied, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-    return filled.replace(TIED, " ")
+    lines, filled = sentence.split("\n"), list[str]()
+    for line in lines:
+        # where a line of several begins with a label, `label    text`, its text stays right of that
+        label = LABEL.match(line) if len(lines) > 1 else None
+        text = textwrap.TextWrapper(width, break_long_words=False, break_on_hyphens=False)
+        text.subsequent_indent = " " * len(label[0]) if label else "  "
+        tied = line.replace(" %", TIED + "%")
+        filled.append(text.fill(tied).replace(TIED, " ") if len(line) > width else line)
+    return "\n".join(filled)
 
 
 def coloured(text: str, stream: TextIO, colour: str, **style: Any) -> str:
@@ -67,7 +63,7 @@ def painted(table: str, stream: TextIO) -> str:
     return "\n".join([click.style(lines[0], bold=True), *styled[1:]] if titled else styled)
 
 
-class Refusal(click.ClickException):
+class RefusedCommand(click.ClickException):
     """What is refused, in one sentence; `Error:` is red on a terminal."""
 
     def show(self, file: IO[Any] | None = None) -> None:

@@ -67,9 +67,7 @@ def _inside(folder: Path, inputs: Sequence[Path]) -> list["FolderVerified"]:
     return [_verified(place, read_manifest(place / MANIFEST), places, inputs) for place in places]
 
 
-def _verified(
-    folder: Path, manifest: Manifest, places: Sequence[Path], inputs: Sequence[Path]
-) -> "FolderVerified":  # fmt: skip
+def _verified(folder: Path, manifest: Manifest, places: Sequence[Path], inputs: Sequence[Path]) -> "FolderVerified":
     from automarine_cli.report.verification import Change, FolderVerified
 
     recorded = {entry.file: entry.sha256 for entry in manifest.outputs}
@@ -85,7 +83,10 @@ def _verified(
         recorded_file = name in recorded or name == MANIFEST or path.name in NOT_RESULTS
         if not recorded_file and not path.is_dir() and not any(place in path.parents for place in nested):
             changes.append(Change(name, "extra", "extra: not among the files that were written"))
-    sought = list(_find_inputs(manifest.inputs, inputs or _likely(folder)))
+    # where nobody says: in the working directory, and in the folder that holds the results
+    parent = folder.resolve().parent
+    likely = [Path()] if Path.cwd() == parent or Path.cwd() in parent.parents else [Path(), parent]
+    sought = list(_find_inputs(manifest.inputs, inputs or likely))
     where = f"under {', '.join(str(place) for place in inputs)}" if inputs else "here or beside the results"
     bad = []
     for name, there, changed in sought:
@@ -93,10 +94,8 @@ def _verified(
             bad.append(Change(name, "changed", f"changed; {changed} has other content"))
         elif there is None:
             bad.append(Change(name, "missing" if inputs else "not-found", f"not found {where}"))
-    return FolderVerified(
-        str(folder), manifest.command, len(recorded), tuple(changes),
-        len(sought), len(sought) - len(bad), tuple(bad),
-    )  # fmt: skip
+    good = len(sought) - len(bad)
+    return FolderVerified(str(folder), manifest.command, len(recorded), tuple(changes), len(sought), good, tuple(bad))
 
 
 def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[tuple[str, Path | None, Path | None]]:
@@ -112,9 +111,3 @@ def _find_inputs(entries: Sequence[Entry], folders: Sequence[Path]) -> Iterator[
         alike = [path for path in paths if printable(path.resolve().as_posix()).endswith(f"/{entry.file}")]
         same = next((path for path in [*alike, *paths] if entry.sha256 in (None, sha256(path))), None)
         yield entry.file, same, alike[0] if alike and same is None else None
-
-
-def _likely(folder: Path) -> list[Path]:
-    """Where inputs may be when nobody says: the working directory, and the folder that holds the results."""
-    current, parent = Path(), folder.resolve().parent
-    return [current] if Path.cwd() == parent or Path.cwd() in parent.parents else [current, parent]

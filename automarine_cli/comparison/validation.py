@@ -42,7 +42,7 @@ from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, key
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice, unbiased_velocity
 from automarine_cli.runs.checks import without_undriven
-from automarine_cli.runs.load import GAP_IN_PERIODS, Campaign, load_runs, require_usable
+from automarine_cli.runs.load import GAP_IN_PERIODS, LoadedRuns, load_runs, require_usable
 from automarine_cli.runs.run import ExcludedRun, Run, command_warnings, position_noise, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.text import format_value
@@ -57,7 +57,7 @@ NO_ERRORS = np.zeros(0)
 RMS, MAX, FIT = "rms", "max", "fit"
 
 
-class Score(NamedTuple):
+class ScoreKind(NamedTuple):
     """A size of errors of one kind; its key in files and its heading in tables are templates."""
 
     errors: str
@@ -67,24 +67,24 @@ class Score(NamedTuple):
 
 
 SCORES = {
-    "rmse": Score("position", RMS, "rmse_{shown_unit}", "rmse {shown_unit}"),
-    "max_abs": Score("position", MAX, "max_abs_{shown_unit}", "max {shown_unit}"),
-    "fit_percent": Score("position", FIT, "fit_percent", "fit %"),
-    "restarted_rmse": Score("restarted", RMS, "restarted_rmse_{shown_unit}", "restarted rmse {shown_unit}"),
-    "rate_rmse": Score("rate", RMS, "{speed}_rmse_{shown_unit}_s", "{speed} rmse {shown_unit}/s"),
+    "rmse": ScoreKind("position", RMS, "rmse_{shown_unit}", "rmse {shown_unit}"),
+    "max_abs": ScoreKind("position", MAX, "max_abs_{shown_unit}", "max {shown_unit}"),
+    "fit_percent": ScoreKind("position", FIT, "fit_percent", "fit %"),
+    "restarted_rmse": ScoreKind("restarted", RMS, "restarted_rmse_{shown_unit}", "restarted rmse {shown_unit}"),
+    "rate_rmse": ScoreKind("rate", RMS, "{speed}_rmse_{shown_unit}_s", "{speed} rmse {shown_unit}/s"),
 }
 """Of one degree of freedom: free runs from the start of each run to its end, fit 100 (1 - |error| / |measured - its
 mean|), restarted with the state set anew from the smoothed measured position."""
 PLANAR_SCORES = {
     score.key: score
     for score in (
-        Score("heading", RMS, "heading_rmse_deg", "heading deg"),
-        Score("heading", MAX, "heading_max_abs_deg", "max deg"),
-        Score("position", RMS, "position_rmse_m", "position m"),
-        Score("position", MAX, "position_max_abs_m", "max m"),
-        Score("surge", RMS, "surge_rmse_m_s", "surge m/s"),
-        Score("sway", RMS, "sway_rmse_m_s", "sway m/s"),
-        Score("yaw_rate", RMS, "yaw_rate_rmse_deg_s", "yaw rate deg/s"),
+        ScoreKind("heading", RMS, "heading_rmse_deg", "heading deg"),
+        ScoreKind("heading", MAX, "heading_max_abs_deg", "max deg"),
+        ScoreKind("position", RMS, "position_rmse_m", "position m"),
+        ScoreKind("position", MAX, "position_max_abs_m", "max m"),
+        ScoreKind("surge", RMS, "surge_rmse_m_s", "surge m/s"),
+        ScoreKind("sway", RMS, "sway_rmse_m_s", "sway m/s"),
+        ScoreKind("yaw_rate", RMS, "yaw_rate_rmse_deg_s", "yaw rate deg/s"),
     )
 }
 
@@ -147,7 +147,7 @@ def rate_error(free: FreeRun) -> Floats:
     return np.asarray(dof.shown(np.concatenate(slopes)))
 
 
-def pooled(runs: Sequence[Errors], score: Score, drawn: NDArray[np.int64] = SINGLE_RUN) -> Overall:
+def pooled(runs: Sequence[Errors], score: ScoreKind, drawn: NDArray[np.int64] = SINGLE_RUN) -> Overall:
     """Return one score over runs, all samples pooled or the largest error of all, with its interval over the resamples
     `drawn`; nothing under a model that diverged in any run."""
     errors = [run.get(score.errors, NO_ERRORS) for run in runs]
@@ -293,7 +293,7 @@ class Validation(Shown):
         return self.stored.dof
 
     @property
-    def scores(self) -> Mapping[str, Score]:
+    def scores(self) -> Mapping[str, ScoreKind]:
         return PLANAR_SCORES if self.stored.in_plane else SCORES
 
     @property
@@ -457,7 +457,7 @@ def _predicted(
 def load_usable(
     logs: Logs, stored: StoredModels, columns: ColumnMap, thrusters: Any, arm: float | None, *, strict: bool, jobs: int,
     progress: Progress,
-) -> Campaign:  # fmt: skip
+) -> LoadedRuns:  # fmt: skip
     """Load the runs of the models' motion that each of them can be driven by and that their commands may have moved,
     commanded through the map `thrusters` where there is one; the others are set aside. Raises LogError or RunError as
     `load_runs`, and ModelError for commands in another unit than the models'."""

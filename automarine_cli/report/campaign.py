@@ -70,8 +70,6 @@ MORE_RUNS = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
 PLAN_RUNS = "`automarine plan` plans the runs that tell what is missing."
 WORST = "The worst verdict decides. More: `automarine guide good-enough`."
 WITHOUT = "This is the model without {}, which the diagnosis added: the final numbers are at the top."
-Numbers = Mapping[str, list[dict[str, str]]]
-"""Rows of what says whether a model is good enough, by motion."""
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
 
@@ -101,7 +99,7 @@ RUN = ResultKind("run.json", "run", RunFile, "run", YAW)
 
 
 @dataclass(frozen=True)
-class Step:
+class CampaignStep:
     """A step: its name, its folder, the kind of its result, and the section of the campaign file with its settings.
 
     `logs` are kinds of logs: those of the first tuple of which there are any are taken, or all logs where there is no
@@ -127,23 +125,23 @@ class Step:
         return (self.folder.replace("_", " ") if self.folder.endswith(words) else words).capitalize()
 
 
-def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[Step]:
+def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) -> Iterator[CampaignStep]:
     after, before = ("", "") if motion == YAW.name else (f"-{motion}", f"{motion}_")
     models = (f"{motion}/{fit.file}",)
-    yield Step(f"fit-{motion}", motion, fit, motion, fitted)
-    yield Step(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
+    yield CampaignStep(f"fit-{motion}", motion, fit, motion, fitted)
+    yield CampaignStep(f"validate{after}", f"{before}validation", VALIDATION, motion, (("validation",),), models)
     everything = tuple(kind for kinds in fitted for kind in kinds)
-    yield Step(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
+    yield CampaignStep(f"diagnose{after}", f"{before}diagnosis", DIAGNOSIS, motion, (everything,), models)
     models, folder = (f"{before}diagnosis/extended_model.json",), f"{before}final_validation"
-    yield Step(f"validate-final{after}", folder, VALIDATION, motion, (("validation",),), models, final=True)
+    yield CampaignStep(f"validate-final{after}", folder, VALIDATION, motion, (("validation",),), models, final=True)
 
 
 STEPS = (
-    Step("check", "check", CHECK),
-    Step("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
+    CampaignStep("check", "check", CHECK),
+    CampaignStep("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
     *(step for motion in DOFS for step in _of(motion, MODELS[motion], (("steps",), ("manoeuvres",)))),
     *_of(PLANAR.name, PLANAR_MODEL, (("runs",),)),
-    Step("tune", "tune", TUNING, "tune", (), (f"diagnosis/{DIAGNOSIS.file}", "yaw/yaw_model.json")),
+    CampaignStep("tune", "tune", TUNING, "tune", (), (f"diagnosis/{DIAGNOSIS.file}", "yaw/yaw_model.json")),
 )
 STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 
@@ -152,7 +150,7 @@ STEP_NAMES = (*(step.name for step in STEPS), REPORT)
 class StepResult:
     """What a step left: its folder, what its result file holds, and its manifest (None if there is none)."""
 
-    step: Step
+    step: CampaignStep
     folder: Path
     file: Any
     manifest: Manifest | None
@@ -197,7 +195,7 @@ class MotionResults:
         return self.validation if self.final else None
 
 
-def read_steps(folder: Path, steps: Iterable[Step] = STEPS) -> Steps:
+def read_steps(folder: Path, steps: Iterable[CampaignStep] = STEPS) -> Steps:
     """Read those of the steps that are there. Raises OutputError for a file that automarine did not write so."""
     results = {}
     for step in steps:
@@ -363,7 +361,7 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
         f"# {escape(title)}",
         *(f"**{step.step} was refused:** {escape(step.refused)}" for step in ran.steps if step.refused),
         *(f"**{escape(refusal)}**" for step in steps.values() if (refusal := _refusal(step.file))),
-        _result_box(steps, ran, numbers),
+        _result_box(steps, ran, {motion: worst(rows) for motion, rows in numbers.items()}),
         bullets(escape(f"Caution: {line}") for line in ran.cautions),
         *good_enough,
         *_set_aside(steps),
@@ -377,8 +375,9 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     return Report({"report.html": page(text, folder, title), "report.md": text}, steps, folder)
 
 
-def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
-    """The result in a few lines: what was tested, the final model, how far it is off, what is missing, what is next."""
+def _result_box(steps: Steps, ran: RunFile, verdict: Mapping[str, str]) -> str:
+    """The result in a few lines: what was tested, the final model, how far it is off, what is missing, the `verdict` by
+    motion, what is next."""
     says, after, lines = headlines(steps), dict[str, str](), dict[str, dict[str, str]]()
     for result in steps.values():
         file, motion = result.file, result.step.section
@@ -402,7 +401,6 @@ def _result_box(steps: Steps, ran: RunFile, numbers: Numbers) -> str:
                 after[motion] = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after[motion]}"
         lines.setdefault(BOX_LABELS.get(result.step.kind.name, result.step.title), {})[motion] = text
     tested = ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))
-    verdict = {motion: worst(rows) for motion, rows in numbers.items()}
     lines |= {label: lines.pop(label, {}) for label in BOX_LABELS.values()}  # in this order, whatever was done first
     texts = {label: _of_motions(texts, "; ") for label, texts in {**lines, "Verdict": verdict}.items()}
     box = [f"**{label}:** {escape(text)}" for label, text in {"Tested": tested, **texts}.items() if text]
@@ -616,8 +614,7 @@ def _set_aside(steps: Steps) -> list[str]:
     for folder, result in steps.items():
         for run in result.file.runs.set_aside:
             folders.setdefault(run, []).append(folder)
-    rows = [
-        {"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(names)}
-        for run, names in folders.items()
-    ]
+    rows = []
+    for run, names in folders.items():
+        rows.append({"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(names)})
     return ["## Runs set aside", Table.of("", rows).to_markdown()] if rows else []

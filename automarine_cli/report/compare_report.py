@@ -68,7 +68,7 @@ def parameter_table(sides: Sequence[ComparedResult]) -> Table:
     ]
     rows += [{"parameter": name} | {side.name: side.facts.get(name) for side in sides} for name in facts]
     rows.append({"parameter": "runs"} | {side.name: side.runs for side in sides})
-    return Table.of("ComparedResult by side", rows, ["Brackets are 95 % intervals."], (len(names),))
+    return Table.of("Side by side", rows, ["Brackets are 95 % intervals."], (len(names),))
 
 
 def difference_table(differences: Sequence[Difference]) -> Table:

@@ -73,11 +73,14 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
         turn, key = run.half_turn, f"{dof.words.gone_key}_{dof.units.shown}"
         moved = turn and f"{turn[key]:.0f} {dof.units.shown} of {number(turn[dof.words.force], 3)}"
         dropped = {word: run.counts.get(kind, 0) for kind, word in words.items()}
+        levels = ", ".join(number(level, 3) for level in run.levels or ())
+        if run.levels and len(run.levels) > MAX_LEVELS_WRITTEN:
+            levels = f"{len(run.levels)} from {number(min(run.levels), 3)} to {number(max(run.levels), 3)}"
         rows.append({
             "run": run.run, "samples": run.samples, "s": number(run.duration_s, 3), "Hz": number(run.rate_hz, 3),
             "jitter ms": number(run.jitter_ms, 2), "gaps": run.counts.get("gaps", 0),
             "dropped": sum(dropped.values()),
-            f"noise {dof.units.shown}": number(run.noise, 2), "levels": _levels(run.levels),
+            f"noise {dof.units.shown}": number(run.noise, 2), "levels": levels or None,
             "turns" if dof.wraps else dof.units.base: number(run.extent, 2),
             "kept of the step": turn and f"{turn['kept_samples']} samples, {moved}",
             "cut by": turn and turn["cut_by"],
@@ -91,12 +94,6 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
         more = f" and {len(names) - MAX_RUNS_OF_NOTE} more" if len(names) > MAX_RUNS_OF_NOTE else ""
         lines.append(f"{', '.join(names[:MAX_RUNS_OF_NOTE])}{more}: {note}")
     return Table.of(f"{dof.name.capitalize()} runs", rows, lines).without_empty_columns()
-
-
-def _levels(levels: Sequence[float] | None) -> str | None:
-    if levels and len(levels) > MAX_LEVELS_WRITTEN:
-        return f"{len(levels)} from {number(min(levels), 3)} to {number(max(levels), 3)}"
-    return ", ".join(number(level, 3) for level in levels or ()) or None
 
 
 def _test_table(tests: Sequence[ThrusterTestSeen]) -> Table:

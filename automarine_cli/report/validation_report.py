@@ -62,15 +62,11 @@ def planar_table(result: Validation) -> Table:
     for row, free in zip(rows, scored.free):
         if free.diverged:
             row |= {headings[0]: DIVERGED_CELL}
-    return Table.of(f"{_title(result)}: surge, sway and yaw together", rows, (
+    return Table.of(f"Validation over {plural(len(result.runs), 'run')}: surge, sway and yaw together", rows, (
         "Free run: simulated from the start state of each log to its end by its commands alone; root mean squares "
         "of measured less simulated.",
         "A position adds up every error of speed and heading: judge a long run by its velocities.",
     ))  # fmt: skip
-
-
-def _title(result: Validation) -> str:
-    return f"Validation over {plural(len(result.runs), 'run')}"
 
 
 def overall_table(result: Validation) -> Table:
@@ -80,7 +76,7 @@ def overall_table(result: Validation) -> Table:
         cells = {result.dof.fill(result.scores[name].heading): _cell(name, of) for name, of in scored.overall.items()}
         first = next(iter(cells))
         rows.append({"model": model} | cells | ({first: DIVERGED_CELL} if scored.diverged else {}))
-    return Table.of(_title(result), rows, (result.because, *_notes(result)))
+    return Table.of(f"Validation over {plural(len(result.runs), 'run')}", rows, (result.because, *_notes(result)))
 
 
 def run_table(result: Validation) -> Table:
@@ -156,21 +152,15 @@ def _cell(name: str, score: Overall) -> str:
 
 def _notes(result: Validation) -> list[str]:
     """Say what each score means: its horizon, its start state, and what no model can undercut."""
-    dof, rules = result.dof, dict.fromkeys(restarts.rule for restarts in result.restarts)
-    return [
+    position, unit = result.dof.position, result.dof.units.shown
+    rules = "; or ".join(dict.fromkeys(restarts.rule for restarts in result.restarts))
+    notes = [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone.",
-        f"Restarted: simulated anew from the smoothed log {'; or '.join(rules)}. Even a perfect model shows "
-        "the smoothing error.",
-        f"Noise level of the {dof.position}, estimated without a model: {number(result.floor, 3)} {dof.units.shown}.",
-        *([_expected(result)] if result.expected is not None else []),
-        *(["Brackets: 95 % bootstrap intervals over runs."] if len(result.runs) >= 3 else []),
+        f"Restarted: simulated anew from the smoothed log {rules}. Even a perfect model shows the smoothing error.",
+        f"Noise level of the {position}, estimated without a model: {number(result.floor, 3)} {unit}.",
     ]
-
-
-def _expected(result: Validation) -> str:
-    stored, dof = result.stored, result.dof
-    scatter = stored.scatter or 0.0
-    return (
-        f"If the model were right, its restarted error would be about {number(result.expected, 2)} {dof.units.shown}: "
-        f"the noise, and thrust that differs by {100 * scatter:.1f} % from run to run."
-    )
+    if result.expected is not None:
+        error, scatter = number(result.expected, 2), 100 * (result.stored.scatter or 0.0)
+        right = f"If the model were right, its restarted error would be about {error} {unit}"
+        notes.append(f"{right}: the noise, and thrust that differs by {scatter:.1f} % from run to run.")
+    return notes if len(result.runs) < 3 else [*notes, "Brackets: 95 % bootstrap intervals over runs."]

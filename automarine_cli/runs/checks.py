@@ -291,7 +291,7 @@ class AllocationLimit:
 
 
 @dataclass(frozen=True)
-class Law:
+class AllocationLaw:
     """An allocation as logs show it: coefficients (2 T,) of every thruster ahead and astern, the exponent, and the
     commands (T,) at which thrusters are at a limit, infinite where they never were."""
 
@@ -328,7 +328,7 @@ def commanded(run: Run) -> list[Commanded]:
     ]
 
 
-def laws_of(runs: Sequence[Sequence[Commanded]]) -> Iterator[tuple[Law, dict[int, Commanded]]]:
+def laws_of(runs: Sequence[Sequence[Commanded]]) -> Iterator[tuple[AllocationLaw, dict[int, Commanded]]]:
     """The allocation of each degree of freedom of which runs show one, with what these ask, by their numbers."""
     for dof in DOFS.values():
         commands = {i: part for i, parts in enumerate(runs) for part in parts if part.dof is dof}
@@ -336,7 +336,7 @@ def laws_of(runs: Sequence[Sequence[Commanded]]) -> Iterator[tuple[Law, dict[int
             yield law, commands
 
 
-def _law(several: Sequence[Commanded]) -> Law | None:
+def _law(several: Sequence[Commanded]) -> AllocationLaw | None:
     """The allocation of one degree of freedom over several runs; None where the logs show none, or no limit."""
     if len({part.names for part in several}) != 1:
         return None
@@ -361,7 +361,7 @@ def _law(several: Sequence[Commanded]) -> Law | None:
         residual = float(np.sqrt(np.mean((total[free] - terms @ coefficients) ** 2)))
         if distinct > 2 * rank and residual <= MAX_LAW_RESIDUAL * float(np.sqrt(np.mean(total[free] ** 2))):
             tolerance = max(MIN_SHORTFALL * float(np.abs(total).max()), 10.0 * residual)
-            laws.append((residual, Law(several[0].names, coefficients, exponent, low, high, tolerance)))
+            laws.append((residual, AllocationLaw(several[0].names, coefficients, exponent, low, high, tolerance)))
     return min(laws, key=lambda pair: pair[0])[1] if laws else None
 
 
@@ -369,7 +369,7 @@ def _together(several: Sequence[Commanded]) -> tuple[Floats, Floats]:
     return np.concatenate([part.total for part in several]), np.concatenate([part.single for part in several])
 
 
-def limit_of(law: Law, several: Sequence[Commanded]) -> AllocationLimit | None:
+def limit_of(law: AllocationLaw, several: Sequence[Commanded]) -> AllocationLimit | None:
     """What runs ask of the thrusters beyond their limits, None where that is nothing."""
     total, single = _together(several)
     short = law.short(total, single)

@@ -173,12 +173,6 @@ def _bridged(run: Run) -> tuple[Run, ...]:
     return tuple(parts)
 
 
-def _too_short(part: Run) -> str | None:
-    left = f"only {np.ptp(part.time):.2g} s are left beside a jump of the {part.dof.position}"
-    short = part.counts["jumps"] and np.ptp(part.time) < MIN_PART_S
-    return f"{left}; at least {MIN_PART_S:g} s are needed" if short else None
-
-
 MIN_STANDSTILL = 5  # Samples of a standstill
 TREND_STDERRS = 4.0  # Standard errors within which the readings of a standstill show no trend
 
@@ -358,7 +352,7 @@ PARALLEL_FROM_LOGS = 3000  # logs; to start processes takes longer than to read 
 
 
 @dataclass(frozen=True)
-class Campaign:
+class LoadedRuns:
     """The runs of one campaign on one clock, in file order; what was set aside; the files read (no links that lead
     nowhere); what was commanded beyond the limits of the thrusters."""
 
@@ -371,7 +365,7 @@ class Campaign:
 def load_runs(
     logs: Logs, columns: ColumnMap | None = None, *, dof: Dof, strict: bool = False, progress: Progress = silent,
     jobs: int = 1, read: Reading | None = None,
-) -> Campaign:  # fmt: skip
+) -> LoadedRuns:  # fmt: skip
     """Read and clean the logs of a motion meant by files, directories and globs, on `jobs` processes.
 
     `read` is what makes runs of logs, by default `read_runs`. Raises LogError or RunError for a log named
@@ -391,7 +385,7 @@ def load_runs(
     runs = named_apart(runs)
     _refuse_two_units(runs)
     limited, limits = checks.within_limits(runs)
-    return Campaign(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
+    return LoadedRuns(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
 
 
 def _refuse_other_units(
@@ -486,7 +480,11 @@ def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
             aside.append(unreadable(file, error, name) if usable else ExcludedRun(file.name, name, str(error)))
             continue
         for part in parts:
-            why = (checks.clock_trouble(part.time) or _too_short(part)) if len(parts) > 1 else None
+            why = checks.clock_trouble(part.time) if len(parts) > 1 else None
+            length = float(np.ptp(part.time))
+            if why is None and part.counts["jumps"] and length < MIN_PART_S:
+                left = f"only {length:.2g} s are left beside a jump of the {part.dof.position}"
+                why = f"{left}; at least {MIN_PART_S:g} s are needed"
             if why is None:
                 runs.append(part)
             else:

@@ -18,7 +18,7 @@ from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Document, ResultKind, ResultRecord, Source, json_document, keyed, read_plain
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.load import Campaign, load_runs, read_planar, require_usable
+from automarine_cli.runs.load import LoadedRuns, load_runs, read_planar, require_usable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run
 from automarine_cli.simulation.specification import Bollard, levels_of, normal, uniform
 from automarine_cli.text import format_value, printable
@@ -307,7 +307,7 @@ def map_and_arm(
 def load_planar(
     logs: Logs, columns: ColumnMap, thrusters: Source | ThrusterMap | None = None, arm: float | None = None, *,
     strict: bool = False, jobs: int = 1, progress: Progress = silent,
-) -> Campaign:  # fmt: skip
+) -> LoadedRuns:  # fmt: skip
     """The runs of the logs, driven by forces ahead and abeam and a moment, which `thrusters` and `arm` [m] make of the
     commands of two. Raises LogError, RunError and SettingError as the fits of one motion do."""
     drive = map_and_arm(thrusters, arm, columns, YAW)

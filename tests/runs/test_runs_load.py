@@ -12,13 +12,13 @@ from made_runs import step_run, written
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.runs import load
-from automarine_cli.runs.load import Campaign, load_runs
+from automarine_cli.runs.load import LoadedRuns, load_runs
 from automarine_cli.runs.run import Run
 
 Change = Callable[[pd.DataFrame], pd.DataFrame | None]
 
 
-def loaded(folder: Path, change: Change) -> Campaign:
+def loaded(folder: Path, change: Change) -> LoadedRuns:
     """The campaign of one good run and of one whose table was changed, found in a folder."""
     table = pd.read_csv(written(step_run(0.5), folder / "good.csv"))
     changed = change(table)
@@ -26,7 +26,7 @@ def loaded(folder: Path, change: Change) -> Campaign:
     return load_runs([folder], dof=YAW)
 
 
-def odd(campaign: Campaign) -> Run:
+def odd(campaign: LoadedRuns) -> Run:
     """The run of odd.csv."""
     return next(run for run in campaign.runs if run.source.endswith("odd.csv"))
 
