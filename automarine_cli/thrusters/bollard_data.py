@@ -544,7 +544,8 @@ def reduce_series(records: list[Series]) -> Reduction:
     over more than a handful of samples in sequence, or a measured speed is steady for most of the time."""
     parts, notes = [], []
     for number, record in enumerate(records):
-        segments = constant_segments(record.n)
+        edges = (np.flatnonzero(np.diff(record.n) != 0) + 1).tolist()
+        segments = list(pairwise([0, *edges, len(record.n)]))  # in which the command is held
         lengths = [stop - start for start, stop in segments if np.any(record.n[start:stop] != 0)]
         typical = np.median(lengths) if lengths else len(record.n)
         steady = _steady(record.n) if len(record.n) >= SERIES else []
@@ -559,11 +560,6 @@ def reduce_series(records: list[Series]) -> Reduction:
         parts.append(plateaus)
     points = Points(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
     return Reduction(points, sum(len(record.n) for record in records), tuple(notes))
-
-
-def constant_segments(n: Floats) -> list[tuple[int, int]]:
-    """Half-open index ranges in which the command, shape (N,), is held."""
-    return list(pairwise([0, *(np.flatnonzero(np.diff(n) != 0) + 1).tolist(), len(n)])) if len(n) else []
 
 
 def _steady(n: Floats) -> list[tuple[int, int]]:
