@@ -509,6 +509,7 @@ def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:
     return 0.005 * points.full_scale / np.sqrt(len(values))
 
 
+REST_SHARE = 0.005  # of full scale, within which a measured speed is zero
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
 BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation
 SPIKE = 8.0  # robust standard deviations beyond which one sample is an electrical spike
@@ -643,7 +644,10 @@ def _plateaus(
         if measured:  # the speed has a lag of its own
             cut = max(cut, settled_from(record.n[samples])[0])
         samples = samples[cut:]
-        n, force = _level(record.n, samples), record.force[samples]
+        held, force = record.n[samples], record.force[samples]
+        n = float(np.mean(held)) if np.ptp(held) else float(held[0])
+        if np.ptp(held) and abs(n) <= REST_SHARE * float(np.max(np.abs(record.n))):  # a measured speed at rest
+            n = 0.0
         unsettled += [] if settled else [n]
         clock = np.mean(samples if record.time is None else record.time[samples])
         volts = np.nan if record.voltage is None else np.mean(record.voltage[samples])
@@ -663,14 +667,6 @@ def _spikes(force: Floats) -> np.ndarray:
     centre = ndimage.median_filter(force, 7, mode="nearest")
     off, away = np.abs(force - centre), np.abs(force - np.median(force))
     return np.asarray((off > SPIKE * 1.4826 * np.median(off)) & (away > SPIKE * 1.4826 * np.median(away)) & (off > 0))
-
-
-def _level(n: Floats, samples: np.ndarray) -> float:
-    """The command of a plateau; a measured speed within 0.5 % of full scale of zero is zero."""
-    if np.ptp(n[samples]) == 0:
-        return float(n[samples[0]])
-    level = float(np.mean(n[samples]))
-    return 0.0 if abs(level) <= 0.005 * float(np.max(np.abs(n))) else level
 
 
 def _readings(record: Series, number: int) -> Points:

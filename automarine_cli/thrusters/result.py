@@ -20,7 +20,6 @@ from automarine_cli.text import listed
 from automarine_cli.thrusters import bollard_data as bollard
 from automarine_cli.thrusters.bollard_data import Ints, Points, Reduction, Tare, ThrusterLogs, levels_of
 from automarine_cli.thrusters.curves import FORMS
-from automarine_cli.thrusters.family import OPPOSITE, choose_form
 from automarine_cli.thrusters.fit import (
     MIN_LEVELS,
     BollardData,
@@ -31,6 +30,7 @@ from automarine_cli.thrusters.fit import (
     parameters_json,
 )
 from automarine_cli.thrusters.map import SIDES, THRUSTER_MAP, ThrusterMap
+from automarine_cli.thrusters.selection import OPPOSITE, choose_form
 
 MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean
 CHANCE = 0.05  # that any of the thrusters of one make is told to differ
