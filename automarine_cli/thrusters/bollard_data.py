@@ -47,7 +47,7 @@ class Series:
 @dataclass(frozen=True)
 class ThrusterLogs:
     """Test records in file and row order; `missing` counts rows without a value, `n_unit` is the control signal's where
-    all logs tell the same, `by` the column that says which thruster a record is of ("" without), `asked` whether the
+    all logs tell the same, `by` the column that says which thruster a record is of ("" without), `split` whether the
     user named it, `rule` and `command` how all logs read their force and control signal, where a column map says it."""
 
     records: tuple[Series, ...]
@@ -56,20 +56,20 @@ class ThrusterLogs:
     missing: int
     n_unit: str = ""
     by: str = ""
-    asked: bool = False
+    split: bool = False
     rule: ColumnRule | None = None
     command: ColumnRule | None = None
 
     @property
     def used(self) -> int:
-        return len({(record.source, record.run, record.part if self.asked else "") for record in self.records})
+        return len({(record.source, record.run, record.part if self.split else "") for record in self.records})
 
     @property
     def parts(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(record.part for record in self.records if record.part))
 
     def of(self, part: str) -> "ThrusterLogs":
-        return replace(self, records=tuple(r for r in self.records if r.part == part), by="", asked=False, set_aside=())
+        return replace(self, records=tuple(r for r in self.records if r.part == part), by="", split=False, set_aside=())
 
 
 def thrusters_pulling(count: int | None, columns: ColumnMap, usual: int = 1) -> int:
@@ -644,9 +644,9 @@ def _plateaus(
         if measured:  # the speed has a lag of its own
             cut = max(cut, settled_from(record.n[samples])[0])
         samples = samples[cut:]
-        held, force = record.n[samples], record.force[samples]
-        n = float(np.mean(held)) if np.ptp(held) else float(held[0])
-        if np.ptp(held) and abs(n) <= REST_SHARE * float(np.max(np.abs(record.n))):  # a measured speed at rest
+        command, force = record.n[samples], record.force[samples]
+        n = float(np.mean(command)) if np.ptp(command) else float(command[0])
+        if np.ptp(command) and abs(n) <= REST_SHARE * float(np.max(np.abs(record.n))):  # a measured speed at rest
             n = 0.0
         unsettled += [] if settled else [n]
         clock = np.mean(samples if record.time is None else record.time[samples])

@@ -303,13 +303,16 @@ class _Levels(Judge[CandidateFit, SearchStep]):
         remaining = {effect: p_value for effect, p_value in model.added.items() if effect != name}
         return CandidateFit(self.fitted(model.fit.shape.without(name, self.start)), remaining)
 
-    def better(self, current: CandidateFit, left: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
-        worse, stderr = left.behind(current)
+    def better(self, current: CandidateFit, reduced: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
+        worse, stderr = reduced.behind(current)
         if worse <= NEEDLESS * stderr:
-            return left
-        others = [(*other.behind(current), other) for other in look.candidates if other.effect not in current.added]
-        clearly = [(behind, other) for behind, stderr, other in others if behind < -stderr]
-        return min(clearly, key=lambda item: item[0])[1] if clearly else current
+            return reduced
+        clearly = dict[CandidateFit, float]()
+        for candidate in look.candidates:
+            behind, stderr = candidate.behind(current)
+            if candidate.effect not in current.added and behind < -stderr:
+                clearly[candidate] = behind
+        return min(clearly, key=lambda candidate: clearly[candidate], default=current)
 
 
 MapSearch = Outcome[CandidateFit, SearchStep]
