@@ -14,7 +14,7 @@ from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.pipeline.records import Shown
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, runs_json
-from automarine_cli.thrusters import family
+from automarine_cli.thrusters import selection
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
 from automarine_cli.thrusters.curves import FORMS
 from automarine_cli.thrusters.fit import (
@@ -62,7 +62,7 @@ class ThrusterDiagnosis(Shown):
     given: ThrusterMap
     data: BollardData
     held_out: BollardData | None
-    search: family.MapSearch
+    search: selection.MapSearch
     final: MapFit
     effects: tuple[NamedEffect, ...]
     where: ResidualRegions
@@ -139,19 +139,19 @@ def diagnose_thrusters(
             f"the map's control signal is in {base.n_unit}, the logs' in {n_unit}; give logs and map of one signal"
         )
     sides = [name for name, _ in SIDES if getattr(base, name) is not None]
-    data = family.data_of_logs(logs, thrusters, n_unit or base.n_unit, sides)
-    out = family.held_out_levels(data, seed) & (hold_out is None)
+    data = selection.data_of_logs(logs, thrusters, n_unit or base.n_unit, sides)
+    out = selection.held_out_levels(data, seed) & (hold_out is None)
     held_out = data.where(out) if np.any(out) else None
     if hold_out is not None:
         try:
-            held_out = family.data_of_logs(hold_out, thrusters, data.n_unit, data.directions, min_levels=1)
+            held_out = selection.data_of_logs(hold_out, thrusters, data.n_unit, data.directions, min_levels=1)
         except FitError:
             raise FitError(
                 "the logs held out have no command in a direction that was fitted; hold out logs like those fitted"
             ) from None
-    floor, floor_from = family.noise_level(data)
+    floor, floor_from = selection.noise_level(data)
     fitted = data.where(~out)
-    search = family.search_around_faults(fitted, start_shape(base, fitted, voltage), floor, seed)
+    search = selection.search_around_faults(fitted, start_shape(base, fitted, voltage), floor, seed)
     before, after = search.looks[0].before.fit, search.final.fit
     fitted, where = before.data, _regions(before, floor, seed)
 
@@ -178,7 +178,7 @@ def _rms(data: BollardData, thrust: Floats) -> float:
 
 
 def _verdict(
-    base: MapFit, final: family.CandidateFit, effects: tuple[NamedEffect, ...], where: ResidualRegions,
+    base: MapFit, final: selection.CandidateFit, effects: tuple[NamedEffect, ...], where: ResidualRegions,
     held_out: Gap | None, floor: float, seed: int,
 ) -> tuple[str, str]:  # fmt: skip
     """What may be said, and why no more: the rules of the diagnosis of a motion, with levels for runs."""
@@ -219,12 +219,12 @@ def _neighbours_p_value(fit: MapFit, seed: int) -> float:
     return float((1.0 + np.sum(signs @ together >= together.sum())) / (1.0 + THROWS))
 
 
-def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
+def _named_effects(search: selection.MapSearch, floor: float) -> tuple[NamedEffect, ...]:
     effects = []
     for name, p_value in search.final.added.items():
         odds = [
             NamedRival(rival, chance, _split_by(search.final.fit, name, candidate, floor))
-            for rival, (candidate, chance) in family.rivals_of(search, name).items()
+            for rival, (candidate, chance) in selection.rivals_of(search, name).items()
         ]
         weight, rivals = rules.listed_rivals(odds, 1.0 - p_value)
         values = effect_parameters(search.final.fit, name, search.looks[0].before.fit)
@@ -232,7 +232,7 @@ def _named_effects(search: family.MapSearch, floor: float) -> tuple[NamedEffect,
     return tuple(effects)
 
 
-def _split_by(fit: MapFit, effect: str, rival: family.CandidateFit, floor: float) -> str:
+def _split_by(fit: MapFit, effect: str, rival: selection.CandidateFit, floor: float) -> str:
     """The pull that tells the named effect from its rival: where both fitted curves differ most."""
     for name in (rival.effect, effect):
         if name in SPLIT_BY:

@@ -617,7 +617,7 @@ def _supply(
         raise SettingError(
             "thruster tests give the current only with the thrusters' map; give --thrusters MAP.json and --arm METRES"
         )
-    powers = zip(consumption(records, per_test, battery.volts)[1:], drive.forces(largest))
+    powers = zip(consumption(records, per_test, battery.volts)[1:], drive.thrusts(*drive.signals(largest)))
     full = sum(c * force**pool.POWER_LAW for c, force in powers) / battery.volts
     source = f"{stated}, as stated, and {full:.3g} A more at {largest:.4g} {unit}, from the thruster tests."
     return Supply(battery.idle_A, full, largest), source

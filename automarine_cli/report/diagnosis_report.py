@@ -25,7 +25,7 @@ from automarine_cli.report.thruster_tables import cells, parameter_cell
 from automarine_cli.runs.run import command_warnings
 from automarine_cli.text import plural
 from automarine_cli.thrusters.curves import FORMS
-from automarine_cli.thrusters.family import ALPHA
+from automarine_cli.thrusters.selection import ALPHA
 
 MORE = {"p_value": "p", "cv_rmse_N": "cross-validated error [N]"}  # of candidates
 OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}  # kinds of learned curves in words

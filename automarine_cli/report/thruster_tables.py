@@ -62,7 +62,7 @@ def tables(result: ThrusterFit, details: Table) -> tuple[Table, ...]:
 def sentences(result: ThrusterFit) -> tuple[str, ...]:
     lines, reduction = [_answer(result.analysis), result.analysis.because, result.tare.says], result.reduction
     if reduction.plateaus:
-        left_out = f"; {reduction.left_out} were left out" * (reduction.left_out > 0)
+        left_out = f"; {reduction.left_out} were left out" if reduction.left_out else ""
         lines.append(f"{reduction.samples} samples were reduced to {reduction.plateaus} plateaus{left_out}.")
     if result.logs.missing:
         lines.append(f"{result.logs.missing} rows without a control signal or a force were left out.")

@@ -47,7 +47,7 @@ class Series:
 @dataclass(frozen=True)
 class ThrusterLogs:
     """Test records in file and row order; `missing` counts rows without a value, `n_unit` is the control signal's where
-    all logs tell the same, `by` the column that says which thruster a record is of ("" without), `asked` whether the
+    all logs tell the same, `by` the column that says which thruster a record is of ("" without), `split` whether the
     user named it, `rule` and `command` how all logs read their force and control signal, where a column map says it."""
 
     records: tuple[Series, ...]
@@ -56,20 +56,20 @@ class ThrusterLogs:
     missing: int
     n_unit: str = ""
     by: str = ""
-    asked: bool = False
+    split: bool = False
     rule: ColumnRule | None = None
     command: ColumnRule | None = None
 
     @property
     def used(self) -> int:
-        return len({(record.source, record.run, record.part if self.asked else "") for record in self.records})
+        return len({(record.source, record.run, record.part if self.split else "") for record in self.records})
 
     @property
     def parts(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(record.part for record in self.records if record.part))
 
     def of(self, part: str) -> "ThrusterLogs":
-        return replace(self, records=tuple(r for r in self.records if r.part == part), by="", asked=False, set_aside=())
+        return replace(self, records=tuple(r for r in self.records if r.part == part), by="", split=False, set_aside=())
 
 
 def thrusters_pulling(count: int | None, columns: ColumnMap, usual: int = 1) -> int:
@@ -509,6 +509,7 @@ def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:
     return 0.005 * points.full_scale / np.sqrt(len(values))
 
 
+REST_SHARE = 0.005  # of full scale, within which a measured speed is zero
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
 BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation
 SPIKE = 8.0  # robust standard deviations beyond which one sample is an electrical spike
@@ -544,7 +545,8 @@ def reduce_series(records: list[Series]) -> Reduction:
     over more than a handful of samples in sequence, or a measured speed is steady for most of the time."""
     parts, notes = [], []
     for number, record in enumerate(records):
-        segments = constant_segments(record.n)
+        edges = (np.flatnonzero(np.diff(record.n) != 0) + 1).tolist()
+        segments = list(pairwise([0, *edges, len(record.n)]))  # in which the command is held
         lengths = [stop - start for start, stop in segments if np.any(record.n[start:stop] != 0)]
         typical = np.median(lengths) if lengths else len(record.n)
         steady = _steady(record.n) if len(record.n) >= SERIES else []
@@ -559,11 +561,6 @@ def reduce_series(records: list[Series]) -> Reduction:
         parts.append(plateaus)
     points = Points(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
     return Reduction(points, sum(len(record.n) for record in records), tuple(notes))
-
-
-def constant_segments(n: Floats) -> list[tuple[int, int]]:
-    """Half-open index ranges in which the command, shape (N,), is held."""
-    return list(pairwise([0, *(np.flatnonzero(np.diff(n) != 0) + 1).tolist(), len(n)])) if len(n) else []
 
 
 def _steady(n: Floats) -> list[tuple[int, int]]:
@@ -647,7 +644,10 @@ def _plateaus(
         if measured:  # the speed has a lag of its own
             cut = max(cut, settled_from(record.n[samples])[0])
         samples = samples[cut:]
-        n, force = _level(record.n, samples), record.force[samples]
+        command, force = record.n[samples], record.force[samples]
+        n = float(np.mean(command)) if np.ptp(command) else float(command[0])
+        if np.ptp(command) and abs(n) <= REST_SHARE * float(np.max(np.abs(record.n))):  # a measured speed at rest
+            n = 0.0
         unsettled += [] if settled else [n]
         clock = np.mean(samples if record.time is None else record.time[samples])
         volts = np.nan if record.voltage is None else np.mean(record.voltage[samples])
@@ -667,14 +667,6 @@ def _spikes(force: Floats) -> np.ndarray:
     centre = ndimage.median_filter(force, 7, mode="nearest")
     off, away = np.abs(force - centre), np.abs(force - np.median(force))
     return np.asarray((off > SPIKE * 1.4826 * np.median(off)) & (away > SPIKE * 1.4826 * np.median(away)) & (off > 0))
-
-
-def _level(n: Floats, samples: np.ndarray) -> float:
-    """The command of a plateau; a measured speed within 0.5 % of full scale of zero is zero."""
-    if np.ptp(n[samples]) == 0:
-        return float(n[samples[0]])
-    level = float(np.mean(n[samples]))
-    return 0.0 if abs(level) <= 0.005 * float(np.max(np.abs(n))) else level
 
 
 def _readings(record: Series, number: int) -> Points:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
 
 SQUARE = 2.0
+Number = Floats | float
 CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
 
 
@@ -52,6 +53,22 @@ class CurveEntry:
         return equation | {at_level(level.n): level.thrust_N for level in self.levels}
 
 
+def power_law(n: Floats, a: Number, n_0: Number, p: Number, n_sat: Number) -> Floats:
+    """Return a max(min(n, n_sat) - n_0, 0)^p for |n| and parameters that broadcast with each other."""
+    return np.asarray(a * np.maximum(np.minimum(n, n_sat) - n_0, 0.0) ** p)
+
+
+def power_slopes(n: Floats, a: Number, n_0: Number, p: Number, n_sat: Number) -> tuple[Floats, ...]:
+    """Return the derivatives of `power_law` by a, n_0, p and n_sat."""
+    above = np.maximum(np.minimum(n, n_sat) - n_0, 0.0)
+    on = above > 0.0
+    safe = np.where(on, above, 1.0)
+    unit = np.where(on, safe**p, 0.0)
+    # at the edge of the dead band a power below 1 rises without limit
+    slope = np.where(on, a * p * np.maximum(safe, 1e-6 * np.max(n, initial=0.0)) ** (p - 1.0), 0.0)
+    return unit, -slope, a * unit * np.log(safe), np.where(n >= n_sat, slope, 0.0)
+
+
 @dataclass(frozen=True)
 class PowerCurve:
     """F = a max(min(|n|, n_sat) - n_0, 0)^p: a [N/n^p], p [1], n_0 and n_sat [unit of n]."""
@@ -70,13 +87,13 @@ class PowerCurve:
         """Return the units of all parameters for a control signal in `n_unit`."""
         return {"a": amplitude_unit(n_unit, self.p), "p": "", "n_0": n_unit or "n", "n_sat": n_unit or "n"}
 
-    def _above(self, magnitude: Floats) -> Floats:
-        level = magnitude if self.n_sat is None else np.minimum(magnitude, self.n_sat)
-        return np.asarray(np.maximum(level - self.n_0, 0.0))
+    @property
+    def _law(self) -> tuple[float, float, float, float]:
+        return self.a, self.n_0, self.p, np.inf if self.n_sat is None else self.n_sat
 
     def thrust(self, magnitude: Floats) -> Floats:
         """Return the size of the thrust [N] for |n| of any shape."""
-        return np.asarray(self.a * self._above(magnitude) ** self.p)
+        return power_law(magnitude, *self._law)
 
     def signal(self, thrust: float) -> float:
         """Return |n| that gives a thrust [N], if it does not saturate before; the edge of the dead band for none."""
@@ -84,12 +101,7 @@ class PowerCurve:
 
     def slopes(self, magnitude: Floats) -> dict[str, Floats]:
         """Return the derivative of the thrust by each parameter at |n| of shape (N,)."""
-        above = self._above(magnitude)
-        on = above > 0.0
-        safe = np.where(on, above, 1.0)
-        unit, slope = np.where(on, safe**self.p, 0.0), np.where(on, self.a * self.p * safe ** (self.p - 1.0), 0.0)
-        by_top = np.where(magnitude >= (self.n_sat or np.inf), slope, 0.0)
-        return {"a": unit, "p": self.a * unit * np.log(safe), "n_0": -slope, "n_sat": by_top}
+        return dict(zip(("a", "n_0", "p", "n_sat"), power_slopes(magnitude, *self._law)))
 
     def layout(self, values: Mapping[str, object]) -> object:
         """Lay out what a file says of each parameter, by name."""
@@ -236,7 +248,7 @@ class PowerForm:
 
     def predictions(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
         """Return the thrust [N] at |n|, (N,), by a fit with each row of `weights`; both of shape (B, N)."""
-        return _curve(magnitude[None, :] / np.max(magnitude), self._fits(magnitude, thrust, weights))
+        return power_law(magnitude / np.max(magnitude), *_laws(self._fits(magnitude, thrust, weights)))
 
     def _fits(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
         """Parameters of B weighted fits, (B, 4): amplitude [N] at full command, dead band, exponent, saturation; dead
@@ -264,7 +276,7 @@ class PowerForm:
         power = power[power >= self.lowest[2]]
         grid = np.stack(np.meshgrid([1.0], dead, power, top, indexing="ij"), axis=-1).reshape(-1, 4)
         grid = grid[grid[:, 3] > grid[:, 1] + 0.1]
-        shape = _curve(x[None, :], grid)  # (G, N)
+        shape = power_law(x, *_laws(grid))  # (G, N)
         cross, square = (weights * y) @ shape.T, weights @ (shape**2).T  # (B, G)
         amplitude = np.maximum(cross / np.maximum(square, 1e-300), SMALL)
         sse = (weights @ y**2)[:, None] - 2.0 * amplitude * cross + amplitude**2 * square
@@ -295,32 +307,22 @@ def _positive(entry: Given, codec: Codec, place: Place) -> float:
     return value
 
 
-def _level(x: Floats, values: Floats) -> Floats:
-    """Command above the dead band and below saturation, 1 at full command, shape (B, N)."""
-    dead, top = values[:, 1:2], values[:, 3:4]
-    return np.asarray(np.maximum(np.minimum(x, top) - dead, 0.0) / (1.0 - dead))
-
-
-def _curve(x: Floats, values: Floats) -> Floats:
-    return np.asarray(values[:, :1] * _level(x, values) ** values[:, 2:3])
+def _laws(values: Floats) -> tuple[Floats, ...]:
+    """Parameters of `power_law`, (B, 1) each, for |n| as a share of the largest, from rows of `_fits`, (B, 4)."""
+    amplitude, dead, power, top = values.T[:, :, None]
+    return amplitude / (1.0 - dead) ** power, dead, power, top
 
 
 def _sse(x: Floats, y: Floats, weights: Floats, values: Floats) -> Floats:
-    return np.asarray(np.sum(weights * (y - _curve(x[None, :], values)) ** 2, axis=1))
+    return np.asarray(np.sum(weights * (y - power_law(x, *_laws(values))) ** 2, axis=1))
 
 
 def _jacobian(x: Floats, values: Floats) -> Floats:
     """Derivative of the thrust by the four parameters, shape (B, N, 4); x is |n| / scale, shape (N,)."""
-    amplitude, dead, power, top = (values[:, i : i + 1] for i in range(4))
-    level = _level(x[None, :], values)
-    on = level > 0.0
-    safe = np.where(on, level, 1.0)
-    unit = np.where(on, safe**power, 0.0)
-    slope = np.where(on, amplitude * power * np.maximum(safe, 1e-6) ** (power - 1.0), 0.0)
-    by_dead = slope * (np.minimum(x[None, :], top) - 1.0) / (1.0 - dead) ** 2
-    by_power = np.where(on, amplitude * unit * np.log(safe), 0.0)
-    by_top = np.where(x[None, :] >= top, slope / (1.0 - dead), 0.0)
-    return np.stack([unit, by_dead, by_power, by_top], axis=-1)
+    a, dead, power, top = _laws(values)
+    by_a, by_dead, by_power, by_top = power_slopes(x, a, dead, power, top)
+    by_dead, by_power = by_dead + by_a * a * power / (1.0 - dead), by_power - by_a * a * np.log(1.0 - dead)
+    return np.stack([by_a / (1.0 - dead) ** power, by_dead, by_power, by_top], axis=-1)
 
 
 def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndarray, lowest: Floats) -> Floats:
@@ -330,7 +332,7 @@ def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndar
     damping = np.full(len(values), 1e-3)
     width, low, high = int(free.sum()), lowest[free], HIGH[free]
     for _ in range(STEPS):
-        residual = y - _curve(x[None, :], values)
+        residual = y - power_law(x, *_laws(values))
         matrix = _jacobian(x, values)[:, :, free]
         weighted = weights[:, :, None] * matrix
         gradient = np.einsum("bnk,bn->bk", weighted, residual)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.bollard_data import Ints, Points, folds_of, groups_of, levels_of
-from automarine_cli.thrusters.curves import CURVE_EFFECTS, Curve, Form
+from automarine_cli.thrusters.curves import CURVE_EFFECTS, FORMS, Curve, Form
 from automarine_cli.thrusters.map import SIDES, thrust_both_ways
 
 MIN_LEVELS = 3
@@ -253,21 +253,16 @@ class Shape:
         """Free parameters, those of a spline apart, to which no curve adds any."""
         return sum(1 + len(form.effects) for _, form in self.forms) + self.voltage + self.sag
 
-    def effects_at(self, side: str) -> frozenset[str]:
-        """Return the effects of the curve of a direction."""
-        forms = dict(self.forms)
-        form = forms.get(side) or forms.get("both")
-        return form.effects if form else frozenset()
-
     def without(self, effect: str, base: "Shape") -> "Shape":
         """Return the shape with one effect taken back to what it is in `base`."""
         if effect in (VOLTAGE, SAG):
             return replace(self, voltage=base.voltage) if effect == VOLTAGE else replace(self, sag=base.sag)
         if effect == ASYMMETRY:
             return replace(self, forms=(("both", self.forms[0][1]),))
-        forms = dict(self.forms)
+        forms, before = dict(self.forms), dict(base.forms)
         for side, form in self.forms:
-            forms[side] = form.with_effects((form.effects - {effect}) | ({effect} & base.effects_at(side)))
+            start = before.get(side) or before.get("both") or FORMS["square"]
+            forms[side] = form.with_effects((form.effects - {effect}) | ({effect} & start.effects))
         return replace(self, forms=tuple(forms.items()))
 
     def additions(self, data: BollardData) -> Iterator[tuple[str, str, "Shape"]]:

@@ -176,7 +176,7 @@ class TwinThrusters:
 
     @property
     def largest(self) -> float:
-        ahead, astern = self._thrusts(self.most, self.most)
+        ahead, astern = self.thrusts(self.most, self.most)
         return self.arm * (2.0 * min(ahead, astern) if self.equal_thrust else ahead + astern)
 
     def scaled_to(self, largest: float) -> "TwinThrusters":
@@ -202,16 +202,12 @@ class TwinThrusters:
             return self.most, self.most
         from scipy.optimize import brentq  # takes long to import
 
-        n = brentq(lambda n: sum(self._thrusts(n, n)) - force, 0.0, self.most, xtol=1e-12 * self.most)
+        n = brentq(lambda n: sum(self.thrusts(n, n)) - force, 0.0, self.most, xtol=1e-12 * self.most)
         return float(n), float(n)
 
     def output(self, moment: float) -> float:
         """Return the share of `most` that gives a moment; in the dead band it jumps to its edge."""
         return self.commands(moment)[0] / self.most
-
-    def forces(self, moment: float) -> tuple[float, float]:
-        """Return the thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
-        return self._thrusts(*self.signals(moment))
 
     def commands(self, moment: float) -> tuple[float, float]:
         """Return control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
@@ -220,7 +216,8 @@ class TwinThrusters:
         ahead, astern = self.signals(moment)
         return (ahead, -astern) if moment > 0 else (-astern, ahead)
 
-    def _thrusts(self, ahead: float, astern: float) -> tuple[float, float]:
+    def thrusts(self, ahead: float, astern: float) -> tuple[float, float]:
+        """Return the sizes of the thrusts [N] at these sizes of the signals, ahead and astern."""
         return float(self.ahead.thrust(np.asarray(ahead))), float(self.astern.thrust(np.asarray(astern)))
 
 

@@ -20,7 +20,6 @@ from automarine_cli.text import listed
 from automarine_cli.thrusters import bollard_data as bollard
 from automarine_cli.thrusters.bollard_data import Ints, Points, Reduction, Tare, ThrusterLogs, levels_of
 from automarine_cli.thrusters.curves import FORMS
-from automarine_cli.thrusters.family import OPPOSITE, choose_form
 from automarine_cli.thrusters.fit import (
     MIN_LEVELS,
     BollardData,
@@ -31,6 +30,7 @@ from automarine_cli.thrusters.fit import (
     parameters_json,
 )
 from automarine_cli.thrusters.map import SIDES, THRUSTER_MAP, ThrusterMap
+from automarine_cli.thrusters.selection import OPPOSITE, choose_form
 
 MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean
 CHANCE = 0.05  # that any of the thrusters of one make is told to differ
@@ -200,20 +200,20 @@ def compared(analyses: Mapping[str, Analysis]) -> dict[str, Compared]:
     for name, analysis in analyses.items():
         off = {}
         for side, law in analysis.square.items():
-            others = [x.square[side] for other, x in analyses.items() if other != name and side in x.square]
-            if others:
-                off[side] = _against(law, others)
+            references = [x.square[side] for other, x in analyses.items() if other != name and side in x.square]
+            if references:
+                off[side] = _against(law, references)
         differs = any(p_value < CHANCE / tests for _, p_value in off.values())
         rows[name] = Compared(name, analysis, off, differs)
     return rows
 
 
-def _against(law: Estimate, others: list[Estimate]) -> tuple[float, float]:
+def _against(law: Estimate, references: list[Estimate]) -> tuple[float, float]:
     """Difference from the others' median [percent], and the chance of one as large; standard errors are widened for few
     levels as the 95 % intervals are."""
-    error, *errors = (float(np.ptp(x.ci95) / (2.0 * special.ndtri(0.975))) for x in (law, *others))
-    middle = float(np.median([other.value for other in others]))
-    spread = MEDIAN * float(np.median(errors)) / np.sqrt(len(others))
+    error, *errors = (float(np.ptp(x.ci95) / (2.0 * special.ndtri(0.975))) for x in (law, *references))
+    middle = float(np.median([other.value for other in references]))
+    spread = MEDIAN * float(np.median(errors)) / np.sqrt(len(references))
     gap = law.value - middle
     return 100.0 * gap / middle, float(2.0 * special.ndtr(-abs(gap) / max(np.hypot(error, spread), 1e-300)))
 
@@ -445,7 +445,7 @@ def fit_records(
     if step is None and np.any(np.isfinite(points.voltage)):
         notes = (UNUSED, *notes)
     parts, without_map = dict[str, ThrusterFit](), dict[str, str]()
-    for name in loaded.parts if loaded.asked else ():
+    for name in loaded.parts if loaded.split else ():
         try:
             parts[name] = fit_records(loaded.of(name), thrusters, n_unit, form, 1, silent)
         except FitError as refusal:
@@ -523,7 +523,7 @@ def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[P
     names = ("", *loaded.parts)
     part = np.array([names.index(record.part) for record in loaded.records])[points.record]
     apart = bollard.flag_contradictions(points, part if step is None else part * (int(step.max()) + 1) + step)
-    if loaded.asked:
+    if loaded.split:
         return apart, ()
     pooled = bollard.flag_contradictions(points, step)
     before, after = (int(np.count_nonzero(flagged.flag != "")) for flagged in (pooled, apart))

@@ -43,7 +43,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
         fit = pooled.law if square else pooled.chosen
         colour = COLOURS["vermilion" if square else "blue"]
         label, line = ("square law", "--") if square else (f"chosen: {chosen}{law}", "-")
-        label += sizes * (square or chosen == "square")
+        label += sizes if square or chosen == "square" else ""
         thrust.plot(along, fit.along(along), color=colour, ls=line, label=label, zorder=3)
         residual = force - fit.along(n)
         residuals.plot(n, residual, "o", color=colour, mfc="none" if square else colour)

@@ -85,7 +85,7 @@ OPPOSITE = (
     "thrust has the opposite sign of the control signal; if ahead is logged as negative force, write "
     'force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
 )
-MIN_LEVELS = 5  # levels in a direction from which a curve with a second parameter can be told from chance
+MIN_LEVELS_TO_DIAGNOSE = 5  # levels in a direction from which a curve with a second parameter can be told from chance
 MIN_LEVELS_TO_HOLD_OUT = 10  # levels in a direction from which a quarter of them is held out
 MIN_REPEATS = 6  # degrees of freedom among repeats from which their own scatter is the noise level
 SAME_COMMAND = 1e-6  # commands that differ by less than this share of full scale are the same command
@@ -101,7 +101,7 @@ STEP_SHARE, STEP_NOISES = 0.03, 6.0
 
 
 def data_of_logs(
-    logs: ThrusterLogs, thrusters: int, n_unit: str, sides: Collection[str], min_levels: int = MIN_LEVELS
+    logs: ThrusterLogs, thrusters: int, n_unit: str, sides: Collection[str], min_levels: int = MIN_LEVELS_TO_DIAGNOSE
 ) -> BollardData:
     """Make data of one thruster, contradictions flagged, tare off, of the `sides` with `min_levels` levels or more.
     Raises FitError where there is none, or thrust opposes the command."""
@@ -303,13 +303,16 @@ class _Levels(Judge[CandidateFit, SearchStep]):
         remaining = {effect: p_value for effect, p_value in model.added.items() if effect != name}
         return CandidateFit(self.fitted(model.fit.shape.without(name, self.start)), remaining)
 
-    def better(self, current: CandidateFit, left: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
-        worse, stderr = left.behind(current)
+    def better(self, current: CandidateFit, reduced: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
+        worse, stderr = reduced.behind(current)
         if worse <= NEEDLESS * stderr:
-            return left
-        others = [(*other.behind(current), other) for other in look.candidates if other.effect not in current.added]
-        clearly = [(behind, other) for behind, stderr, other in others if behind < -stderr]
-        return min(clearly, key=lambda item: item[0])[1] if clearly else current
+            return reduced
+        clearly = dict[CandidateFit, float]()
+        for candidate in look.candidates:
+            behind, stderr = candidate.behind(current)
+            if candidate.effect not in current.added and behind < -stderr:
+                clearly[candidate] = behind
+        return min(clearly, key=lambda candidate: clearly[candidate], default=current)
 
 
 MapSearch = Outcome[CandidateFit, SearchStep]
