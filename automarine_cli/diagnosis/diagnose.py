@@ -602,7 +602,7 @@ def gains_drift(study: DiagnosisProblem, trial: CandidateFit) -> bool:
 
     Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
     clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12)."""
-    gains = trial.fit.own(GAIN)[np.argsort(study.batch.start), 0]
+    gains = trial.fit.effects_of(GAIN)[np.argsort(study.batch.start), 0]
     count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
     if count < MIN_GAINS or spread < 1e-12:
         return False

@@ -169,7 +169,7 @@ def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str
 
     Its mean in each run counts: least squares of the gains on its powers up to each of POWERS, the best of all columns
     by Fisher's test, compared with that of runs dealt in another order (`seed`)."""
-    gains, runs = trial.fit.own(linear_mixed.GAIN)[:, 0], study.runs
+    gains, runs = trial.fit.effects_of(linear_mixed.GAIN)[:, 0], study.runs
     if len(runs) < MIN_RUNS or np.ptp(gains) < 1e-9:
         return ""
     random, follows = np.random.default_rng(seed), ""

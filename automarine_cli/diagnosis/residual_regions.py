@@ -366,7 +366,7 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Residu
     }
     gap = ResidualGrid(
         names=batch.names, residual=residual, raw=raw, sign=np.where(batch.seen, side, 0.0), observed=batch.seen,
-        gain=100.0 * base.fit.own(GAIN)[:, 0], floor=study.floor, convert=dof.shown,
+        gain=100.0 * base.fit.effects_of(GAIN)[:, 0], floor=study.floor, convert=dof.shown,
     )  # fmt: skip
     return find_regions(variables, kinds, gap, seed)
 

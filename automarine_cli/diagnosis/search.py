@@ -288,7 +288,7 @@ def gain_exponent(study: DiagnosisProblem, fit: Fit) -> Estimate | None:
         return None
     size = _sizes(study)
     used = np.isfinite(size)
-    x, y = np.log(size[used]), fit.own(GAIN)[used, 0]
+    x, y = np.log(size[used]), fit.effects_of(GAIN)[used, 0]
     dof = len(x) - 2
     spread = float(((x - x.mean()) ** 2).sum()) if dof > 0 else 0.0
     if spread < 0.05:

@@ -16,9 +16,9 @@ from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.paper import MODELS
-from automarine_cli.fits.whole_runs import OutputErrorFit, estimate_of, fit_by_direction, rough_model, run_covariance
+from automarine_cli.fits.whole_runs import OutputErrorFit, fit_by_direction, result_of, rough_model, run_covariance
 from automarine_cli.models.parameter import Parameters, Prior
-from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles
+from automarine_cli.models.yaw_model import MAX_DELAY_S, YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import segments
@@ -174,13 +174,7 @@ def fit_driven(
     problem = driven_problem(model, course).informed(priors or {})
     fit = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(fit.of_model), fit, course)
-    return with_delay(OutputErrorFit(number, model.with_theta(fit.of_model), fit, run_covariance(fit)))
-
-
-def with_delay(fit: OutputErrorFit) -> OutputErrorFit:
-    """Give the fit with the command delay that it has found."""
-    place = fit.mixed.names.index(COMMAND_DELAY)
-    return replace(fit, delay=estimate_of(fit.mixed, fit.covariance, place, "s"))
+    return result_of(number, model, fit)
 
 
 def _start(name: str, course: Course) -> list[float]:

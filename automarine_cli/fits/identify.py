@@ -69,9 +69,9 @@ class YawFit(Shown):
 
     `turns` are the half-turns used and `data` what was fitted of these steps: all of it if `whole_steps`, and
     `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `output_error` and
-    `seed_method` the two estimators by model, `why_no_seed_method` a sentence where there is none, `refused` why models
-    could not be fitted; `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `prior`
-    is what was known beforehand. `warnings` are what a report says of all that.
+    `velocity_error_fit` the two estimators by model, `why_no_velocity_error` a sentence where there is none, `refused`
+    why models could not be fitted; `channels` are the sensors that count; `use` is what the model predicts, of whole
+    runs; `prior` is what was known beforehand. `warnings` are what a report says of all that.
     """
 
     moment_unit: str
@@ -79,8 +79,8 @@ class YawFit(Shown):
     data: StepData | None
     runs: tuple[Run, ...]
     output_error: Mapping[str, whole_runs.OutputErrorFit]
-    seed_method: VelocityErrorFit | None
-    why_no_seed_method: str
+    velocity_error_fit: VelocityErrorFit | None
+    why_no_velocity_error: str
     preference: Preference
     set_aside: tuple[ExcludedRun, ...]
     dof: Dof
@@ -97,7 +97,7 @@ class YawFit(Shown):
         return self.output_error[self.preference.number]
 
     @property
-    def read(self) -> Sequence[Run]:
+    def used_runs(self) -> Sequence[Run]:
         return self.runs or [turn.step.run for turn in self.turns]
 
     def document(self, option: str) -> Document:
@@ -121,13 +121,13 @@ class YawFit(Shown):
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
-            "runs": runs_json(len(self.read), self.set_aside, self.read),
+            "runs": runs_json(len(self.used_runs), self.set_aside, self.used_runs),
         }  # fmt: skip
 
     @property
     def is_late(self) -> bool:
         """Whether commands act later than any logger's convention makes them, beyond doubt."""
-        half = 0.5 * float(np.median([run.sample_period for run in self.read]))
+        half = 0.5 * float(np.median([run.sample_period for run in self.used_runs]))
         return self.preferred.delay.ci95[0] > half
 
     @property
@@ -172,9 +172,9 @@ class YawFit(Shown):
             content["effects"] = effects_json(added)
         if fit.ways is not None:
             content["sides"] = fit.ways.to_json()
-        seed = self.seed_method
+        seed = self.velocity_error_fit
         if seed is None or number not in seed.drag:
-            why = self.why_no_seed_method or f"too few {dof.words.step}s for two drag terms"
+            why = self.why_no_velocity_error or f"too few {dof.words.step}s for two drag terms"
             return content | {"sse": None, "velocity_error": None, "why": why}
         drag, table = seed.drag[number], seed.inertia.get(number)
         if table is None:

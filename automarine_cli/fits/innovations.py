@@ -250,7 +250,7 @@ class InnovationsFit(Outcome):
         middle = float(self.theta[place])
         return middle * float(np.exp(-half)), middle * float(np.exp(half))
 
-    def own(self, block: str) -> Floats:
+    def effects_of(self, block: str) -> Floats:
         """Each run's own effects (R, k) of one block, of which the filter keeps the gains."""
         return self.gains[:, None] if block == GAIN else np.zeros((len(self.gains), 1))
 

@@ -232,7 +232,7 @@ class MixedFit(Outcome):
         """Estimated size of one kind of run effect."""
         return float(self.factors[self.effects.factor_names.index(block)])
 
-    def own(self, block: str) -> Floats:
+    def effects_of(self, block: str) -> Floats:
         """Each run's own effects (R, k) of one kind."""
         return self.effects.of(self.run_effects, block)
 

@@ -329,9 +329,7 @@ class Estimated:
         return estimates
 
     def _estimate(self, place: int, unit: str) -> Estimate:
-        alone = len(self.fit.left_out) == 1
-        freedom = float(self.readings - len(self.model.free)) if alone else None
-        return estimate_of(self.fit, run_covariance(self.fit), place, unit, freedom)
+        return estimate_of(self.fit, run_covariance(self.fit), place, unit)
 
     @property
     def covariance(self) -> Floats:

@@ -18,7 +18,7 @@ from automarine_cli.fits.linear_mixed import SWITCHES
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife
 from automarine_cli.fits.preference import Preference, prefer
 from automarine_cli.fits.steps import StepData, step_problem
-from automarine_cli.fits.whole_runs import OutputErrorFit, fit_by_direction, result_of_steps
+from automarine_cli.fits.whole_runs import OutputErrorFit, fit_by_direction, result_of
 from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
@@ -144,7 +144,7 @@ def fit_step_model(
         if doubtful:
             mixed = without_doubtful_delay(data, model, mixed, prior, sided)
         inertia, *drags = mixed.of_model
-        return result_of_steps(model, YawModel.base(model, inertia, drags, unit, data.dof), mixed)
+        return result_of(model, YawModel.base(model, inertia, drags, unit, data.dof), mixed)
 
     return fit_by_direction(fit, data.dof, two_way)
 
@@ -244,7 +244,7 @@ def freed_of(push: str, data: StepData, fit: OutputErrorFit, prior: Known) -> Ou
         mixed, phi=phi, theta=problem.parameters.natural(phi), left_out=mixed.left_out - np.outer(without, lean),
         covariance=mixed.covariance + np.outer(lean, lean) / certainty,
     )  # fmt: skip
-    return replace(result_of_steps(fit.number, fit.model, freed), ways=fit.ways)
+    return replace(result_of(fit.number, fit.model, freed), ways=fit.ways)
 
 
 def difference_test(whole: MixedFit, half: MixedFit) -> float:

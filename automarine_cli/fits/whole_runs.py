@@ -328,7 +328,6 @@ ENOUGH_RUNS = 8
 """From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
 likelihood's."""
 
-NO_DELAY = Estimate(0.0, 0.0, (0.0, 0.0), "s")
 MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
 
 
@@ -336,18 +335,21 @@ MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs 
 class OutputErrorFit:
     """One model, with its values, fitted by maximum likelihood.
 
-    `covariance` (p, p) is that of phi with the run as the unit, `delay` that of the command [s], after the middle of
-    the sample interval in which it changed, `scatters` whether the thrust may from run to run; `ways` the drag of each
-    way where that was asked.
+    `covariance` (p, p) is that of phi with the run as the unit, `scatters` says whether the thrust may from run to run;
+    `ways` the drag of each way where that was asked.
     """
 
     number: str
     model: YawModel
     mixed: Fit
     covariance: Floats
-    delay: Estimate = NO_DELAY
     scatters: bool = True
     ways: Ways | None = None
+
+    @cached_property
+    def delay(self) -> Estimate:
+        """Of the command [s], after the middle of the sample interval in which it changed."""
+        return estimate_of(self.mixed, self.covariance, self.mixed.names.index(COMMAND_DELAY), "s")
 
     @property
     def answering(self) -> YawModel:
@@ -364,9 +366,8 @@ class OutputErrorFit:
         """Inertia, drag and constant force by their letters."""
         dof, unit, drag = self.model.dof, self.model.moment_unit, main_drag(self.number)
         units = {role: dof.unit_of(drag if role == "difference" else role, unit) for role in self.roles}
-        alone = spare(self.mixed)
         return {
-            dof.parameters[role]: estimate_of(self.mixed, self.covariance, self._place(role), units[role], alone)
+            dof.parameters[role]: estimate_of(self.mixed, self.covariance, self._place(role), units[role])
             for role in self.roles
         }
 
@@ -378,7 +379,7 @@ class OutputErrorFit:
         i, k, mixed = self._place("inertia"), self._place("quadratic"), self.mixed
         if mixed.theta[k] <= 0 or (k in mixed.at_bound and mixed.names[k] not in mixed.parameters.known):
             return None
-        return ratio_of(mixed, self.covariance, i, k, self.model.dof.unit_of("ratio"), spare(mixed))
+        return ratio_of(mixed, self.covariance, i, k, self.model.dof.unit_of("ratio"))
 
     @cached_property
     def gain_scatter(self) -> Estimate:
@@ -415,7 +416,7 @@ def fit_whole_runs(
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return result_of_steps(number, rough, only, scatters=False)
+        return result_of(number, rough, only, scatters=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     little = 0.2 if prior.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
@@ -425,7 +426,7 @@ def fit_whole_runs(
         factors=np.array([little if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
         run_effects=first.run_effects,
     )
-    return result_of_steps(number, rough, best)
+    return result_of(number, rough, best)
 
 
 def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
@@ -447,23 +448,21 @@ def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
 
 
 def run_dof(mixed: Fit, direction: Floats) -> float:
-    """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells."""
+    """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells; of one run its
+    readings less its parameters."""
     runs = len(mixed.left_out)
-    return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(max(runs - 1, 1))
+    if runs == 1:
+        return float(sum(mixed.readings.values()) - len(mixed.theta))
+    return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(runs - 1)
 
 
-def estimate_of(mixed: Fit, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
-    """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
+def estimate_of(mixed: Fit, covariance: Floats, i: int, unit: str) -> Estimate:
+    """One parameter; the interval of a positive one is formed on its logarithm."""
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.parameters.log[i] else Estimate.from_stderr
-    estimate = form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
+    estimate = form(float(mixed.theta[i]), stderr, run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
     assumed = mixed.names[i] in mixed.parameters.known
     return replace(estimate, known=assumed, at_bound=i in mixed.at_bound and not assumed)
-
-
-def spare(mixed: Fit) -> float | None:
-    """Degrees of freedom of a fit to one run, its readings less its parameters; None where runs tell of each other."""
-    return float(sum(mixed.readings.values()) - len(mixed.theta)) if len(mixed.left_out) == 1 else None
 
 
 def ratio_of(mixed: Fit, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:
@@ -475,9 +474,6 @@ def ratio_of(mixed: Fit, covariance: Floats, i: int, k: int, unit: str, dof: flo
     return Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, dof or run_dof(mixed, direction), unit)
 
 
-def result_of_steps(number: str, model: YawModel, mixed: MixedFit, scatters: bool = True) -> OutputErrorFit:
-    """Give the result of runs that were simulated or have a closed form; `scatters` is false where their gains are
-    known not to differ."""
-    covariance = run_covariance(mixed)
-    delay = estimate_of(mixed, covariance, mixed.names.index(COMMAND_DELAY), "s", spare(mixed))
-    return OutputErrorFit(number, model.with_theta(mixed.of_model), mixed, covariance, delay, scatters)
+def result_of(number: str, model: YawModel, mixed: Fit, scatters: bool = True) -> OutputErrorFit:
+    """Give the result of a fit of `model`; `scatters` is false where the runs' gains are known not to differ."""
+    return OutputErrorFit(number, model.with_theta(mixed.of_model), mixed, run_covariance(mixed), scatters)

@@ -157,12 +157,12 @@ def cautions_of(fit: YawFit) -> tuple[Caution, ...]:
 def warnings_of(fit: YawFit) -> tuple[str, ...]:
     """List what a person must know before trusting a fit. Cautions are warnings that are grave, and those on every
     model or on the preferred one; the others only stand below the tables."""
-    preference, dof, seed = fit.preference, fit.dof, fit.seed_method
+    preference, dof, seed = fit.preference, fit.dof, fit.velocity_error_fit
     warnings = [] if fit.use is None else [*fit.use.warnings(dof)]
     warnings += [f"Model {absent} could not be fitted: {reason}." for absent, reason in fit.refused.items()]
     noise = None
     if seed is not None:
-        noise = float(np.median([run.noise for run in fit.read if not run.summed_up] or [0.0]))
+        noise = float(np.median([run.noise for run in fit.used_runs if not run.summed_up] or [0.0]))
         if not seed.steady:
             tail, bias = dof.shown(seed.tail_from), 100 * np.abs(seed.expected.bias).max()
             warnings.append(
@@ -189,7 +189,7 @@ def fit_warnings(
     words, mark, base = dof.words, dof.units.mark, dof.units.base
     sentences = _one_run_that_decides(fit, names_of_runs)
     if fit.gain_scatter.value > WILD_GAIN:
-        gains = np.exp(fit.mixed.own(GAIN)[:, 0])
+        gains = np.exp(fit.mixed.effects_of(GAIN)[:, 0])
         gains = gains / np.median(gains)
         odd = int(np.argmax(np.abs(np.log(gains))))
         sentences.append(
@@ -252,7 +252,7 @@ MEANINGS = {
 def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
-    drag = {} if fit.seed_method is None else fit.seed_method.drag
+    drag = {} if fit.velocity_error_fit is None else fit.velocity_error_fit.drag
     quadratic, linear = sym.quadratic, sym.linear
     tests = {m: nested_test(of, drag["2"])["p_value"] for m, of in drag.items() if m != "2" and "2" in drag}
     density = {m: number(float(of.mixed.predictive.sum()), 6) for m, of in ml.items()}
@@ -326,7 +326,7 @@ def _signs(dof: Dof) -> tuple[str, ...]:
 def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 2: inertia of the three models; maximum likelihood and inertial turn angle below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
-    of_model = {} if fit.seed_method is None else fit.seed_method.inertia
+    of_model = {} if fit.velocity_error_fit is None else fit.velocity_error_fit.inertia
     ratio = f"{sym.inertia}/{sym.quadratic} [{dof.units.base}]"
     rows = [
         _row(sym.inertia, {m: table.overall.value for m, table in of_model.items()}),
@@ -345,8 +345,8 @@ def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
 
 def tables(fit: YawFit) -> tuple[Table, Table]:
     """Make tables 1 and 2, each sentence that must be known of their parameters below one of them."""
-    seed = fit.seed_method
-    why = f"{fit.why_no_seed_method}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
+    seed = fit.velocity_error_fit
+    why = f"{fit.why_no_velocity_error}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
     cautions = cautions_of(fit)
     drag = [caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters)]
     inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)
@@ -390,7 +390,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines += [line, *sentences_of(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)]
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
-    lines += [f"Read: {note}." for note in shared_readings(fit.read)]
+    lines += [f"Read: {note}." for note in shared_readings(fit.used_runs)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
 
@@ -400,7 +400,7 @@ def _known(fit: YawFit) -> tuple[str, ...]:
     dof = fit.dof
     units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY_ROLE, "constant")}
     sentences = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, fit.preferred.mixed.names)
-    paper = ("The velocity errors of the paper do not use it.",) if sentences and fit.seed_method else ()
+    paper = ("The velocity errors of the paper do not use it.",) if sentences and fit.velocity_error_fit else ()
     return (*sentences, *paper)
 
 
@@ -413,7 +413,7 @@ PUSHES = {
 
 def _carrying(fit: YawFit) -> str:
     """Name the data that carry the answer."""
-    used, tests = len(fit.read), fit.consistency
+    used, tests = len(fit.used_runs), fit.consistency
     count = f"{used} of {used + len(fit.set_aside)} runs"
     if fit.fitted_to.startswith("whole"):
         return f"whole runs ({count})"
@@ -458,7 +458,7 @@ def _(fit: YawFit) -> Sections:
 
 
 def _drawings(fit: YawFit) -> dict[str, Drawing]:
-    seed, data, use = fit.seed_method, fit.data, fit.use
+    seed, data, use = fit.velocity_error_fit, fit.data, fit.use
     if seed is None or data is None:
         if use is not None and fit.preferred.mixed.driven:
             return {"whole_runs": Drawing("runs.driven_runs_figure", fit.runs, use, fit.preferred.noise or 0.0)}
@@ -473,7 +473,7 @@ def _drawings(fit: YawFit) -> dict[str, Drawing]:
 
 def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
     groups = {(m, "maximum likelihood"): {**of.estimates, **_added(of)} for m, of in fit.output_error.items()}
-    if (seed := fit.seed_method) is not None:
+    if (seed := fit.velocity_error_fit) is not None:
         for model, drag in seed.drag.items():
             heavy = {fit.dof.symbols.inertia: seed.inertia[model].overall} if model in seed.inertia else {}
             groups[model, "velocity error"] = {**drag.estimates, **heavy}
@@ -484,9 +484,9 @@ def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:
 
 def run_rows(fit: YawFit) -> list[dict[str, object]]:
     """List what was kept of each run, and what both methods give of it."""
-    dof, words, data, seed, use = fit.dof, fit.dof.words, fit.data, fit.seed_method, fit.use
+    dof, words, data, seed, use = fit.dof, fit.dof.words, fit.data, fit.velocity_error_fit, fit.use
     key, rate_key, mixed, rows = dof.units.shown, f"{dof.units.shown}_s", fit.preferred.mixed, list[dict[str, object]]()
-    gains = np.exp(mixed.own(GAIN)[:, 0]).tolist()
+    gains = np.exp(mixed.effects_of(GAIN)[:, 0]).tolist()
     if seed is None or data is None:
         for i, run in enumerate(fit.runs):
             row = {"run": run.name, "file": run.source, "samples": len(run), "duration_s": run.time[-1] - run.time[0]}
@@ -497,7 +497,7 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
                     row[f"rmse_{ahead.horizon:g}_s_ahead_{key}"] = float(dof.shown(error))
             else:
                 off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
-                row[f"start_{words.speed}_{rate_key}"] = float(dof.shown(mixed.own(START_VELOCITY)[i, 0]))
+                row[f"start_{words.speed}_{rate_key}"] = float(dof.shown(mixed.effects_of(START_VELOCITY)[i, 0]))
                 row |= {"gain": gains[i], f"rmse_{key}": float(np.sqrt(np.mean(off**2)))}
             rows.append(row)
         return rows

@@ -52,9 +52,9 @@ def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
 
     # the campaign in which nothing is hidden: drag, inertia, one validation run
     fit = fit_yaw([SAMPLE_RUNS / "steps"], out=folder / "yaw")
-    assert fit.seed_method is not None
-    yield "drag", drag_figure(fit, fit.seed_method)
-    yield "inertia", inertia_figure(fit, fit.seed_method)
+    assert fit.velocity_error_fit is not None
+    yield "drag", drag_figure(fit, fit.velocity_error_fit)
+    yield "inertia", inertia_figure(fit, fit.velocity_error_fit)
     yield "validation", of_run(SAMPLE_RUNS / "validation" / VALIDATED, folder / "yaw" / "yaw_model.json")
 
     # the campaign with a hidden effect: a run before, where the gap is, why, and after

@@ -47,18 +47,18 @@ def holds(estimate: Estimate, truth: float, precise: float = 0.05) -> bool:
 @MOTIONS
 def test_the_truth_is_recovered_and_the_drag_of_each_way(fits: Fits, motion: str) -> None:
     fit, _ = fits[motion]
-    assert fit.dof is DOFS[motion] and fit.preference.number == "3" and len(fit.read) == 20
+    assert fit.dof is DOFS[motion] and fit.preference.number == "3" and len(fit.used_runs) == 20
     mass, *drag = TRUTH[motion]
     for name, truth in TRUTH[motion].items():
         assert holds(fit.preferred.estimates[name], truth, 0.1), name
-    assert fit.seed_method is not None
-    assert holds(fit.seed_method.inertia["3"].overall, TRUTH[motion][mass])
+    assert fit.velocity_error_fit is not None
+    assert holds(fit.velocity_error_fit.inertia["3"].overall, TRUTH[motion][mass])
     if motion == "surge":
         assert fit.warnings == () and {turn.cut_by for turn in fit.turns} == {"the way allowed"}
         assert max(abs(turn.turned) for turn in fit.turns) < 3.03
     for name in drag if motion == "surge" else ["constant_force"]:
         precise = {"constant_force": 0.2, "half_difference": 0.1}.get(name, 0.05)
-        assert holds(fit.seed_method.drag["3"].estimates[name], TRUTH[motion][name], precise), name
+        assert holds(fit.velocity_error_fit.drag["3"].estimates[name], TRUTH[motion][name], precise), name
     ways = fit.preferred.ways
     assert ways is not None and ways.differ and ways.p_value < 1e-6
     for way, truth in EACH_WAY[motion].items():

@@ -24,7 +24,7 @@ from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_i
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.report.fit_report import tables
+from automarine_cli.report.fit_report import tables, warnings_of
 from automarine_cli.report.sections import sections
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -214,9 +214,9 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
     assert list(fit.output_error) == ["1"]
     for number in "23":
         assert f"Model {number} could not be fitted: these runs do not determine the model: it has no end." in (
-            fit.warnings
+            warnings_of(fit)
         )
-    assert "readings at 50 Hz were averaged over 0.1 s, commands count exactly" in fit.why_no_seed_method
+    assert "readings at 50 Hz were averaged over 0.1 s, commands count exactly" in fit.why_no_velocity_error
 
 
 @pytest.mark.slow
