@@ -196,7 +196,7 @@ def _refuse_runaways(model: YawModel, fit: Fit, course: Course) -> None:
         reason = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
     elif not MIN_ANSWER_S < slowness < MAX_ANSWER_S:
         reason = f"it would answer its thrusters within {slowness:.2g} s"
-    elif fit.names[0] not in fit.parameters.known and (0 in fit.at_bound or not 0.0 < deviation <= np.log(3.0)):
+    elif fit.names[0] not in fit.parameters.priors and (0 in fit.at_bound or not 0.0 < deviation <= np.log(3.0)):
         reason = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
         return
@@ -273,7 +273,7 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
         if name in have:
             continue
         start = _start(name, course)
-        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.known)
+        wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.priors)
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
         gain = 2.0 * (wide.log_likelihood - narrow.log_likelihood)

@@ -89,7 +89,7 @@ class Outcome:
     @property
     def error_of_known(self) -> Floats:
         """Covariance of phi that the errors of what was known make, (p, p): no run that is left out shows it."""
-        return self.covariance @ self.parameters.information_of_known @ self.covariance
+        return self.covariance @ self.parameters.information_of_priors @ self.covariance
 
 
 def jackknife(left_out: Floats) -> Floats:

@@ -183,7 +183,7 @@ def whole_run_problem(
     if confined:
         ends = (-MAX_Z, MAX_Z)
     delay = Parameter(COMMAND_DELAY, 0.0, *ends, role=NUISANCE)
-    searched = Parameters((*parameters, delay), known={COMMAND_DELAY: Prior(0.0, 1.0)} if confined else {})
+    searched = Parameters((*parameters, delay), priors={COMMAND_DELAY: Prior(0.0, 1.0)} if confined else {})
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
     return Problem(readings, measured, observed, blocks, searched, slots_of(batch.channels))
 
@@ -377,7 +377,7 @@ class OutputErrorFit:
         if "quadratic" not in self.roles:
             return None
         i, k, mixed = self._place("inertia"), self._place("quadratic"), self.mixed
-        if mixed.theta[k] <= 0 or (k in mixed.at_bound and mixed.names[k] not in mixed.parameters.known):
+        if mixed.theta[k] <= 0 or (k in mixed.at_bound and mixed.names[k] not in mixed.parameters.priors):
             return None
         return ratio_of(mixed, self.covariance, i, k, self.model.dof.unit_of("ratio"))
 
@@ -461,7 +461,7 @@ def estimate_of(mixed: Fit, covariance: Floats, i: int, unit: str) -> Estimate:
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.parameters.log[i] else Estimate.from_stderr
     estimate = form(float(mixed.theta[i]), stderr, run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
-    assumed = mixed.names[i] in mixed.parameters.known
+    assumed = mixed.names[i] in mixed.parameters.priors
     return replace(estimate, known=assumed, at_bound=i in mixed.at_bound and not assumed)
 
 

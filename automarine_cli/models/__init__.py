@@ -1,1 +1,1 @@
-"""The yaw model: inertia and a tuple of effects with values; closed forms of models 1 to 3; files."""
+"""Models: a motion with its inertia, terms and parameters; closed forms of models 1 to 3; files."""

@@ -54,12 +54,12 @@ class Parameter:
 class Parameters(Sequence[Parameter]):
     """The parameters of a likelihood, theta (p,), and phi (p,), the same on the scales of the search.
 
-    `known` are those that a user knows beforehand, by name; `smooth` (p, p) is the precision about zero of parameters
+    `priors` are what a user knows beforehand, by name; `smooth` (p, p) is the precision about zero of parameters
     that are on no logarithm, as of a smooth curve.
     """
 
     entries: tuple[Parameter, ...]
-    known: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
     smooth: Floats | None = None
 
     def __len__(self) -> int:
@@ -142,23 +142,23 @@ class Parameters(Sequence[Parameter]):
         count = len(self.entries)
         mean, precision = np.zeros(count), np.zeros((count, count)) if self.smooth is None else self.smooth.copy()
         for i, parameter in enumerate(self.entries):
-            expected = self.known.get(parameter.name, parameter.prior)
+            expected = self.priors.get(parameter.name, parameter.prior)
             if expected is not None and expected.stderr is not None:
                 mean[i] = np.log(expected.value) if parameter.log else expected.value
                 precision[i, i] = ((expected.value if parameter.log else 1.0) / expected.stderr) ** 2
         return mean, precision
 
     @property
-    def information_of_known(self) -> Floats:
-        """What the errors of what is known say of phi, (p, p)."""
-        erring = {name for name, prior in self.known.items() if prior.stderr is not None}
+    def information_of_priors(self) -> Floats:
+        """What the errors of what a user knows say of phi, (p, p)."""
+        erring = {name for name, prior in self.priors.items() if prior.stderr is not None}
         return np.diag([p if name in erring else 0.0 for name, p in zip(self.names, np.diagonal(self.prior[1]))])
 
-    def informed(self, known: Mapping[str, Prior]) -> "Parameters":
+    def informed(self, priors: Mapping[str, Prior]) -> "Parameters":
         """Return the same with what a user knows beforehand; what is known exactly is fixed."""
-        exact = {name: prior.value for name, prior in known.items() if prior.stderr is None}
+        exact = {name: prior.value for name, prior in priors.items() if prior.stderr is None}
         entries = tuple(p.at(exact[p.name]) if p.name in exact else p for p in self.entries)
-        return replace(self, entries=entries, known=known)
+        return replace(self, entries=entries, priors=priors)
 
     def fixed_at(self, theta: Sequence[float] | Floats) -> "Parameters":
         """Return the same with the first ones fixed at the values given, (f,)."""

@@ -108,7 +108,7 @@ def derivative(name: str) -> tuple[int, CrossDrag]:
     match = _DERIVATIVE.fullmatch(name)
     place = FORCES.index(match[1]) if match else 0
     if match is None or set(match[2]) == {VELOCITIES[place]}:
-        raise ModelError(f"{name!r} is no force by the velocities of other degrees of freedom, as Y_r and N_vr are")
+        raise ModelError(f"{name!r}: expected X, Y or N by the velocities of other motions, such as Y_r or N_vr")
     *size, along = (VELOCITIES.index(letter) for letter in match[2])
     metres = (match[1] == "N") - sum(letter != "r" for letter in match[2])
     of_metres = {1: " m", 0: "", -1: "/m", -2: "/m²"}[metres]
@@ -409,19 +409,10 @@ def response(
 
     All inputs broadcast. Drag must be positive somewhere (k_r > 0 or k_rr > 0). Source: module docstring.
     """
-    time, way = np.asarray(time, dtype=float), np.sign(np.asarray(moment, dtype=float))
-    t = np.maximum(time, 0.0)
-    a, b, c = _scaled(moment, inertia, k_r, k_rr)
-    delta = np.sqrt(b * b / 4 + a * c)
-    decayed = np.expm1(-2 * delta * t)
+    arrays = (np.asarray(x, dtype=float) for x in (time, moment, inertia, k_r, k_rr))
     with np.errstate(divide="ignore", invalid="ignore"):
-        final = np.where(a > 0, a / (delta + b / 2), 0.0)
-        final = np.where((b < 0) & (c > 0), (delta - b / 2) / c, final)  # the same, where that would cancel
-        # (1 - exp(-2 delta t))/(2 delta), and t where delta is zero (no moment, and quadratic drag alone)
-        mean_decay = decayed * (-0.5 / delta) if np.all(delta > 0) else np.where(delta > 0, decayed / (-2 * delta), t)
-    z = final * mean_decay
-    rate = final - final * (1 + decayed) / (1 - c * z)
-    return heading0 + way * (final * t + _log_ratio(c, z)), np.where(time < 0, 0.0, way * rate)
+        angle, rate = response_slopes(*arrays)
+    return np.asarray(heading0, dtype=float) + angle.value, rate.value
 
 
 class Slopes(NamedTuple):
@@ -435,8 +426,10 @@ class Slopes(NamedTuple):
     quadratic: Floats
 
 
-def response_slopes(time: Floats, force: Floats, inertia: float, k_r: Floats, k_rr: Floats) -> tuple[Slopes, Slopes]:
-    """Give heading less its start [rad] and rate [rad/s] of `response` with their derivatives; time is (R, N).
+def response_slopes(
+    time: Floats, force: Floats, inertia: Floats | float, k_r: Floats, k_rr: Floats
+) -> tuple[Slopes, Slopes]:
+    """Give heading less its start [rad] and rate [rad/s] of `response` with their derivatives, by the module's formula.
 
     Stretching time, psi(s t; a, b, c) = psi(t; s² a, s b, c), and angle, psi(t; s a, b, c/s) = s psi(t; a, b, c), give
     all derivatives from the one by log a, which is that of the formula.

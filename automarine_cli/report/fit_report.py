@@ -212,7 +212,7 @@ def fit_warnings(
             "lag."
         )
     early = fit.mixed.names.index(COMMAND_DELAY) in fit.mixed.at_bound and fit.delay.value < 0.0
-    if early and COMMAND_DELAY not in fit.mixed.parameters.known:
+    if early and COMMAND_DELAY not in fit.mixed.parameters.priors:
         says = "The {force} seems to act half a sample interval or more before the log shows it. Check the clocks of "
         sentences.append(dof.fill(says + "{position} and command."))
     return sentences
