@@ -64,6 +64,6 @@ def test_a_choice_is_recorded_and_plans_count_on_the_model_s_gyro(steps: Path, r
     assert channels_in(tmp_path / "compass" / "yaw_model.json")["yaw_rate"]["used"] is False
     both, compass = (read_prior_results(tmp_path / name / "yaw_model.json", None) for name in ("both", "compass"))
     assert both.rate_noise_deg_s == pytest.approx(0.3, rel=0.2) and compass.rate_noise_deg_s is None
-    assert fitting_of(compass, Limits()).channels is None
+    assert fitting_of(compass, Limits()).rate_noise is None
     limited = fitting_of(compass, Limits(logger=Logger(rate_noise_deg_s=0.5)))
-    assert limited.channels == ("heading", "yaw_rate") and limited.rate_noise == np.deg2rad(0.5)
+    assert limited.rate_noise == np.deg2rad(0.5)

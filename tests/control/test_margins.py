@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from made_vehicles import vehicle
 
-from automarine_cli.control import vehicles as plant
 from automarine_cli.control.design import all_margins, fly, frequencies, margins, stable_along
 from automarine_cli.control.targets import TARGETS, get
 from automarine_cli.control.targets.base import Gains, NominalPlant, Target
@@ -106,13 +105,3 @@ def test_flights_begin_to_swing_where_the_delay_margin_says(name: str) -> None:
         assert np.all(np.isfinite(swing))
     assert sizes[0] < 0.7
     assert sizes[1] > 1.05
-
-
-def test_the_linear_vehicle_is_that_of_the_simulator() -> None:
-    """Inertia and drag about rest, and the delay and lag in front of them, at a few frequencies."""
-    one = vehicle(inertia=2.0, drag=0.0, linear=0.8, full=10.0, lag=0.3, delay=0.2)
-    s = 1j * np.array([0.1, 1.0, 5.0])
-    position, velocity = plant.response(one, s)
-    wanted = 10.0 / (2.0 * s * s + 0.8 * s) * np.exp(-0.2 * s) / (1.0 + 0.3 * s)
-    assert np.allclose(position[0], wanted, rtol=1e-9)
-    assert np.allclose(velocity[0], s * wanted, rtol=1e-9)

@@ -38,6 +38,7 @@ def test_whole_steps_with_a_delay_hold_the_truth() -> None:
     assert np.sqrt(np.mean(np.square(scores))) < 1.6 and np.abs(scores).max() < 3.5
 
 
+@pytest.mark.slow
 def test_half_turns_answer_where_the_water_turns_with_the_vehicle() -> None:
     """Whole steps alone put the drag of a swirl into the vehicle's own."""
     swirl = {"name": "water-swirl", "chi": 0.15, "T_w": 10.0}
