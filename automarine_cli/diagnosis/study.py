@@ -1,6 +1,7 @@
 """What a diagnosis looks at: runs, how they start, the base model; and the likelihood of any model on them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -22,6 +23,7 @@ from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, 
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covariance, varying_terms, whole_run_problem
+from automarine_cli.models.parameter import Parameters
 from automarine_cli.models.yaw_model import COMMAND_DELAY, Term, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, position_noise
@@ -147,13 +149,13 @@ def elsewhere(model: YawModel, term: Term) -> Floats:
     return np.array([row / np.linalg.norm(row) for row in rows]).reshape(-1, KNOTS)
 
 
-def smoothness(model: YawModel, count: int) -> Floats | None:
-    """The same as precision (count, count) of all parameters of a fit; None where the model has no curve."""
+def smoothed_curve(model: YawModel, parameters: Parameters) -> Parameters:
+    """Return the parameters with that precision of the values of the model's curve, if it has one."""
     if learned_term(model) is None:
-        return None
-    matrix, at = np.zeros((count, count)), places(model)
+        return parameters
+    matrix, at = np.zeros((len(parameters), len(parameters))), places(model)
     matrix[np.ix_(at, at)] = precision(model)
-    return matrix
+    return replace(parameters, smooth=matrix)
 
 
 def smoothed(fit: Fit, model: YawModel) -> tuple[float, float]:
@@ -291,8 +293,7 @@ class DiagnosisProblem:
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
         problem = driven_problem(model, self.course, latest=self.logger_delay, slowest=self.slowest)
-        smooth = smoothness(model, len(problem.parameters))
-        return replace(problem, parameters=replace(problem.parameters, smooth=smooth))
+        return replace(problem, parameters=smoothed_curve(model, problem.parameters))
 
     def problem(self, model: YawModel) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z
@@ -302,12 +303,8 @@ class DiagnosisProblem:
             log_drag=True, least_delay=self.logger_delay, longest_period=self.slowest, dropped=dropped
         )
         problem = whole_run_problem(model, parameters, self.batch, self.at_rest, confined=True)
-        smooth = smoothness(model, len(problem.parameters))
-        return replace(
-            problem,
-            effects=problem.effects.with_scale(disturbance=0.0),
-            parameters=replace(problem.parameters, smooth=smooth),
-        )
+        effects_of_runs = problem.effects.with_scale(disturbance=0.0)
+        return replace(problem, effects=effects_of_runs, parameters=smoothed_curve(model, problem.parameters))
 
     def fit(
         self, model: YawModel, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS
@@ -334,28 +331,24 @@ class DiagnosisProblem:
         return fit_mixed(problem, np.append(values, delay), factors=factors, settled=SETTLED, **settings)
 
     @cached_property
-    def _of_fits(self) -> dict[tuple[str, int], tuple[Fit, Any]]:
+    def _covariances(self) -> dict[Fit, Floats]:
         return {}
 
-    def _once(self, name: str, fit: Fit, work_out: Callable[[], Any]) -> Any:
-        if (name, id(fit)) not in self._of_fits:  # the fit is kept, or another could have its id
-            self._of_fits[name, id(fit)] = (fit, work_out())
-        return self._of_fits[name, id(fit)][1]
+    @cached_property
+    def _predictions(self) -> dict[Fit, tuple[Predicted, ...]]:
+        return {}
 
     def covariance(self, model: YawModel, fit: Fit) -> Floats:
         """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
 
         It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife."""
-
-        def work_out() -> Floats:
-            try:
-                if fit.driven or learned_term(model) is not None:
-                    return run_covariance(fit)
-                return run_covariance(fit, left_out_changes(self.problem(model), fit))
-            except (FitError, np.linalg.LinAlgError):
-                return run_covariance(fit)
-
-        return np.asarray(self._once("covariance", fit, work_out))
+        if fit not in self._covariances:
+            changes = None
+            if not fit.driven and learned_term(model) is None:
+                with suppress(FitError, np.linalg.LinAlgError):
+                    changes = left_out_changes(self.problem(model), fit)
+            self._covariances[fit] = run_covariance(fit, changes)
+        return self._covariances[fit]
 
     def command_delay(self, fit: Fit) -> float:
         """Give the command delay [s] of a fit to these runs as files have it."""
@@ -366,10 +359,10 @@ class DiagnosisProblem:
         """What the model predicts of these runs, from the filtered state, over each of HORIZONS, worked out once a fit;
         the fit may be one to other runs."""
 
-        def work_out() -> tuple[Predicted, ...]:
-            return predict(model, self.course, fit.of_model, self.driven_problem(model).noises(fit.theta[None]))
-
-        return tuple(self._once("predictions", fit, work_out))
+        if fit not in self._predictions:
+            noises = self.driven_problem(model).noises(fit.theta[None])
+            self._predictions[fit] = predict(model, self.course, fit.of_model, noises)
+        return self._predictions[fit]
 
     def with_fitted_values(self, model: YawModel, fit: Fit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""

@@ -229,7 +229,7 @@ DAMPINGS = (1.0, 30.0)  # multiples of the damping that are tried together; of m
 NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InnovationsFit(Outcome):
     """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `density` (R,) the runs'
     own log densities, `gains` (R,) their log gains as filtered."""

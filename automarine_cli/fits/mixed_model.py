@@ -40,7 +40,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outcome:
     """What every fit gives.
 
@@ -204,7 +204,7 @@ class Problem:
         return self.response(self.parameters.natural(phi)[None], b[None])[0]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MixedFit(Outcome):
     """Outcome of a fit of the mixed model: also `noises` (C,) of the counted channels, `factors` of the run effects,
     `run_effects` (R, q), and the `fitted` readings (R, N)."""
