@@ -79,7 +79,7 @@ def _fit(
     from automarine_cli.fits.known import Known, names_in
     from automarine_cli.fits.paper import parse_tail
     from automarine_cli.logs import given_columns
-    from automarine_cli.models.yaw_model import COMMAND_DELAY
+    from automarine_cli.models.model import COMMAND_DELAY
     from automarine_cli.report.fit_report import warnings_of
     from automarine_cli.runs.half_turn import half_turns
     from automarine_cli.runs.load import append_exclusions, load_runs, require_usable

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from automarine_cli import effects
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.planar_fit import CHANNELS, rough_velocities
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity, velocity_noise
 from automarine_cli.runs.half_turn import released, segments
@@ -33,18 +33,18 @@ MAX_FINE_STEPS = 50_000  # beyond which a step is halved no more; long runs have
 GROUP_SAMPLES = 500_000  # padded samples simulated together: a few hundred megabytes at most
 
 
-def needed_signals(model: YawModel) -> tuple[str, ...]:
+def needed_signals(model: Model) -> tuple[str, ...]:
     """Name the columns of `Run.extras` that the model's effects read, in the order of its terms."""
     return tuple(dict.fromkeys(name for term in model.terms for name in effects.get(term.name).needs))
 
 
-def step_of(model: YawModel, runs: Sequence[Run]) -> float:
+def step_of(model: Model, runs: Sequence[Run]) -> float:
     step = step_for(model, max(float(np.abs(run.command).max()) for run in runs))
     return step if np.isfinite(step) else UNSTEADY_STEP_S  # drag that never balances it
 
 
 def roll(
-    model: YawModel, runs: Sequence[Run], position: ArrayLike, rate: ArrayLike,
+    model: Model, runs: Sequence[Run], position: ArrayLike, rate: ArrayLike,
     step: float | None = None, water: ArrayLike = 0.0,
 ) -> Trajectory:  # fmt: skip
     """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,), and
@@ -111,7 +111,7 @@ def rest_state(run: Run) -> State | None:
     return State(float(run.position[:count].mean()), 0.0, how)
 
 
-def start_states(model: YawModel, runs: Sequence[Run]) -> list[State]:
+def start_states(model: Model, runs: Sequence[Run]) -> list[State]:
     """Find the start of each run: at rest, or with the position and rate from which the model follows the first second
     (at least 5 samples) of the measured position best, by least squares."""
     rests = [rest_state(run) for run in runs]
@@ -121,7 +121,7 @@ def start_states(model: YawModel, runs: Sequence[Run]) -> list[State]:
     return [next(moving if rest is None else at_rest) for rest in rests]
 
 
-def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> list[State]:
+def aligned(model: Model, runs: Sequence[Run], states: Sequence[State]) -> list[State]:
     """Return true states at which the model's sensor shows the positions and rates of `states` at the first sample."""
     sensors = [term for term in model.terms if effects.get(term.name).place is effects.Place.SENSOR]
     if not runs or not sensors:
@@ -138,7 +138,7 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
     return [State(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 
 
-def _fitted(model: YawModel, runs: Sequence[Run]) -> list[State]:
+def _fitted(model: Model, runs: Sequence[Run]) -> list[State]:
     """Fit start position and rate by Gauss-Newton, all runs at once, from a line through the same samples. What a
     velocity sensor reads there counts with the ratio of the position's noise to its own."""
     if not runs:
@@ -221,7 +221,7 @@ class FreeRun:
         return not all(np.all(np.abs(column) < MAX_WAY) for column in self.simulated.values())
 
 
-def free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
+def free_runs(model: Model, runs: Sequence[Run]) -> Iterator[FreeRun]:
     """Simulate all runs, many at a time, in their order; see `roll`."""
     states = start_states(model, runs)
     for run, state, (position, rate, water) in zip(runs, states, _paths(model, runs, states)):
@@ -229,7 +229,7 @@ def free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
 
 
 def _paths(
-    model: YawModel, runs: Sequence[Run], states: Sequence[State], water: Sequence[Floats] = ()
+    model: Model, runs: Sequence[Run], states: Sequence[State], water: Sequence[Floats] = ()
 ) -> Iterator[tuple[Floats, ...]]:
     """Simulate each run from its state and that of the `water` (W,): position and rate (N,) and water (N, W)."""
     for group in groups(runs):
@@ -291,7 +291,7 @@ def find_restarts(run: Run) -> Restarts:
     return Restarts(tuple(at), rule, float(np.median(np.diff(time[at]))), states)
 
 
-def restarted_errors(model: YawModel, free: Sequence[FreeRun], restarts: Sequence[Restarts]) -> list[Floats]:
+def restarted_errors(model: Model, free: Sequence[FreeRun], restarts: Sequence[Restarts]) -> list[Floats]:
     """Return measured less restarted position [rad or m], (N,), of each run, until its first restart the free run's."""
     pieces = [(i, *piece) for i, of_run in enumerate(restarts) for piece in list(pairwise(of_run.at))[1:]]
     runs = [free[i].run.cut(first, last + 1) for i, first, last in pieces]
@@ -303,7 +303,7 @@ def restarted_errors(model: YawModel, free: Sequence[FreeRun], restarts: Sequenc
     return errors
 
 
-def remade(model: YawModel, free: Sequence[FreeRun], gain: float, rng: np.random.Generator) -> list[FreeRun]:
+def remade(model: Model, free: Sequence[FreeRun], gain: float, rng: np.random.Generator) -> list[FreeRun]:
     """Return the runs as a vehicle that is the model would have logged them, were its thrust `gain` times what it is
     commanded, read by sensors as noisy as those of the runs."""
     driven = [replace(of_run.run, moment=gain * of_run.run.command) for of_run in free]
@@ -355,7 +355,7 @@ NOISE = {"heading": 0.02, "yaw_rate": 0.02, "surge": 0.03, "sway": 0.03, "north"
 START_SD = 3.0  # m, rad, m/s, rad/s by which a start may differ from the first readings
 
 
-def planar_free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
+def planar_free_runs(model: Model, runs: Sequence[Run]) -> Iterator[FreeRun]:
     """Simulate every run by its commands from the state with which its log begins."""
     for run in runs:
         start = planar_start(run, model)
@@ -365,7 +365,7 @@ def planar_free_runs(model: YawModel, runs: Sequence[Run]) -> Iterator[FreeRun]:
         yield FreeRun(run, simulated, State(start[:3], start[3:]), np.zeros((len(run), 0)))
 
 
-def planar_start(run: Run, model: YawModel) -> Floats:
+def planar_start(run: Run, model: Model) -> Floats:
     """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
 
     At rest the means of the readings before the first command; under way the state that follows the first `BEGIN_S`

@@ -35,8 +35,8 @@ from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.logs import ColumnMap, Logs
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels, Use
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, counted, silent
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, keyed
 from automarine_cli.quantities import Floats
@@ -382,7 +382,7 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     return Validation(stored, models, best, because, restarts, floors, expected=expected)
 
 
-def expected_error(model: YawModel, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:
+def expected_error(model: Model, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:
     """Return the restarted error that the model would have if it were right, in the unit that people see.
 
     The runs are simulated anew with the noise of theirs, with more thrust and with as much less by the
@@ -443,7 +443,7 @@ def predictions_of(
 
 
 def _predicted(
-    model: YawModel, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
+    model: Model, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
 ) -> tuple[Predicted, ...]:
     """Predict with one model, by the sizes that the runs themselves give to what is random."""
     course = make_course(runs, at_rest, needed_signals(model), channels=channels)

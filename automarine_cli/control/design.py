@@ -27,7 +27,7 @@ from automarine_cli.control import vehicles as plant
 from automarine_cli.control.knowledge import Knowledge
 from automarine_cli.control.targets.base import Gains, NominalPlant, Target
 from automarine_cli.control.vehicles import Vehicles, dead_time, lag_of
-from automarine_cli.models.yaw_model import steady_rate
+from automarine_cli.models.model import steady_rate
 from automarine_cli.quantities import Complexes, Floats
 from automarine_cli.thrusters.map import TwinThrusters
 

@@ -9,8 +9,8 @@ from automarine_cli import effects
 from automarine_cli.control.targets.base import Target
 from automarine_cli.control.vehicles import Spread
 from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.models.model import DELAY, Model
 from automarine_cli.models.store import DiagnosisFile, ModelFile, StoredModels
-from automarine_cli.models.yaw_model import DELAY, YawModel
 from automarine_cli.pipeline.records import Source
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, paper_grid
@@ -47,7 +47,7 @@ UNKNOWN_DELAY = (
 class Explanation:
     """One model that the logs allow; `instead` of which effect it has which other, empty for what was named."""
 
-    model: YawModel
+    model: Model
     covariance: Floats
     name: str
     instead: str = ""
@@ -68,7 +68,7 @@ class Knowledge:
     settled: tuple[str, str] | None = None
 
     @property
-    def model(self) -> YawModel:
+    def model(self) -> Model:
         return self.explanations[0].model
 
 
@@ -154,7 +154,7 @@ def _idle(main: Explanation, judged: DiagnosisFile | None, largest: float) -> li
     return [Explanation(model, covariance, f"a dead-band of {width:.2g}, which the logs allow", "dead-band")]
 
 
-def _moved(main: Explanation, model: YawModel, names: Sequence[str]) -> Floats:
+def _moved(main: Explanation, model: Model, names: Sequence[str]) -> Floats:
     """The covariance of these parameters, in the places that they have in another model; zero elsewhere."""
     covariance = np.zeros((len(model.theta), len(model.theta)))
     there, before = ([owner.parameter_names.index(name) for name in names] for owner in (model, main.model))
@@ -162,7 +162,7 @@ def _moved(main: Explanation, model: YawModel, names: Sequence[str]) -> Floats:
     return covariance
 
 
-def _covariance(prior: PriorResults, model: YawModel) -> Floats:
+def _covariance(prior: PriorResults, model: Model) -> Floats:
     """Covariance of theta (p, p): the file's own, and standard errors where it says no more."""
     covariance = np.diag([_error(prior, model, k) ** 2 for k in range(len(model.theta))])
     if prior.file is not None and (stored := prior.file.chosen.covariance) is not None:
@@ -187,7 +187,7 @@ def _faint(judged: DiagnosisFile | None) -> float:
     return min(MAX_STDERR, (judged.threshold / gain) ** 0.5) if gain > 0.0 else MAX_STDERR
 
 
-def _error(prior: PriorResults, model: YawModel, place: int) -> float:
+def _error(prior: PriorResults, model: Model, place: int) -> float:
     effect, _, label = model.parameter_names[place].partition(".")
     estimate = prior.now.get(label) or prior.now.get(f"{effect} {label}")
     if estimate is not None and estimate.stderr >= 0:
@@ -210,7 +210,7 @@ def _rival(prior: PriorResults, main: Explanation, effect: str, rival: str, larg
     return Explanation(model, covariance, f"{rival} in the place of {effect}", rival)
 
 
-def _sizes(model: YawModel) -> Floats:
+def _sizes(model: Model) -> Floats:
     """How far the values of theta (p,) are from doing nothing; zero for what is not fitted."""
     parameters = [parameter for term in model.terms for parameter in effects.get(term.name).parameters]
     off = np.nan_to_num(np.array([0.0, *(p.off for p in parameters)]), posinf=0.0, neginf=0.0)

@@ -11,7 +11,7 @@ from automarine_cli.effects import Commands, Effect, Place
 from automarine_cli.effects.input_delay import InputDelay
 from automarine_cli.effects.sensor_lag import SensorLag
 from automarine_cli.effects.thruster_lag import ADVANCES, MIN_LAG_S, Advance, ThrusterLag
-from automarine_cli.models.yaw_model import Bound, YawModel, actuators
+from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
 from automarine_cli.thrusters.map import TwinThrusters
@@ -33,7 +33,7 @@ class Vehicles:
     slope counts in margins; `bend` the thrusters where the moment is not in proportion to the output, `full`
     at the whole; `noise` of the readings of position and velocity [base units]."""
 
-    model: YawModel
+    model: Model
     theta: Floats
     full: float
     gain: Floats
@@ -65,7 +65,7 @@ class Spread:
 
 
 def crowd(
-    model: YawModel, covariance: Floats, spread: Spread, full: float, bend: TwinThrusters | None, count: int,
+    model: Model, covariance: Floats, spread: Spread, full: float, bend: TwinThrusters | None, count: int,
     rng: np.random.Generator,
 ) -> Vehicles:  # fmt: skip
     """Draw `count` vehicles about a model whose theta has a `covariance` (p, p); the first is the model's."""
@@ -80,7 +80,7 @@ def crowd(
     return Vehicles(model, theta, full, gain, late, volts, at, bend, spread.noise)
 
 
-def _drawn(model: YawModel, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
+def _drawn(model: Model, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
     """Parameters (count, p) about the model's; those of the sign-definite base on the logarithm, all within bounds.
 
     What has no variance is exactly the model's: which law acts is a number that others are compared with."""

@@ -43,8 +43,8 @@ from automarine_cli.fits.innovations import channel_noises, channels_json, rando
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
+from automarine_cli.models.model import COMMAND_DELAY, Model
 from automarine_cli.models.store import DIAGNOSIS, StoredModels, effects_json, model_head
-from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
@@ -804,7 +804,7 @@ def split_off(runs: Sequence[Run], seed: int, fewest: int = MIN_TO_HOLD_OUT) -> 
 
 
 def diagnose_runs(
-    runs: Sequence[Run], base: YawModel, *, hold_out: Sequence[Run] | None = None, seed: int = 0, map_fn: Each = alone,
+    runs: Sequence[Run], base: Model, *, hold_out: Sequence[Run] | None = None, seed: int = 0, map_fn: Each = alone,
     channels: str = AUTO,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose `base` on `runs`; `hold_out` None draws a quarter of the runs, `channels` says which sensors count

@@ -44,7 +44,7 @@ from automarine_cli.effects.learned import (
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.stepwise import Chance
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.run import Run
@@ -60,7 +60,7 @@ DEALS = 2000  # orders in which runs are dealt to tell what chance explains
 
 def scored(
     study: DiagnosisProblem, base: CandidateFit, seed: int, map_fn: Each = alone
-) -> tuple[list[tuple[float, YawModel]], Chance]:
+) -> tuple[list[tuple[float, Model]], Chance]:
     """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,): the
     deviance that each gains by its score, with its parameters counted, and the model where a fit should start."""
     models = candidates(study, base.model)
@@ -84,7 +84,7 @@ def scored(
     return sorted(curves, key=lambda pair: -pair[0]), Chance(null)
 
 
-def _gains(information: Floats, pulls: Floats, model: YawModel, runs: int) -> tuple[Floats, Floats, float]:
+def _gains(information: Floats, pulls: Floats, model: Model, runs: int) -> tuple[Floats, Floats, float]:
     """Evidence gained (n,) by a curve of each score in `pulls` (n, KNOTS), each at its own likeliest spread; the first
     one's values and spread."""
     likely, gains, curves = [], [], []
@@ -101,14 +101,14 @@ def _gains(information: Floats, pulls: Floats, model: YawModel, runs: int) -> tu
     return np.stack(gains)[at, np.arange(len(pulls))], curves[at[0]], float(SPREADS[at[0]])
 
 
-def _probe(model: YawModel) -> CandidateShape:
+def _probe(model: Model) -> CandidateShape:
     term = model.terms[-1]
     rows = np.tile(term.values, (KNOTS, 1))
     rows[np.arange(KNOTS), FIRST_KNOTS + np.arange(KNOTS)] = TRIED
     return CandidateShape(term.name, rows, tuple(range(FIRST_KNOTS, FIRST_KNOTS + KNOTS)), False)
 
 
-def candidates(study: DiagnosisProblem, model: YawModel) -> list[YawModel]:
+def candidates(study: DiagnosisProblem, model: Model) -> list[Model]:
     """The model with a flat curve over each variable that the runs show, of each kind."""
     models = []
     for name, (low, high) in ranges(study).items():
@@ -158,7 +158,7 @@ def _columns(runs: Sequence[Run], dof: Dof) -> list[str]:
     return sorted(n for n in physical if all(np.isfinite(run.extras[n]).all() for run in runs))
 
 
-def with_curve(model: YawModel, spread: float, curve: Floats) -> YawModel:
+def with_curve(model: Model, spread: float, curve: Floats) -> Model:
     *terms, last = model.terms
     values = (*last.values[: FIRST_KNOTS - 1], spread, *(float(v) for v in curve), last.values[-1])
     return replace(model, terms=(*terms, replace(last, values=values)))

@@ -44,8 +44,8 @@ from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.planar_fit import CHANNELS, Candidate, Estimated, Observed, PlanarLikelihood, candidates
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
+from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import StoredModels
-from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
@@ -70,7 +70,7 @@ SPLIT_BY = {
 """Runs that tell one coupling from others, by the first letter that it adds."""
 
 
-def base_of(stored: StoredModels, observed: Observed) -> YawModel:
+def base_of(stored: StoredModels, observed: Observed) -> Model:
     """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
 
     Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it."""
@@ -85,7 +85,7 @@ def base_of(stored: StoredModels, observed: Observed) -> YawModel:
     return replace(model, fixed=tuple(name for name in fixed if name not in tied), ties=tuple(ties))
 
 
-def suspects(model: YawModel, observed: Observed, largest: float) -> Iterator[Candidate]:
+def suspects(model: Model, observed: Observed, largest: float) -> Iterator[Candidate]:
     """What a model may lack: what logs tell of a hull, and what stands between command and moment; `largest` is the
     largest moment [N m]."""
     yield from candidates(model, observed)

@@ -23,7 +23,7 @@ from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, choose_variances
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import LOGGED_COMMAND
 
@@ -371,7 +371,7 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Residu
     return find_regions(variables, kinds, gap, seed)
 
 
-def pushes(study: DiagnosisProblem, model: YawModel, fit: MixedFit) -> Floats:
+def pushes(study: DiagnosisProblem, model: Model, fit: MixedFit) -> Floats:
     """The disturbance moment (R, N) that would make whole runs follow a fit.
 
     The disturbances are the windows of `whole_runs`, their size estimated with everything else as fitted."""

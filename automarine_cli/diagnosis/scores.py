@@ -20,7 +20,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit, Slopes, innovations_of
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.stepwise import Chance
-from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
+from automarine_cli.models.model import COMMAND_DELAY, Model
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import Floats
 
@@ -37,7 +37,7 @@ class CandidateShape:
 
 
 def score_information(
-    study: DiagnosisProblem, model: YawModel, fit: Fit, names: Sequence[str], shapes: Sequence[CandidateShape],
+    study: DiagnosisProblem, model: Model, fit: Fit, names: Sequence[str], shapes: Sequence[CandidateShape],
     map_fn: Each,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Each run's information (R, m, m) on a model's parameters and, after them, the sizes of probes of the effects
@@ -58,7 +58,7 @@ def score_information(
 
 
 def _of_driven(
-    study: DiagnosisProblem, model: YawModel, fit: InnovationsFit, work: Sequence[tuple[str, Floats]]
+    study: DiagnosisProblem, model: Model, fit: InnovationsFit, work: Sequence[tuple[str, Floats]]
 ) -> tuple[Floats, Floats]:
     """The same of driven runs: what each probe changes in the innovations and in their variances."""
     problem = study.driven_problem(model)
@@ -82,7 +82,7 @@ def _of_driven(
     return hessian, gradient
 
 
-def _responses(study: DiagnosisProblem, model: YawModel, fit: MixedFit, candidate: tuple[str, Floats]) -> Floats:
+def _responses(study: DiagnosisProblem, model: Model, fit: MixedFit, candidate: tuple[str, Floats]) -> Floats:
     """Headings (m, R, N) of the fitted model with a candidate added at each of its values (m, k)."""
     name, values = candidate
     problem = study.problem(model.with_effect(name, values[0]))
@@ -95,7 +95,7 @@ def _responses(study: DiagnosisProblem, model: YawModel, fit: MixedFit, candidat
 RATES = 50  # rates at which drag is asked for its sign, either way round
 
 
-def drag_drives(model: YawModel, fastest: float) -> bool:
+def drag_drives(model: Model, fastest: float) -> bool:
     """Whether the drag of `model` would speed the vehicle up at some rate up to `fastest` [rad/s], either way round.
 
     Such a model follows the runs it was fitted to and runs away on others: the asymmetry of a quadratic drag beside a
@@ -144,7 +144,7 @@ def penalty(parameters: float, runs: int) -> float:
     return float(parameters * np.log(max(runs, 2)))
 
 
-def candidates(study: DiagnosisProblem, model: YawModel) -> list[str]:
+def candidates(study: DiagnosisProblem, model: Model) -> list[str]:
     """Effects of its motion that the model lacks and the logs can drive."""
     present = {term.name for term in model.terms}
     absent = [effects.get(name) for name in effects.names() if name not in present]
@@ -193,7 +193,7 @@ def candidate_shapes(study: DiagnosisProblem, name: str) -> list[CandidateShape]
 
 
 def score(
-    study: DiagnosisProblem, model: YawModel, fit: Fit, names: Sequence[str], seed: int, map_fn: Each = alone
+    study: DiagnosisProblem, model: Model, fit: Fit, names: Sequence[str], seed: int, map_fn: Each = alone
 ) -> Scores:
     """Score the candidates `names` at a fit of `model`; `map_fn` maps a function over them."""
     every = [probe for name in names for probe in candidate_shapes(study, name)]

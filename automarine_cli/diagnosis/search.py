@@ -32,7 +32,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import run_dof
-from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
+from automarine_cli.models.model import BASE_TERMS, Model, Term
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 
@@ -52,7 +52,7 @@ class CandidateFit:
     """A model with its fit; `evidence` is in deviance, smaller is better."""
 
     added: tuple[str, ...]
-    model: YawModel
+    model: Model
     fit: Fit
     evidence: float
 
@@ -126,7 +126,7 @@ def clear(gains: Floats, errors: float = CLEAR) -> bool:
     return bool(gains.mean() > errors * error_of_mean(gains))
 
 
-def candidate_fit(study: DiagnosisProblem, model: YawModel, added: tuple[str, ...], fit: Fit) -> CandidateFit:
+def candidate_fit(study: DiagnosisProblem, model: Model, added: tuple[str, ...], fit: Fit) -> CandidateFit:
     """The fit with its evidence; of a learned curve the effective number of parameters counts."""
     model = study.with_fitted_values(model, fit)
     counts = [
@@ -137,7 +137,7 @@ def candidate_fit(study: DiagnosisProblem, model: YawModel, added: tuple[str, ..
 
 
 def refitted(
-    study: DiagnosisProblem, model: YawModel, added: tuple[str, ...], values: Floats, warm_start: Fit,
+    study: DiagnosisProblem, model: Model, added: tuple[str, ...], values: Floats, warm_start: Fit,
     iterations: int = ITERATIONS,
 ) -> CandidateFit | None:  # fmt: skip
     try:
@@ -155,22 +155,22 @@ def add_effect(
 
 
 def go_on(
-    study: DiagnosisProblem, trial: CandidateFit, iterations: int, model: YawModel | None = None
+    study: DiagnosisProblem, trial: CandidateFit, iterations: int, model: Model | None = None
 ) -> CandidateFit | None:
     """Fit a trial further, or from the values of a `model` with the same terms."""
     model, values = (trial.model, trial.fit.of_model) if model is None else (model, model.theta)
     return refitted(study, model, trial.added, values, trial.fit, iterations)
 
 
-def with_values(model: YawModel, term: Term, values: Iterable[float]) -> YawModel:
+def with_values(model: Model, term: Term, values: Iterable[float]) -> Model:
     """Return the model with other values of one of its terms."""
     changed = replace(term, values=tuple(map(float, values)))
     return replace(model, terms=tuple(changed if other is term else other for other in model.terms))
 
 
-def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[YawModel]:
+def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[Model]:
     """List a trial's model with each effect that was added in every shape of every law of it."""
-    models: dict[tuple[float, ...], YawModel] = {}
+    models: dict[tuple[float, ...], Model] = {}
     for term in trial.model.terms[len(study.base.terms) :]:
         if len(effects.get(term.name).parameters) > 1:
             for probe in candidate_shapes(study, term.name):

@@ -23,8 +23,8 @@ from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, 
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covariance, varying_terms, whole_run_problem
+from automarine_cli.models.model import COMMAND_DELAY, Model, Term
 from automarine_cli.models.parameter import Parameters
-from automarine_cli.models.yaw_model import COMMAND_DELAY, Term, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, position_noise
 from automarine_cli.simulation.batch import Batch, make_batch
@@ -110,12 +110,12 @@ SPREADS = np.geomspace(3e-4, 1.0, 15)  # spreads that are tried
 FIRM = 100.0  # times the spread's own precision with which a curve keeps away from what other terms of the model are
 
 
-def learned_term(model: YawModel) -> int | None:
+def learned_term(model: Model) -> int | None:
     """Place of the model's learned term among its terms; None without one."""
     return next((i for i, term in enumerate(model.terms) if term.name.startswith(PREFIX)), None)
 
 
-def places(model: YawModel) -> NDArray[np.int64]:
+def places(model: Model) -> NDArray[np.int64]:
     """Places of a learned curve's values in theta, (KNOTS,); none without a curve."""
     at = learned_term(model)
     if at is None:
@@ -123,7 +123,7 @@ def places(model: YawModel) -> NDArray[np.int64]:
     return 1 + sum(len(term.values) for term in model.terms[:at]) + FIRST_KNOTS + np.arange(KNOTS)
 
 
-def precision(model: YawModel, spread: float | None = None) -> Floats:
+def precision(model: Model, spread: float | None = None) -> Floats:
     """Prior precision of the values of the model's learned curve, (KNOTS, KNOTS), at a spread, its own if None."""
     at = learned_term(model)
     assert at is not None
@@ -133,7 +133,7 @@ def precision(model: YawModel, spread: float | None = None) -> Floats:
     return (roughness(bool(effect.variable.turn)) + FIRM**2 * overlap.T @ overlap) / spread**2
 
 
-def elsewhere(model: YawModel, term: Term) -> Floats:
+def elsewhere(model: Model, term: Term) -> Floats:
     """Curves (n, KNOTS) of unit length that other terms of the model are already: drag over the speed, a gain common to
     all runs, a constant force, linear drag; and what would jump at a standstill."""
     effect = effects.get(term.name)
@@ -149,7 +149,7 @@ def elsewhere(model: YawModel, term: Term) -> Floats:
     return np.array([row / np.linalg.norm(row) for row in rows]).reshape(-1, KNOTS)
 
 
-def smoothed_curve(model: YawModel, parameters: Parameters) -> Parameters:
+def smoothed_curve(model: Model, parameters: Parameters) -> Parameters:
     """Return the parameters with that precision of the values of the model's curve, if it has one."""
     if learned_term(model) is None:
         return parameters
@@ -158,7 +158,7 @@ def smoothed_curve(model: YawModel, parameters: Parameters) -> Parameters:
     return replace(parameters, smooth=matrix)
 
 
-def smoothed(fit: Fit, model: YawModel) -> tuple[float, float]:
+def smoothed(fit: Fit, model: Model) -> tuple[float, float]:
     """The spread of largest marginal likelihood by the curvature of a fit of `model`, and the curve's effective number
     of parameters at the spread that was fitted."""
     at, fitted = places(model), precision(model)
@@ -183,7 +183,7 @@ class DiagnosisProblem:
     the position alone; gaps are looked at in the position either way."""
 
     runs: tuple[Run, ...]
-    base: YawModel
+    base: Model
     driven: bool
     signals: tuple[str, ...]
     channels: tuple[str, ...] | None = None
@@ -291,11 +291,11 @@ class DiagnosisProblem:
     def cycle(self) -> LimitCycle | None:
         return limit_cycle(self.runs) if self.driven else None
 
-    def driven_problem(self, model: YawModel) -> DrivenProblem:
+    def driven_problem(self, model: Model) -> DrivenProblem:
         problem = driven_problem(model, self.course, latest=self.logger_delay, slowest=self.slowest)
         return replace(problem, parameters=smoothed_curve(model, problem.parameters))
 
-    def problem(self, model: YawModel) -> Problem:
+    def problem(self, model: Model) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z
         of the instant that all switches share in their sample intervals: a longer delay is an effect."""
         dropped = {new.name for old, new in zip(self.base.terms, model.terms) if new.values == (0.0,) != old.values}
@@ -307,7 +307,7 @@ class DiagnosisProblem:
         return replace(problem, effects=effects_of_runs, parameters=smoothed_curve(model, problem.parameters))
 
     def fit(
-        self, model: YawModel, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS
+        self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS
     ) -> Fit:
         """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own.
 
@@ -338,7 +338,7 @@ class DiagnosisProblem:
     def _predictions(self) -> dict[Fit, tuple[Predicted, ...]]:
         return {}
 
-    def covariance(self, model: YawModel, fit: Fit) -> Floats:
+    def covariance(self, model: Model, fit: Fit) -> Floats:
         """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
 
         It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife."""
@@ -355,7 +355,7 @@ class DiagnosisProblem:
         delay = float(fit.of_chance[COMMAND_DELAY])
         return delay if fit.driven else 2.0 * self.logger_delay * float(instant(np.array(delay)))
 
-    def predictions(self, model: YawModel, fit: InnovationsFit) -> tuple[Predicted, ...]:
+    def predictions(self, model: Model, fit: InnovationsFit) -> tuple[Predicted, ...]:
         """What the model predicts of these runs, from the filtered state, over each of HORIZONS, worked out once a fit;
         the fit may be one to other runs."""
 
@@ -364,7 +364,7 @@ class DiagnosisProblem:
             self._predictions[fit] = predict(model, self.course, fit.of_model, noises)
         return self._predictions[fit]
 
-    def with_fitted_values(self, model: YawModel, fit: Fit) -> YawModel:
+    def with_fitted_values(self, model: Model, fit: Fit) -> Model:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""
         model = model.with_theta(fit.of_model)
         for name in varying_terms(model):
@@ -375,7 +375,7 @@ class DiagnosisProblem:
         return model
 
 
-def study_of(runs: Sequence[Run], base: YawModel, channels: tuple[str, ...] | None = None) -> DiagnosisProblem:
+def study_of(runs: Sequence[Run], base: Model, channels: tuple[str, ...] | None = None) -> DiagnosisProblem:
     """A study of `runs`; whether they are driven, the evidence says."""
     driven = disturbed(runs, base, np.array([starts_at_rest(run) for run in runs]), channels)
     have = set.intersection(*(set(run.extras) for run in runs))
@@ -384,7 +384,7 @@ def study_of(runs: Sequence[Run], base: YawModel, channels: tuple[str, ...] | No
     return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted(needed)), channels=channels)
 
 
-def missed(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit, begun: bool = False) -> Floats:
+def missed(study: DiagnosisProblem, model: Model, fit: InnovationsFit, begun: bool = False) -> Floats:
     """Measured less predicted positions (R, N) of driven runs, HORIZON seconds ahead, zero where none; or over the
     shortest horizon that readings allow, at the times when predictions have `begun`.
 
@@ -420,7 +420,7 @@ def missing_push(followed: FilterResult, noises: Noises, course: Course, reading
     return out
 
 
-def filtered(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> Floats:
+def filtered(study: DiagnosisProblem, model: Model, fit: InnovationsFit) -> Floats:
     """Positions and velocities of driven runs as the filter knows them from the readings until each sample, and the
     moment or force that is missing then: (3, R, N)."""
     problem = study.driven_problem(model)
@@ -436,7 +436,7 @@ def filtered(study: DiagnosisProblem, model: YawModel, fit: InnovationsFit) -> F
     return out
 
 
-def log_density(study: DiagnosisProblem, model: YawModel, fit: Fit) -> Floats:
+def log_density(study: DiagnosisProblem, model: Model, fit: Fit) -> Floats:
     """Log density of each run of `study` (R,) under a fit to others; of runs that are simulated whole linearised at the
     run effects' posterior means as fits are."""
     if fit.driven:

@@ -12,8 +12,8 @@ from typing import Any
 from automarine_cli import __version__, effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import ModelFile
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.thrusters.map import ThrusterMap
 
 FRAME_AXES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}
@@ -85,7 +85,7 @@ class YawSubject(Subject):
     `file` is what the model file holds, for a card; `logs` are name and hash of the logs it was fitted to, None where
     that is not known."""
 
-    model: YawModel
+    model: Model
     file: ModelFile | None = None
     logs: tuple[tuple[str, str], ...] | None = None
 

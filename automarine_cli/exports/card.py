@@ -11,8 +11,8 @@ from automarine_cli.effects.learned import PREFIX
 from automarine_cli.estimate import Given
 from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
 from automarine_cli.exports.export import in_enu, in_newton_metres
+from automarine_cli.models.model import Term
 from automarine_cli.models.store import AddedEffect, ModelEntry, ModelFile
-from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.text import printable
 

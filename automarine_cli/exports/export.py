@@ -15,8 +15,8 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
 from automarine_cli.exports.base import DRAGS, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
+from automarine_cli.models.model import DELAY, Model, Term
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, models_of, motion_of
-from automarine_cli.models.yaw_model import DELAY, Term, YawModel
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.results_folder import manifest_of, refuse_existing, sha256, write_whole
 from automarine_cli.report.sections import Sections, sections
@@ -203,7 +203,7 @@ def _yaw_subject(
     return YawSubject(origin, frame, form, settings, left_out, model, file, logs)
 
 
-def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin) -> YawModel:
+def in_unit(target: Target, model: Model, settings: Settings, origin: Origin) -> Model:
     """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
     dof, factor = model.dof, settings.newton_metres_per_nu
     unit, force = dof.units.forces[1], dof.words.force
@@ -219,7 +219,7 @@ def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin)
     return model if factor is None else in_newton_metres(model, factor)
 
 
-def split(target: Target, model: YawModel) -> tuple[tuple[Term, ...], tuple[Unsupported, ...]]:
+def split(target: Target, model: Model) -> tuple[tuple[Term, ...], tuple[Unsupported, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
     live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
     reasons = [(term, _why_not(target, term, model.dof)) for term in live]
@@ -257,7 +257,7 @@ def _matters(term: Term) -> bool:
     return any(value != off for value, off, shape in zip(term.values, effect.off, effect.shapes) if not shape)
 
 
-def refuse_inertia(target: Target, rigid: float | None, model: YawModel, origin: Origin) -> None:
+def refuse_inertia(target: Target, rigid: float | None, model: Model, origin: Origin) -> None:
     """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
     if rigid is None and target.si and not model.dof.levered:
         raise SettingError(
@@ -268,7 +268,7 @@ def refuse_inertia(target: Target, rigid: float | None, model: YawModel, origin:
         base.refuse_part("--rigid-inertia", rigid, model.inertia, origin)
 
 
-def _refuse_driving(model: YawModel, target: Target, origin: Origin) -> None:
+def _refuse_driving(model: Model, target: Target, origin: Origin) -> None:
     """Raise SettingError for a linear drag that is none: model 2 may have one of the wrong sign."""
     linear, _ = model.drag()
     if linear < 0:
@@ -288,7 +288,7 @@ def _refuse_unused(target: Target, settings: Settings) -> None:
             raise SettingError(f"{option} means nothing to {target.name}; it is for {listed(users)}, so leave it out")
 
 
-def in_enu(model: YawModel) -> YawModel:
+def in_enu(model: Model) -> Model:
     """The model, given in NED, for yaw angle, rate and moment (or another motion's) in ENU; its own inverse.
 
     ENU: yaw anticlockwise from east for clockwise from north (NED). With psi_enu = pi/2 - psi, r_enu = -r and
@@ -313,7 +313,7 @@ def _mirrored(term: Term) -> Term:
     return replace(term, values=MIRROR_OF_MIXED[term.name](term.values))
 
 
-def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
+def in_newton_metres(model: Model, newton_metres_per_nu: float) -> Model:
     """The same motion under moments in N m (forces in N): inertia, drag times the factor, others by their units."""
 
     factor, unit = newton_metres_per_nu, model.dof.units.forces[1]

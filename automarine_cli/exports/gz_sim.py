@@ -21,7 +21,7 @@ import numpy as np
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAGS, Planar, Target, Written, YawSubject, comment, filled, head, number
 from automarine_cli.exports.planar import PlanarSubject, rigid_of
-from automarine_cli.models.yaw_model import FORCES, VELOCITIES
+from automarine_cli.models.model import FORCES, VELOCITIES
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
 AXIS_LETTERS = "xyzpqr"

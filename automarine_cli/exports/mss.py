@@ -12,7 +12,7 @@ M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau.
 from automarine_cli import effects
 from automarine_cli.exports.base import DRAGS, Planar, Target, Written, YawSubject, comment, filled, head, number, plain
 from automarine_cli.exports.planar import PlanarSubject
-from automarine_cli.models.yaw_model import VELOCITIES
+from automarine_cli.models.model import VELOCITIES
 
 MSS_EFFECTS = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
 

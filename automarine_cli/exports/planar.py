@@ -11,8 +11,8 @@ import numpy as np
 
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FRAME_AXES, Origin, Settings, Subject, Unsupported, number, refuse_part
+from automarine_cli.models.model import DELAY, FORCES, VELOCITIES
 from automarine_cli.models.store import StoredModels
-from automarine_cli.models.yaw_model import DELAY, FORCES, VELOCITIES
 from automarine_cli.quantities import Floats
 
 LINEAR, QUADRATIC, CONSTANT_FORCE = "linear-drag", "quadratic-drag", "bias-moment"

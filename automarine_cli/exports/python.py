@@ -17,7 +17,7 @@ from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.exports.base import Planar, Target, Written, YawSubject, comment, filled, head, number, plain
 from automarine_cli.exports.planar import PlanarSubject
-from automarine_cli.models.yaw_model import VELOCITIES, Term
+from automarine_cli.models.model import VELOCITIES, Term
 
 MAX_STEP_S = 0.02  # s: the longest step of the integrator
 METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember", "states"}

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
-from automarine_cli.models.yaw_model import Bound, YawModel, actuators
+from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.rollout import in_body_axes, right_hand_side, rk4
@@ -91,7 +91,7 @@ class Step:
     dynamic ones depend nonlinearly, or that push them.
     """
 
-    def __init__(self, model: YawModel, course: Course, theta: Floats, late: Floats) -> None:
+    def __init__(self, model: Model, course: Course, theta: Floats, late: Floats) -> None:
         self.course, self.sets, self.runs = course, len(theta), len(course.names)
         dofs, terms = len(model.motion.dofs), list(model.forces(theta))
         self.places = _places(dofs, terms, course)
@@ -141,7 +141,7 @@ class Step:
         pieces._build(self._model, self._theta, 1, self.origin[:, run])
         return pieces
 
-    def _build(self, model: YawModel, theta: Floats, copies: int, origin: Floats) -> None:
+    def _build(self, model: Model, theta: Floats, copies: int, origin: Floats) -> None:
         """The right-hand side for so many copies of every run."""
         wide = np.tile(theta, (copies, 1))
         self._copies = copies
@@ -302,7 +302,7 @@ class FilterResult:
         )
 
 
-def follow(model: YawModel, course: Course, theta: Floats, noises: Noises, keep: bool = False) -> FilterResult:
+def follow(model: Model, course: Course, theta: Floats, noises: Noises, keep: bool = False) -> FilterResult:
     """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too."""
     step = Step(model, course, theta, noises.late)
     places = step.places
@@ -437,12 +437,7 @@ class Predicted:
 
 
 def predict(
-    model: YawModel,
-    course: Course,
-    theta: Floats,
-    noises: Noises,
-    channel: int = 0,
-    followed: FilterResult | None = None,
+    model: Model, course: Course, theta: Floats, noises: Noises, channel: int = 0, followed: FilterResult | None = None
 ) -> tuple[Predicted, ...]:
     """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
     that were `followed`."""
@@ -503,7 +498,7 @@ def targets_of(
 
 
 def carried(
-    model: YawModel,
+    model: Model,
     course: Course,
     theta: Floats,
     noises: Noises,

@@ -17,8 +17,8 @@ from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations,
 from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_by_direction, result_of, rough_model, run_covariance
+from automarine_cli.models.model import MAX_DELAY_S, Model, base_roles
 from automarine_cli.models.parameter import Parameters, Prior
-from automarine_cli.models.yaw_model import MAX_DELAY_S, YawModel, base_roles
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import segments
@@ -36,7 +36,7 @@ MIN_HELD_S, MIN_HELD_SHARE = 1.0, 0.8  # for which a run holds its command; shar
 
 
 def driven_problem(
-    model: YawModel, course: Course, *, latest: float = MAX_DELAY_S, slowest: float = np.inf, quiet: bool = False
+    model: Model, course: Course, *, latest: float = MAX_DELAY_S, slowest: float = np.inf, quiet: bool = False
 ) -> DrivenProblem:
     """Likelihood of `model` on `course`, with a command delay up to `latest` [s], from which on effects have delays.
 
@@ -65,7 +65,7 @@ def base_starts(problem: DrivenProblem) -> Floats:
     """Starts of a base model about its own values, (S, p). One that answers within a step of the filter, whose
     arithmetic would run away, is slowed down first."""
     model = problem.model
-    assert isinstance(model, YawModel)
+    assert isinstance(model, Model)
     starts, middle = [], [chance.value for chance in problem.parameters.nuisance]
     linear, quadratic = model.drag()
     slope = linear + 2.0 * quadratic * float(problem.course.fastest[0])
@@ -89,9 +89,7 @@ def stepped(run: Run) -> bool:
     return sum(length for length in durations if length >= MIN_HELD_S) > MIN_HELD_SHARE * (run.time[-1] - run.time[0])
 
 
-def disturbed(
-    runs: Sequence[Run], base: YawModel, at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
-) -> bool:
+def disturbed(runs: Sequence[Run], base: Model, at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None) -> bool:
     """Whether the evidence asks for a disturbance that is a process, or for unsteady thrust.
 
     Runs of held commands answer nothing: what differs in a pool is in their gains, and a disturbance would absorb just
@@ -104,7 +102,7 @@ def disturbed(
     course = make_course([runs[i] for i in some], at_rest[some], channels=channels)
     drags = dict(zip(("linear", "quadratic"), base.drag()))
     values = [drags.get(role, 0.0) for role in base_roles("2", base.dof)[1:]]
-    model = YawModel.base("2", base.inertia, values, base.moment_unit, base.dof)
+    model = Model.base("2", base.inertia, values, base.moment_unit, base.dof)
     problems = [driven_problem(model, course, quiet=quiet) for quiet in (False, True)]
     starts = base_starts(problems[0])
     free, quiet = (fit_innovations(problem, starts, brief=True).log_likelihood for problem in problems)
@@ -158,7 +156,7 @@ class ForecastScore:
 
 def fit_driven(
     course: Course,
-    rough: YawModel,
+    rough: Model,
     number: str,
     with_effects: Sequence[str] = (),
     priors: Mapping[str, Prior] | None = None,
@@ -186,7 +184,7 @@ def _start(name: str, course: Course) -> list[float]:
     return list(held)
 
 
-def _refuse_runaways(model: YawModel, fit: Fit, course: Course) -> None:
+def _refuse_runaways(model: Model, fit: Fit, course: Course) -> None:
     """A fit that ran away is no model. Raises FitError with what the runs lack."""
     dof, largest = course.motion.dofs[0], float(np.abs(course.commanded).max())
     linear, quadratic = model.drag()

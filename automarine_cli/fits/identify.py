@@ -19,8 +19,8 @@ from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_v
 from automarine_cli.fits.preference import Preference, prefer, prefer_driven
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
+from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
 from automarine_cli.models.store import effects_json, model_head
-from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel, steady_rate
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
@@ -44,7 +44,7 @@ def covariance_json(
     return {"parameters": list(names), "matrix": matrix.tolist()} if np.all(np.isfinite(matrix)) else None
 
 
-def valid_range(moments: Iterable[float], model: YawModel) -> dict[str, object] | None:
+def valid_range(moments: Iterable[float], model: Model) -> dict[str, object] | None:
     """The moments that were fitted, smallest and largest with their signs, and the steady rates that they lead to.
 
     None without moments; the rates are None where the drag leaves no steady rate.

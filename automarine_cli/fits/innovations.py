@@ -25,9 +25,9 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import MixedFit, Outcome
 from automarine_cli.fits.optimise import Maximum, Point, maximise
+from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
 from automarine_cli.models.store import Sensor
-from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import ChannelChoice
@@ -42,7 +42,7 @@ class DrivenProblem:
     """Likelihood of a model on a course. theta is the model's parameters, then those of what is random, in the order
     that `noises` takes them."""
 
-    model: YawModel
+    model: Model
     course: Course
     parameters: Parameters
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
+from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.models.parameter import Prior
-from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.text import MAX_NAME_LETTERS
 
 EXAMPLE = "I_r=915 or I_r=915±50"

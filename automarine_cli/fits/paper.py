@@ -23,8 +23,8 @@ from automarine_cli.errors import FitError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.fits.steps import StepData
-from automarine_cli.models.yaw_model import (
-    YawModel,
+from automarine_cli.models.model import (
+    Model,
     base_roles,
     inertia_from_velocity_error,
     main_drag,
@@ -50,7 +50,7 @@ class DragFit:
     """
 
     model: str
-    curve: YawModel
+    curve: Model
     powers: Mapping[str, int]
     estimates: dict[str, Estimate]
     sse: float
@@ -174,7 +174,7 @@ def fit_drag(
     k = count + 1  # the noise variance is a parameter; corrected for few points (Hurvich and Tsai 1989)
     correction = 2.0 * k * (k + 1) / (points - k - 1) if points > k + 1 else np.inf
     aicc = float(points * np.log(max(sse, 1e-300) / points) + 2.0 * k + correction)
-    curve = YawModel.base(model, 1.0, values, moment_unit, dof)
+    curve = Model.base(model, 1.0, values, moment_unit, dof)
     return DragFit(model, curve, powers, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
 
 

@@ -26,9 +26,9 @@ from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import estimate_of, run_covariance
+from automarine_cli.models.model import COMMAND_DELAY, CURRENT, INERTIA_COUPLINGS, Model, Term
 from automarine_cli.models.parameter import Parameter, Parameters, Prior
 from automarine_cli.models.store import planar_json
-from automarine_cli.models.yaw_model import COMMAND_DELAY, CURRENT, INERTIA_COUPLINGS, Term, YawModel
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
@@ -88,7 +88,7 @@ class Observed:
             for role, factor in factors.items()
         )
 
-    def assumptions(self, model: YawModel) -> tuple[Assumption, ...]:
+    def assumptions(self, model: Model) -> tuple[Assumption, ...]:
         """What stands in for measurements that the logs lack."""
         lacking: list[Assumption] = []
         for dof, other in self.unread:
@@ -101,7 +101,7 @@ class Observed:
         lacking.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
         return tuple(lacking)
 
-    def simplest(self, sizes: Mapping[str, float]) -> YawModel:
+    def simplest(self, sizes: Mapping[str, float]) -> Model:
         """The model with quadratic drag of everything that is measured, nothing else, from `rough_sizes`."""
         values = {**sizes, **{name: factor * sizes[source] for name, source, factor in self.ties}}
         masses = tuple(values[dof.parameter("inertia")] for dof in PLANAR.dofs)
@@ -110,9 +110,7 @@ class Observed:
             role = "quadratic" if dof in self.dofs else "linear"
             terms.append(Term(f"{role}-drag", (values[dof.parameter(role)],), True, place))
         couplings = tuple(f"{PLANAR.name}.{name}" for name in INERTIA_COUPLINGS)
-        return YawModel(
-            PLANAR, (*masses, *(0.0 for _ in couplings)), tuple(terms), "N m", fixed=couplings, ties=self.ties
-        )
+        return Model(PLANAR, (*masses, *(0.0 for _ in couplings)), tuple(terms), "N m", fixed=couplings, ties=self.ties)
 
     def names(self) -> dict[str, str]:
         """Qualified names of the parameters that models of these logs may have, by what users write."""
@@ -147,7 +145,7 @@ class Candidate:
 
     name: str
     added: tuple[str, ...]
-    model: YawModel
+    model: Model
 
     @property
     def label(self) -> str:
@@ -155,15 +153,15 @@ class Candidate:
         return f"{self.name} {', '.join(name.rpartition('.')[2] for name in self.added)}"
 
     @classmethod
-    def of_term(cls, model: YawModel, term: Term) -> "Candidate":
+    def of_term(cls, model: Model, term: Term) -> "Candidate":
         names = [name for name, held in zip(model.names_of(term), term.effect.held(term.values)) if not held]
         return cls("cross-coupling" if term.is_cross else term.name, tuple(names), model.with_term(term))
 
 
-Family = Callable[[YawModel], Iterator[Candidate]]
+Family = Callable[[Model], Iterator[Candidate]]
 
 
-def candidates(model: YawModel, observed: Observed, rough: Mapping[str, float] | None = None) -> Iterator[Candidate]:
+def candidates(model: Model, observed: Observed, rough: Mapping[str, float] | None = None) -> Iterator[Candidate]:
     """What logs may tell of a hull and a model lacks: couplings, laws of drag, a current; given `rough_sizes`, linear
     drag in place of quadratic drag too, which gains there at most what it gains beside it."""
     have = {(term.dof, term.name) for term in model.terms}
@@ -190,7 +188,7 @@ def candidates(model: YawModel, observed: Observed, rough: Mapping[str, float] |
         yield Candidate("current", CURRENT, replace(model, water=(0.0, 0.0)))
 
 
-def widest(model: YawModel, family: Family) -> YawModel:
+def widest(model: Model, family: Family) -> Model:
     """The model with everything that a family of candidates knows."""
     following = next(family(model), None)
     while following is not None:
@@ -199,7 +197,7 @@ def widest(model: YawModel, family: Family) -> YawModel:
     return model
 
 
-def structure_of(model: YawModel, observed: Observed) -> str:
+def structure_of(model: Model, observed: Observed) -> str:
     """Say which drags, couplings and current a model has."""
     have, parts = {(term.dof, term.name) for term in model.terms}, list[str]()
     for dof in observed.dofs:
@@ -296,7 +294,7 @@ HOW = "by the innovations of a filter"
 class Estimated:
     """A `model` with the values that a `fit` gives it."""
 
-    model: YawModel
+    model: Model
     fit: InnovationsFit = field(repr=False)
 
     @property
@@ -421,7 +419,7 @@ class PlanarFit(Shown):
         return structure_of(self.model, self.observed)
 
     @property
-    def model(self) -> YawModel:
+    def model(self) -> Model:
         return self.best.model
 
     @property
@@ -521,10 +519,10 @@ class PlanarLikelihood:
     def rough(self) -> dict[str, float]:
         return rough_sizes(self.runs)
 
-    def structure_of(self, model: YawModel) -> str:
+    def structure_of(self, model: Model) -> str:
         return structure_of(model, self.observed)
 
-    def family(self, model: YawModel) -> Iterator[Candidate]:
+    def family(self, model: Model) -> Iterator[Candidate]:
         return candidates(model, self.observed, self.rough)
 
     @cached_property
@@ -532,7 +530,7 @@ class PlanarLikelihood:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
         return make_course(self.runs, moving, motion=PLANAR, channels=self.observed.channels)
 
-    def problem(self, model: YawModel) -> DrivenProblem:
+    def problem(self, model: Model) -> DrivenProblem:
         largest = np.abs(self.course.commanded).max(axis=(1, 2))
         parameters = Parameters((*model.parameters(np.where(largest > 0, largest, 1.0)), *self._random(model)))
         return DrivenProblem(model, self.course, parameters.informed(self.priors))
@@ -554,7 +552,7 @@ class PlanarLikelihood:
         return problem.parameters.within(starts)
 
     def estimate(
-        self, model: YawModel, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
+        self, model: Model, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
     ) -> Estimated:
         """The model fitted, from its own values and what is known of the `random` ones; one of few `iterations` leaves
         no run out. Raises FitError where no start leads anywhere."""
@@ -582,7 +580,7 @@ class PlanarLikelihood:
         misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"
         return (*chosen, f"Fitted {HOW}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}.")
 
-    def promises(self, wide: YawModel, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
+    def promises(self, wide: Model, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
         `neighbour`, and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)
@@ -616,9 +614,7 @@ class PlanarLikelihood:
         """A candidate fitted briefly, from where it promises most."""
         return self.estimate(*self.toward(candidate.model, current.fit.of_chance, promise), iterations)
 
-    def toward(
-        self, model: YawModel, random: Mapping[str, float], promised: Promise
-    ) -> tuple[YawModel, Mapping[str, float]]:
+    def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         """The model, and what is `random`, as promised, where that is likelier than as they are."""
         problem = self.problem(model)
         (start,) = self.starts(problem, random)
@@ -631,7 +627,7 @@ class PlanarLikelihood:
         of_model = there[problem.parameters.of_model]
         return model.with_theta(of_model), dict(zip(problem.parameters.names, there.tolist()))
 
-    def _random(self, model: YawModel) -> tuple[Parameter, ...]:
+    def _random(self, model: Model) -> tuple[Parameter, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
         m = np.diagonal(model.inertia_matrix(model.theta[None])[0])
         forces = [_usual(self.rough, dof)[0] for dof in PLANAR.dofs]

@@ -19,7 +19,7 @@ from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_
 from automarine_cli.fits.preference import Preference, prefer
 from automarine_cli.fits.steps import StepData, step_problem
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_by_direction, result_of
-from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles
+from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, base_roles
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 
@@ -144,7 +144,7 @@ def fit_step_model(
         if doubtful:
             mixed = without_doubtful_delay(data, model, mixed, prior, sided)
         inertia, *drags = mixed.of_model
-        return result_of(model, YawModel.base(model, inertia, drags, unit, data.dof), mixed)
+        return result_of(model, Model.base(model, inertia, drags, unit, data.dof), mixed)
 
     return fit_by_direction(fit, data.dof, two_way)
 

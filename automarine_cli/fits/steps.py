@@ -18,8 +18,8 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
 from automarine_cli.fits.mixed_model import Problem, slots_of
+from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, base_roles, main_drag, response_slopes
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
-from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, base_roles, main_drag, response_slopes
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MAX_REST_SAMPLES, HalfTurn
 from automarine_cli.simulation.batch import Channel
@@ -135,7 +135,7 @@ def step_problem(
     sensor.
     """
     roles, main = base_roles(model, data.dof, sided), main_drag(model)
-    start = YawModel.base(model, 1.0, np.ones(len(roles) - 1), "nu", data.dof)
+    start = Model.base(model, 1.0, np.ones(len(roles) - 1), "nu", data.dof)
     entries = start.parameters(log_drag=True, signed_drag=True)
     blocks = RunEffects(_blocks(data))
     moment, searched = data.moment[:, None], (*roles, COMMAND_DELAY)

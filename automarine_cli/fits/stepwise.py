@@ -16,7 +16,7 @@ import numpy as np
 from automarine_cli.errors import FitError
 from automarine_cli.quantities import Floats
 
-Model = TypeVar("Model")
+Candidate = TypeVar("Candidate")
 Round = TypeVar("Round", bound=Any)
 """One look for a missing effect; `before` is the model that was looked at, perhaps fitted better than it came."""
 
@@ -36,48 +36,48 @@ class Chance:
         return float((1 + np.sum(self.null >= gain)) / (1 + len(self.null)))
 
 
-class Judge(ABC, Generic[Model, Round]):
+class Judge(ABC, Generic[Candidate, Round]):
     """What a search asks about one kind of model. A new kind says how to look and who may be added; one that says too
     what `added` lists and how to do `without` an effect has its effects reconsidered, and knows their rivals."""
 
     most: int  # looks forward
 
     @abstractmethod
-    def look(self, model: Model, number: int) -> Round:
+    def look(self, model: Candidate, number: int) -> Round:
         """Score all candidates, fit the leaders; `number` counts the looks of a search, for what is drawn at random.
 
         Raises FitError where it cannot be done."""
 
     @abstractmethod
-    def admissible(self, look: Round, first: Round) -> Sequence[Model]:
+    def admissible(self, look: Round, first: Round) -> Sequence[Candidate]:
         """Models with one effect more that are beyond chance and may stand, the best first; `first` was the first look
         of the search."""
 
-    def full(self, model: Model) -> bool:
+    def full(self, model: Candidate) -> bool:
         return False
 
-    def added(self, model: Model) -> tuple[str, ...]:
+    def added(self, model: Candidate) -> tuple[str, ...]:
         """The effects that were added to a model, those that are to be reconsidered."""
         return ()
 
-    def alone(self, model: Model) -> bool:
+    def alone(self, model: Candidate) -> bool:
         """Whether what was added competed with all others in the first look."""
         return len(self.added(model)) < 2
 
-    def without(self, model: Model, name: str) -> Model | None:
+    def without(self, model: Candidate, name: str) -> Candidate | None:
         """The model with one effect taken out, fitted again; None where there is no such fit."""
         return None
 
-    def better(self, current: Model, reduced: Model, look: Round, first: Round) -> Model:
+    def better(self, current: Candidate, reduced: Candidate, look: Round, first: Round) -> Candidate:
         """What is best: `current`, what the `look` at `reduced` (current without one effect) found, or `reduced`."""
         return current
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[Model, Round]):
+class Outcome(Generic[Candidate, Round]):
     """The final model, the looks forward, and for each effect added the look in which others competed for its place."""
 
-    final: Model
+    final: Candidate
     looks: tuple[Round, ...]
     around: dict[str, Round]
 
@@ -92,16 +92,16 @@ class NamedRival:
     label: str = ""  # the name with what it adds, where the name alone does not tell
 
 
-def stepwise_search(judge: Judge[Model, Round], base: Model) -> Outcome[Model, Round]:
+def stepwise_search(judge: Judge[Candidate, Round], base: Candidate) -> Outcome[Candidate, Round]:
     """What `base` lacks. Raises FitError where not even the first look can be made."""
     current, looks = _forward(judge, base)
     current, around = _reconsidered(judge, current, looks[0])
     return Outcome(current, tuple(looks), around)
 
 
-def _forward(judge: Judge[Model, Round], current: Model) -> tuple[Model, list[Round]]:
+def _forward(judge: Judge[Candidate, Round], current: Candidate) -> tuple[Candidate, list[Round]]:
     looks: list[Round] = []
-    alternatives: list[Model] = []
+    alternatives: list[Candidate] = []
     while len(looks) < judge.most and not judge.full(current):
         try:
             look = judge.look(current, len(looks))
@@ -120,7 +120,9 @@ def _forward(judge: Judge[Model, Round], current: Model) -> tuple[Model, list[Ro
     return current, looks
 
 
-def _reconsidered(judge: Judge[Model, Round], current: Model, first: Round) -> tuple[Model, dict[str, Round]]:
+def _reconsidered(
+    judge: Judge[Candidate, Round], current: Candidate, first: Round
+) -> tuple[Candidate, dict[str, Round]]:
     """Take each effect out in turn and look again: what was found first may mimic two effects at once, and is then
     better replaced when the other is known. In the place of a single effect competes what the first look found."""
     if judge.alone(current):

@@ -29,8 +29,8 @@ from automarine_cli.fits.linear_mixed import (
     bias_of,
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
+from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, main_drag
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
-from automarine_cli.models.yaw_model import COMMAND_DELAY, MAX_DELAY_S, YawModel, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -134,7 +134,7 @@ AGAINST = 0.2  # share of the impulses that a balance with everything negative m
 
 
 def whole_run_problem(
-    model: YawModel, parameters: Parameters, batch: Batch, at_rest: NDArray[np.bool_], confined: bool = False
+    model: Model, parameters: Parameters, batch: Batch, at_rest: NDArray[np.bool_], confined: bool = False
 ) -> Problem:
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
@@ -211,12 +211,12 @@ def _blocks(batch: Batch, at_rest: NDArray[np.bool_], confined: bool, varying: S
     )
 
 
-def varying_terms(model: YawModel) -> list[str]:
+def varying_terms(model: Model) -> list[str]:
     """Names of the model's effects of which every run has coefficients of its own."""
     return [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
 
 
-def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
+def rough_model(number: str, batch: Batch, sided: bool = False) -> Model:
     """Start values for model "1", "2" or "3": least squares of the momentum balance over windows of about a
     second.
 
@@ -258,7 +258,7 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
         )
     scale = float(np.abs(batch.force).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
-    return YawModel.base(number, values[0], [*values[1:], *constant, *[0.0] * sided], batch.moment_unit, batch.dof)
+    return Model.base(number, values[0], [*values[1:], *constant, *[0.0] * sided], batch.moment_unit, batch.dof)
 
 
 MAX_P_WAYS = 0.05  # p-value below which the two ways are told apart
@@ -340,7 +340,7 @@ class OutputErrorFit:
     """
 
     number: str
-    model: YawModel
+    model: Model
     mixed: Fit
     covariance: Floats
     scatters: bool = True
@@ -352,7 +352,7 @@ class OutputErrorFit:
         return estimate_of(self.mixed, self.covariance, self.mixed.names.index(COMMAND_DELAY), "s")
 
     @property
-    def answering(self) -> YawModel:
+    def answering(self) -> Model:
         """The model with its command delay, as it answers commands."""
         return self.model.delayed(self.delay.value)
 
@@ -474,6 +474,6 @@ def ratio_of(mixed: Fit, covariance: Floats, i: int, k: int, unit: str, dof: flo
     return Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, dof or run_dof(mixed, direction), unit)
 
 
-def result_of(number: str, model: YawModel, mixed: Fit, scatters: bool = True) -> OutputErrorFit:
+def result_of(number: str, model: Model, mixed: Fit, scatters: bool = True) -> OutputErrorFit:
     """Give the result of a fit of `model`; `scatters` is false where the runs' gains are known not to differ."""
     return OutputErrorFit(number, model.with_theta(mixed.of_model), mixed, run_covariance(mixed), scatters)

@@ -26,7 +26,7 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects import Effect
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
-from automarine_cli.models.yaw_model import (
+from automarine_cli.models.model import (
     BASE_TERMS,
     COMMAND_DELAY,
     CURRENT,
@@ -34,8 +34,8 @@ from automarine_cli.models.yaw_model import (
     INERTIA_COUPLINGS,
     MAX_DELAY_S,
     VELOCITIES,
+    Model,
     Term,
-    YawModel,
     base_roles,
 )
 from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, key_of, keyed, read_plain
@@ -236,7 +236,7 @@ class StoredModels:
     `random` the sizes of what is random by name.
     """
 
-    models: Mapping[str, YawModel]
+    models: Mapping[str, Model]
     preferred: str
     command_delay: float
     source: str
@@ -245,7 +245,7 @@ class StoredModels:
     random: Mapping[str, float] = field(default_factory=dict, repr=False)
 
     @property
-    def model(self) -> YawModel:
+    def model(self) -> Model:
         return self.models[self.preferred]
 
     @property
@@ -257,7 +257,7 @@ class StoredModels:
         return self.model.motion.turns
 
     @property
-    def undelayed(self) -> YawModel:
+    def undelayed(self) -> Model:
         """The preferred model without its command delay, which fits to more runs estimate anew."""
         return self.model.delayed(-self.command_delay)
 
@@ -327,7 +327,7 @@ def _force_unit(file: ModelFile, codec: Codec) -> str:
     return str(unit)
 
 
-def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place, dof: Dof) -> YawModel:
+def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place, dof: Dof) -> Model:
     """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
     numbers: dict[str, Given | None] = {role: getattr(entry, role) for role in ROLES}
     roles = base_roles(number, dof, dof.directional and entry.difference is not None)
@@ -349,7 +349,7 @@ def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place,
         if role in ("linear", "quadratic") and value < 0 and not may_drive:
             raise codec.refusal(at, f"found {value:g}, expected a drag of zero or more")
     inertia = values.pop("inertia")
-    return YawModel.base(number, inertia, list(values.values()), unit, dof)
+    return Model.base(number, inertia, list(values.values()), unit, dof)
 
 
 def _effects(
@@ -420,7 +420,7 @@ class PlanarFile(ResultRecord):
 PLANAR_MODEL = ResultKind(f"{PLANAR.name}_model.json", f"{PLANAR.name}-model", PlanarFile, "fit-planar", YAW)
 
 
-def planar_json(model: YawModel, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
+def planar_json(model: Model, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
     """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
     parameters = {**dict(zip(model.parameter_names, model.theta.tolist())), **(estimates or {})}
     return {"schema": PLANAR_MODEL.schema, **UNITS, "parameters": parameters}
@@ -465,7 +465,7 @@ def _planar_of(data: Mapping[str, object], where: str) -> StoredModels:
             name, value = dof.parameter("linear"), drags["linear-drag"]
             raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected a drag of zero or more")
     current = (water[0], water[1]) if water else None
-    model = YawModel(PLANAR, masses, tuple(terms), UNITS["moment_unit"], current)
+    model = Model(PLANAR, masses, tuple(terms), UNITS["moment_unit"], current)
     (matrix,) = model.inertia_matrix(model.theta[None])
     if np.linalg.eigvalsh(matrix)[0] <= 0:
         entries = ", ".join(f"{name.partition('.')[2]} = {x:g}" for name, x in zip(model.parameter_names, masses))

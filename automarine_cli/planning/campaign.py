@@ -22,8 +22,8 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import model_head
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, Shown, Source, read_mapping, to_mapping
 from automarine_cli.planning import candidates as pool
@@ -499,7 +499,7 @@ def specification(plan: Plan) -> tuple[dict[str, object], str]:
     }, f"Simulated runs lack what {', '.join(needy)} needs." if needy else ""  # fmt: skip
 
 
-def headings_of(model: YawModel, logger: Logger, candidates: Sequence[Candidate]) -> list[Floats]:
+def headings_of(model: Model, logger: Logger, candidates: Sequence[Candidate]) -> list[Floats]:
     """Return the heading of the model in each run, less that at its start [rad]."""
     runs = [logger.run(candidate) for candidate in candidates]
     rolled = roll(model, runs, np.zeros(len(runs)), np.zeros(len(runs))).position[0]

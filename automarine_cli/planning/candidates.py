@@ -17,7 +17,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.logs.columns import CANONICAL
-from automarine_cli.models.yaw_model import YawModel, steady_rate
+from automarine_cli.models.model import Model, steady_rate
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, keyed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import IMPOSSIBLE_EXTRAPOLATION
@@ -186,7 +186,7 @@ def levels(limits: Limits, largest: float) -> tuple[float, ...]:
     return (*(float(f"{size:.3g}") for size in sizes[:-1]), largest)
 
 
-def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
+def candidates(model: Model, limits: Limits, largest: float) -> tuple[Candidate, ...]:
     """List every run that the limits allow, in a fixed order, both sides of each."""
     sizes, sides, turn = levels(limits, largest), (1, -1), limits.pool.turn_deg
     first_parts = [  # moment, seconds and label of the steps after which a run goes on
@@ -229,21 +229,21 @@ def mirrors(candidates: Sequence[Candidate]) -> list[int]:
     return [places.get((run.kind, other, run.voltage), i) for i, (run, other) in enumerate(zip(candidates, turned))]
 
 
-def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
+def full_step(model: Model, limits: Limits, moment: float) -> Candidate:
     return _step(model, moment, limits.pool.turn_deg)
 
 
-def paper_grid(model: YawModel, largest: float) -> tuple[Candidate, ...]:
+def paper_grid(model: Model, largest: float) -> tuple[Candidate, ...]:
     """Make the paper's own runs, scaled to the largest moment: half turns at twelve sizes, to both sides."""
     return tuple(_step(model, side * largest * i / 12.0, 180.0) for i in range(1, 13) for side in (1, -1))
 
 
-def _seconds(model: YawModel, moment: float, degrees: float) -> float:
+def _seconds(model: Model, moment: float, degrees: float) -> float:
     """Time to turn so far from rest, by inertia and drag, on a tenth of a second."""
     return max(round(time_to_turn(radians(degrees), moment, model), 1), 0.5)
 
 
-def _step(model: YawModel, moment: float, degrees: float, kind: str = "step", label: str = "") -> Candidate:
+def _step(model: Model, moment: float, degrees: float, kind: str = "step", label: str = "") -> Candidate:
     label = label or f"step_{moment_text(moment)}_{degrees:.0f}deg"
     return Candidate(kind, label, ((moment, _seconds(model, moment, degrees)),))
 

@@ -28,8 +28,8 @@ from automarine_cli.fits.innovations import DrivenProblem
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
+from automarine_cli.models.model import BASE_TERMS, COMMAND_DELAY, DELAY, Model
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
-from automarine_cli.models.yaw_model import BASE_TERMS, COMMAND_DELAY, DELAY, YawModel
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.quantities import Floats
@@ -109,21 +109,21 @@ class Fitting:
     driven fits, in base units), runs are fitted by the innovations of a filter. `explained_by` names the effect of the
     model for which it stands beside another explanation, `command_delay` [s] is that of the model's file."""
 
-    model: YawModel
+    model: Model
     fit: Fit
     noise: float
     scatter: float
     rate: float = 10.0
     rest: float = 3.0
     voltage: float | None = None
-    frame: YawModel | None = None
+    frame: Model | None = None
     rate_noise: float | None = None
     random: Mapping[str, float] = field(default_factory=dict)
     explained_by: str = ""
     command_delay: float = 0.0
 
     @cached_property
-    def base(self) -> YawModel:
+    def base(self) -> Model:
         """The drag alone that the model begins with."""
         names = tuple(term.name for term in self.model.terms)
         size = max(len(drag) for drag in BASE_TERMS.values() if names[: len(drag)] == drag)
@@ -368,7 +368,7 @@ class PriorResults:
     `proposed` and no diagnosis judged, with their deviance."""
 
     stored: StoredModels
-    model: YawModel
+    model: Model
     now: Mapping[str, Estimate]
     noise_deg: float
     scatter: float

@@ -17,7 +17,7 @@ from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.information import LOOSE_STDERR, Fitting, PriorResults
 from automarine_cli.quantities import Floats
@@ -90,7 +90,7 @@ def pairs_of(prior: PriorResults, fitting: Fitting, grid: Sequence[Candidate], l
     return tuple(pairs)
 
 
-def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) -> list[Fitting]:
+def with_effect(fitting: Fitting, model: Model, name: str, largest: float) -> list[Fitting]:
     """Add one more effect to the model, at each place from which its fit may start; `largest` moment."""
     effect = effects.get(name)
     options = []
@@ -208,5 +208,5 @@ def shows(explanation: Fitting, candidates: Sequence[Candidate]) -> bool:
     return fitted(explanation, bare, candidates)[1] > MIN_VISIBLE_MISFIT
 
 
-def without(model: YawModel, effect: str) -> YawModel:
+def without(model: Model, effect: str) -> Model:
     return replace(model, terms=tuple(term for term in model.terms if term.name != effect))

@@ -21,8 +21,8 @@ from automarine_cli.fits.planar_fit import PlanarFit, structure_of
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit
+from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.models.store import DRAG_LAWS
-from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.report.sections import Content, Drawing, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, SURGE, SWAY
 from automarine_cli.errors import SettingError
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
@@ -106,7 +106,7 @@ def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: Specif
     return [same[i : i + chunk] for same in alike for i in range(0, len(same), chunk)]
 
 
-def _step(plan: Plan, model: YawModel) -> float:
+def _step(plan: Plan, model: Model) -> float:
     """A power of two [s]: few different ones, and none depends on the other runs."""
     if model.motion.turns:
         return PLANAR_STEP_S
@@ -201,7 +201,7 @@ def _truth(
     return at_samples
 
 
-def _own_phases(model: YawModel, plans: Sequence[Plan], seed: int) -> dict[str, Floats]:
+def _own_phases(model: Model, plans: Sequence[Plan], seed: int) -> dict[str, Floats]:
     """Sine and cosine (1, R, 2) of each run's own wave, for effects that vary from run to run, at any phase."""
     phases = {}
     for term in model.terms:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects import Commands, Place, State
-from automarine_cli.models.yaw_model import Bound, YawModel, actuators
+from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch, Channel
 
@@ -99,12 +99,12 @@ class Trajectory:
         return np.asarray(column[:, np.arange(len(self.node))[:, None], self.node])
 
 
-def step_for(model: YawModel, moment: float) -> float:
+def step_for(model: Model, moment: float) -> float:
     """Step [s] at which the error of the integrator stays below a hundredth of a degree under |moment|."""
     return float(np.clip(model.fastest(moment) / 2.0, 1e-3, 0.2))
 
 
-def simulate(model: YawModel, batch: Batch, theta: Floats | None = None, start: Start | None = None) -> Trajectory:
+def simulate(model: Model, batch: Batch, theta: Floats | None = None, start: Start | None = None) -> Trajectory:
     """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own.
 
     Commands are held over each step; the order is actuators on the commands, sum of forces with water states, division
@@ -139,7 +139,7 @@ def simulate(model: YawModel, batch: Batch, theta: Floats | None = None, start: 
 
 
 def _integrate(
-    model: YawModel, theta: Floats, terms: Sequence[Bound], batch: Batch, commands: Sequence[Commands], start: Start,
+    model: Model, theta: Floats, terms: Sequence[Bound], batch: Batch, commands: Sequence[Commands], start: Start,
     shape: tuple[int, ...],
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1), and the water's states, (W, P, R, M + 1).

@@ -21,8 +21,8 @@ from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR, Motion, alone
 from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.models.model import CONSTANT, Model, Term, response
 from automarine_cli.models.store import PLANAR_MODEL, models_of
-from automarine_cli.models.yaw_model import CONSTANT, Term, YawModel, response
 from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, key_of, keyed
 from automarine_cli.quantities import Floats
 from automarine_cli.text import Place, format_value, in_words
@@ -220,7 +220,7 @@ class RunGroup(Settings):
                 key = f"{self.folder}/{name if self.kind == 'planar' else f'{label}#{self.suffix or repeat}'}"
                 yield name, key, commands if self.largest is None else tuple(self._drawn(seed, key))
 
-    def cases(self, model: YawModel) -> Iterator[tuple[str, Commands]]:
+    def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
         """Label and commands of each run, repeats left out."""
         base, hold = self.name or self.dof.fill(KIND_LABELS.get(self.kind, self.kind)), self.duration_s or 0.0
         if self.to is not None:
@@ -258,7 +258,7 @@ def moment_text(moment: float) -> str:
     return text if set(text) & {".", "e"} else f"{text}.0"
 
 
-def time_to_turn(angle: float, moment: float, model: YawModel) -> float:
+def time_to_turn(angle: float, moment: float, model: Model) -> float:
     """Return the time [s] in which the vehicle goes `angle` [rad or m] from rest under a constant moment or force."""
     net = abs(moment + sum(term.values[0] for term in model.terms if term.name == CONSTANT))
     if net == 0:
@@ -315,13 +315,13 @@ class Vehicle(Settings):
             raise SettingError(f'{key_of(self, key)} is of {those}; elsewhere expected the effect "bias-moment"')
 
     @property
-    def model(self) -> YawModel:
+    def model(self) -> Model:
         values = {
             "quadratic-drag": self.quadratic, "linear-drag": self.linear, CONSTANT: self.constant_force,
             "drag-asymmetry": self.difference,
         }  # fmt: skip
         terms = tuple(Term(name, (value,), base=True) for name, value in values.items() if value)
-        return YawModel(alone(self.dof), (self.inertia,), terms, self.force_unit)
+        return Model(alone(self.dof), (self.inertia,), terms, self.force_unit)
 
 
 @dataclass(frozen=True)
@@ -544,7 +544,7 @@ class Specification(Settings):
             )
         return sensors
 
-    def model(self) -> YawModel:
+    def model(self) -> Model:
         """Return the true model, with what is hidden. Raises SettingError."""
         if isinstance(self.vehicle, Vehicle):
             model = self.vehicle.model

@@ -41,7 +41,7 @@ from blind_cases import LAWS, PAIRS, STRANGE, Campaign, Case, make
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.models.model import BASE_TERMS, Model
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 
@@ -89,7 +89,7 @@ FORMS = {
 }
 
 
-def campaign_of(case: Case) -> tuple[Sequence[Run], YawModel, float | None]:
+def campaign_of(case: Case) -> tuple[Sequence[Run], Model, float | None]:
     """Runs of a case, the base that a user would bring, and how visible what is hidden is."""
     if case.layout == DRIVEN:
         steered = closed_loop_cases.make("clean", case.seed)
@@ -99,11 +99,11 @@ def campaign_of(case: Case) -> tuple[Sequence[Run], YawModel, float | None]:
     return runs, guess(case, campaign), campaign.visible if np.isfinite(campaign.visible) else None
 
 
-def guess(case: Case, campaign: Campaign) -> YawModel:
+def guess(case: Case, campaign: Campaign) -> Model:
     """The base model that a user would bring: the right form, values some tenths off."""
     vehicle, unit = campaign.vehicle, campaign.runs[0].moment_unit
     number, drag = ("1", vehicle.linear) if "quadratic" in case.hidden else ("3", 0.85 * vehicle.quadratic)
-    return YawModel.base(number, 1.2 * vehicle.inertia * vehicle.scale, [drag * vehicle.scale], unit, YAW)
+    return Model.base(number, 1.2 * vehicle.inertia * vehicle.scale, [drag * vehicle.scale], unit, YAW)
 
 
 def with_idle_columns(runs: Sequence[Run], seed: int) -> list[Run]:
@@ -167,7 +167,7 @@ def answer_of(place: Path) -> dict[str, Any]:
     brought = json.loads((place / "base.json").read_text())
     number = next(number for number, terms in BASE_TERMS.items() if set(terms) == set(brought) - {"inertia"})
     drag = [brought[name] for name in BASE_TERMS[number]]
-    base = YawModel.base(number, brought["inertia"], drag, runs[0].moment_unit, YAW)
+    base = Model.base(number, brought["inertia"], drag, runs[0].moment_unit, YAW)
     try:
         result = diagnose_runs(runs, base)
     except AutomarineError as error:

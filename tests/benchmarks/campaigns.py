@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.steps import StepData, step_data
-from automarine_cli.models.yaw_model import response
+from automarine_cli.models.model import response
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 

@@ -11,7 +11,7 @@ import numpy as np
 from closed_loop_truth import INTERVAL, Chance, Log, Pilot, Vehicle, Voyage, sail
 
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
 FITTED, HELD_OUT = 10, 4
@@ -91,7 +91,7 @@ class Campaign:
 
     fitted: tuple[Run, ...]
     held_out: tuple[Run, ...]
-    base: YawModel
+    base: Model
     chance: Chance
 
 
@@ -135,7 +135,7 @@ def make(name: str, seed: int, gyro: bool = False) -> Campaign:
     return Campaign(
         tuple(run for i, run in enumerate(runs) if i not in out),
         tuple(runs[i] for i in sorted(out)),
-        YawModel.base(drag, 1.2 * inertia, values, "N m", YAW),
+        Model.base(drag, 1.2 * inertia, values, "N m", YAW),
         chance,
     )
 

@@ -25,7 +25,7 @@ from automarine_cli.errors import AutomarineError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.paper import fit_velocity_error
 from automarine_cli.fits.steps import data_of_steps
-from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.models.model import Model, Term
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
@@ -109,7 +109,7 @@ def effect_specification(name: str) -> dict[str, Any]:
 
 def effect_trial(index: int, name: str) -> Trial:
     """Simulate one campaign, fit the base model with the effect, and compare every interval with the truth."""
-    base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
+    base = Model.base("3", INERTIA, (K_RR,), "nu", YAW)
     runs = make_runs(specification_from(effect_specification(name), "specification"), 1000 + index)
     study = replace(study_of(runs, base), driven=False)
     values = tuple(

@@ -20,7 +20,7 @@ from automarine_cli.commands.terminal import terminal_progress
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.paper import fit_drag, fit_velocity_error
 from automarine_cli.fits.steps import data_of_steps
-from automarine_cli.models.yaw_model import inertia_from_velocity_error
+from automarine_cli.models.model import inertia_from_velocity_error
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.half_turn import half_turns

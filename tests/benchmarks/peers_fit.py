@@ -19,7 +19,7 @@ from efficiency import location_information, log_cosh
 from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
-from automarine_cli.models.yaw_model import response
+from automarine_cli.models.model import response
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]

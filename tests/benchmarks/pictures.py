@@ -26,8 +26,8 @@ from automarine_cli.commands.init import init
 from automarine_cli.commands.validate import validate
 from automarine_cli.dofs import SURGE, YAW, Dof
 from automarine_cli.effects import Effect
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.parameters import thruster_figure
 from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
@@ -225,7 +225,7 @@ def gallery_run(effect: Effect, panel: Panel, acts: bool) -> tuple[Floats, Float
     run = Run("run", "run.csv", clock, np.zeros_like(time), port + starboard, "nu", extras, dof=panel.dof)
     surge = panel.dof is SURGE
     values = {"1": (0.6,), "2": (10.0, 20.0), "3": (K_RR,)}[panel.base]
-    model = YawModel.base(panel.base, 20.0 if surge else INERTIA, values, "nu", panel.dof)
+    model = Model.base(panel.base, 20.0 if surge else INERTIA, values, "nu", panel.dof)
     model = model.with_effect(effect.name, panel.values) if acts else model
     found = simulate(model, make_batch([run], EVERY, effect.needs))
     if panel.shown == HEADING:

@@ -17,7 +17,7 @@ from automarine_cli.filters.kalman import carried, follow, shown_channel
 from automarine_cli.fits.driven import driven_problem
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Fitted:
     """One model fitted to a half: `offset` is the instant of its commands [sample intervals], `driven` the fit by
     innovations where it is one."""
 
-    model: YawModel
+    model: Model
     driven: InnovationsFit | None
 
     def on(self, runs: Sequence[Run]) -> tuple[DrivenProblem, Course]:

@@ -15,7 +15,7 @@ import pyarrow.csv as arrow_csv
 from campaigns import BOTH_SIDES, NOISE
 from made_runs import INERTIA, K_RR
 
-from automarine_cli.models.yaw_model import response
+from automarine_cli.models.model import response
 from automarine_cli.pipeline.parallel import Progress
 from automarine_cli.report.tables import Table
 

@@ -32,7 +32,7 @@ from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.vehicles import Vehicles
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 
 FIVE = {
     "small, 0.03 s lag, 0.02 s delay": (0.59, 1.5, 30.0, "N m", 0.03, 0.02),
@@ -76,7 +76,7 @@ def model_file(place: Path, name: str) -> Path:
 def corners_of(name: str) -> Vehicles:
     """The twelve corners of one of the five."""
     inertia, drag, full, unit, lag, delay = FIVE[name]
-    model = YawModel.base("3", inertia, [drag], unit, YAW)
+    model = Model.base("3", inertia, [drag], unit, YAW)
     model = model.with_effect("thruster-lag", [lag, 1.0, full, 1.0]).with_effect("input-delay", [delay])
     gain, heavier, later = np.array(list(product((0.85, 1.0, 1.15), (0.9, 1.1), (1.0, 1.5)))).T
     theta = np.tile(model.theta, (12, 1))

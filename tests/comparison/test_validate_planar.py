@@ -13,8 +13,8 @@ import automarine_cli as am
 from automarine_cli.comparison.simulated_runs import FreeRun, planar_free_runs
 from automarine_cli.comparison.validation import PLANAR_SCORES, Scored, compare, planar_errors, pooled
 from automarine_cli.errors import RunError, SettingError
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels, planar_json
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.figures.runs import planar_figure
 from automarine_cli.report.validation_report import planar_table
 from automarine_cli.runs.run import Run
@@ -28,7 +28,7 @@ def scores_of(free: FreeRun) -> dict[str, float | None]:
     return {name: pooled([planar_errors(free)], score).value for name, score in PLANAR_SCORES.items()}
 
 
-def planar_scored(model: YawModel, runs: list[Run]) -> Scored:
+def planar_scored(model: Model, runs: list[Run]) -> Scored:
     return compare(StoredModels({"planar": model}, "planar", 0.0, "planar_model.json"), runs).models["planar"]
 
 

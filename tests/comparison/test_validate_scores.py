@@ -13,12 +13,12 @@ from automarine_cli import effects
 from automarine_cli.comparison.simulated_runs import FreeRun, find_restarts, free_runs, restarted_errors, start_states
 from automarine_cli.comparison.validation import SCORES, Validation, compare, pooled, rate_error
 from automarine_cli.dofs import YAW
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels, read_model
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import parts_of
 
-TRUE = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
+TRUE = Model.base("3", INERTIA, (K_RR,), "nu", YAW)
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_the_best_is_named_with_a_reason(stored: StoredModels) -> None:
         three, two, one = (result.models[n].overall[name].value for n in "321")
         assert three <= 1.02 * two and two < one  # type: ignore[operator]
     assert result.models["1"].overall["fit_percent"].value < result.models["3"].overall["fit_percent"].value
-    models = {"2": YawModel.base("2", INERTIA, (K_RR, 0.0), "nu", YAW), "3": TRUE}
+    models = {"2": Model.base("2", INERTIA, (K_RR, 0.0), "nu", YAW), "3": TRUE}
     equal = compare(replace(stored, models=models), noisy(4))
     assert equal.best == "3" and equal.because.startswith("Models 2 and 3 are equally good")
     assert equal.because.endswith("; model 3 is simpler.")  # the simpler of two that score the same
@@ -205,7 +205,7 @@ def test_fit_percent() -> None:
 
 
 def test_a_model_that_runs_away_is_told_of(stored: StoredModels) -> None:
-    wild = YawModel.base("2", 1e-3, (0.0, -50.0), "nu", YAW)
+    wild = Model.base("2", 1e-3, (0.0, -50.0), "nu", YAW)
     result = compare(replace(stored, models={"2": wild, "3": TRUE}), noisy(3))
     assert result.models["2"].diverged == ("run 0", "run 1", "run 2") and result.best == "3"
     assert result.to_json()["models"]["2"]["runs"]["run 0"]["diverged"] is True  # type: ignore[index]

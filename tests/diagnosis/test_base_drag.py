@@ -10,7 +10,7 @@ from few_candidates import few_candidates
 from automarine_cli.diagnosis.diagnose import base_estimates, diagnose_runs
 from automarine_cli.diagnosis.search import CandidateFit, candidate_fit, drag_right, without_idle_drag
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 
@@ -37,7 +37,7 @@ def test_an_effect_beside_a_wrong_drag_is_named_and_the_drag_counts_for_nothing(
     assert alone.verdict == "named" and [effect.name for effect in alone.effects] == ["quadratic-drag"]
 
 
-def trial(study: DiagnosisProblem, model: YawModel, *added: str) -> CandidateFit:
+def trial(study: DiagnosisProblem, model: Model, *added: str) -> CandidateFit:
     return candidate_fit(study, model, added, study.fit(model))
 
 

@@ -11,7 +11,7 @@ from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.scores import candidates
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import DOFS, SURGE
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
@@ -44,7 +44,7 @@ def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
     assert {name for name in effects.names() if motion not in effects.get(name).motions} == elsewhere
     if motion == "yaw":
         return
-    model = YawModel.base("3", 1.0, [1.0, 0.0][: 1 + dof.has_constant], dof.units.forces[0], dof)
+    model = Model.base("3", 1.0, [1.0, 0.0][: 1 + dof.has_constant], dof.units.forces[0], dof)
     tried = set(candidates(study_of(hidden(motion, ("X_+8", "Z_+9")), model), model))
     assert not tried & turning and {"thruster-lag", "drag-asymmetry", "linear-drag-asymmetry"} <= tried
     assert ("bias-moment" in tried) == (dof is SURGE)

@@ -19,8 +19,8 @@ from automarine_cli.diagnosis.planar import (
 )
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.fits.planar_fit import Observed, PlanarLikelihood, observed
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import planar_verdict
 from automarine_cli.report.figures.diagnosis import where_figure
 
@@ -28,7 +28,7 @@ GIVEN = quadratic_drags(18.0, 18.0, 2.2, drags=(15.0, 50.0, 3.0))
 """About the bare craft, as somebody would write it down."""
 
 
-def stored(model: YawModel) -> StoredModels:
+def stored(model: Model) -> StoredModels:
     return StoredModels({"planar": model}, "planar", 0.0, "by hand")
 
 

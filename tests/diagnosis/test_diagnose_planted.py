@@ -18,7 +18,7 @@ from made_driven import turned
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
 IN_YAW = [name for name in effects.names() if effects.get(name).acts_in(YAW)]
@@ -35,7 +35,7 @@ def look_alikes(name: str) -> set[str]:
     }
 
 
-def judge(runs: Sequence[Run], base: YawModel, among: set[str] | None = None) -> Diagnosis:
+def judge(runs: Sequence[Run], base: Model, among: set[str] | None = None) -> Diagnosis:
     """A diagnosis that fits all runs and tries the candidates `among`, or all and curves."""
     with few_candidates(effects.names() if among is None else among, curves=among is None):
         return diagnose_runs(runs, base, hold_out=[])

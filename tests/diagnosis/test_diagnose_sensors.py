@@ -13,12 +13,12 @@ from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, paramete
 from automarine_cli.diagnosis.search import add_effect, candidate_fit
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-BASE = YawModel.base("3", INERTIA, [K_RR], "nu", YAW)
+BASE = Model.base("3", INERTIA, [K_RR], "nu", YAW)
 LAGS = {"input-delay": 0.15, "thruster-lag": 0.2, "sensor-lag": 0.2}
 SIZES = (0.15, 0.3, 0.45, 0.6, 0.8)
 PERIOD, REST = 0.1, 2.0
@@ -94,7 +94,7 @@ def test_a_delay_is_found_from_every_start() -> None:
     """It shares its direction with the instants at which commands switch."""
     delay = {"name": "input-delay", "t_d": 0.25}
     runs = pool_campaign(seed=3, noise_deg=2.0, gain=0.05, repeats=1, turn_deg=400.0, effects=[delay])
-    study = study_of(runs, YawModel.base("3", 1.0, [1.2], runs[0].moment_unit, YAW))
+    study = study_of(runs, Model.base("3", 1.0, [1.2], runs[0].moment_unit, YAW))
     base, evidence = candidate_fit(study, study.base, (), study.fit(study.base)), []
     for start in (0.05, 0.1, 0.2, 0.4):
         trial = add_effect(study, base, ("input-delay", np.array([start, 0.0, 0.1])))

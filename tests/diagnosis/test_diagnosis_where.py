@@ -20,15 +20,15 @@ from automarine_cli.diagnosis.residual_regions import (
 from automarine_cli.diagnosis.search import CandidateFit, candidate_fit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-TRUTH = YawModel.base("3", 1.018, (1.257,), "nu", YAW)
+TRUTH = Model.base("3", 1.018, (1.257,), "nu", YAW)
 
 
-def campaign(model: YawModel, seed: int, runs: int = 20, scatter: float = 0.02, noise: float = 1.0) -> list[Run]:
+def campaign(model: Model, seed: int, runs: int = 20, scatter: float = 0.02, noise: float = 1.0) -> list[Run]:
     """Steps, coast-downs and reversals at twelve moments to either side, from random headings."""
     random = np.random.default_rng(seed)
     plans = []
@@ -48,7 +48,7 @@ def campaign(model: YawModel, seed: int, runs: int = 20, scatter: float = 0.02, 
     ]
 
 
-def studied(runs: list[Run], base: YawModel = TRUTH) -> tuple[DiagnosisProblem, CandidateFit]:
+def studied(runs: list[Run], base: Model = TRUTH) -> tuple[DiagnosisProblem, CandidateFit]:
     """The runs, and the base model fitted to them."""
     study = study_of(runs, base)
     return study, candidate_fit(study, base, (), study.fit(base))
@@ -84,7 +84,7 @@ def test_a_dead_band_stands_out_where_moments_are_small(dead: tuple[DiagnosisPro
 
 
 def driven_regions(seed: int, sea: Sea, count: int = 8, length: float = 30.0) -> ResidualRegions:
-    study, trial = studied(steered(count, seed, sea, length=length), YawModel.base("3", 1.0, [1.2], "nu", YAW))
+    study, trial = studied(steered(count, seed, sea, length=length), Model.base("3", 1.0, [1.2], "nu", YAW))
     assert study.driven
     return find_where(study, trial, 0)
 

@@ -13,8 +13,8 @@ from few_candidates import few_candidates
 from automarine_cli.comparison.validation import compare
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import DIAGNOSIS, StoredModels, read_model
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_report import ERRORS, verdict_sentence
 from automarine_cli.report.sections import sections
 from automarine_cli.runs.run import Run
@@ -65,7 +65,7 @@ def test_the_numbers_are_those_of_validate(found: Mapping[float, Diagnosis]) -> 
     free, base = errors(diagnosis)[1], diagnosis.to_json()["base"]
     inertia, drag = (base[name]["before"]["value"] for name in ("I_r", "k_rr"))  # type: ignore[index]
     delay = diagnosis.study.command_delay(diagnosis.result.base.fit)
-    first = YawModel.base("3", inertia, (drag,), BASE.moment_unit, YAW).delayed(delay)
+    first = Model.base("3", inertia, (drag,), BASE.moment_unit, YAW).delayed(delay)
     files = {
         "before": StoredModels({"3": first}, "3", 0.0, ""),
         "after": read_model(diagnosis.document("extended_model")),

@@ -26,7 +26,7 @@ from automarine_cli.effects import State
 from automarine_cli.effects.learned import KNOTS, basis, roughness
 from automarine_cli.errors import ModelError
 from automarine_cli.fits.mixed_model import MixedFit
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 
 EVERY_VARIABLE = ["yaw-rate", "heading", "turned-angle", "moment", "time-in-run", "campaign-clock", "depth_m", "a {b}"]
 
@@ -138,7 +138,7 @@ def test_the_right_variable_is_named_and_the_band_holds_the_truth(found: tuple[s
 @pytest.mark.slow
 def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few: None) -> None:
     runs = steered(6, sea=Sea(warmth=0.4), length=40.0)
-    diagnosis = diagnose_runs(runs, YawModel.base("3", 1.0, (1.2,), "nu", YAW))
+    diagnosis = diagnose_runs(runs, Model.base("3", 1.0, (1.2,), "nu", YAW))
     assert diagnosis.study.driven and diagnosis.result.final.added == ("learned:water_temp_C",)
     curve = diagnosis.effects[0].learned
     truth = 0.2 * np.tanh((curve.x - 14.0) / 4.0)

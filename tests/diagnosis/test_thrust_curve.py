@@ -14,7 +14,7 @@ from automarine_cli.diagnosis.search import CandidateFit, candidate_fit, curved,
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.linear_mixed import GAIN
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
 AMONG = {
@@ -35,7 +35,7 @@ def studied(power: float, idle: float, scatter: float = 0.02) -> tuple[Diagnosis
             heading = side * turned + np.deg2rad(1.0) * random.standard_normal(len(time))
             command = np.where(time >= 1.0, side * size, 0.0)
             runs.append(Run(f"{side * size:+g}", "", time, heading, command, "nu", dof=YAW))
-    study = replace(study_of(runs, YawModel.base("3", 0.1, [0.2], "nu", YAW)), driven=False)
+    study = replace(study_of(runs, Model.base("3", 0.1, [0.2], "nu", YAW)), driven=False)
     return study, candidate_fit(study, study.base, (), study.fit(study.base))
 
 

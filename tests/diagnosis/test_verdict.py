@@ -39,7 +39,7 @@ from automarine_cli.diagnosis.search import (
 )
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
 
@@ -247,7 +247,7 @@ def each(function: Callable[[Any], Any], work: Sequence[Any], label: str) -> lis
     return [function(one) for one in work]
 
 
-def study_with(truth: YawModel, plans: Sequence[Plan]) -> tuple[DiagnosisProblem, CandidateFit]:
+def study_with(truth: Model, plans: Sequence[Plan]) -> tuple[DiagnosisProblem, CandidateFit]:
     """Runs of a vehicle of that truth, and the base fitted to them."""
     runs = [unmeasured(plan, i) for i, plan in enumerate(plans)]
     study = study_of(measured(truth, runs, seed=4, gain=0.005), BASE)

@@ -16,8 +16,8 @@ from automarine_cli.diagnosis.search import CandidateFit, is_admissible, may_be_
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.driven import ForecastScore
+from automarine_cli.models.model import Model
 from automarine_cli.models.parameter import Parameter, Parameters
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
 BASE = base_for("")
@@ -80,7 +80,7 @@ def in_water(count: int, column: str = "water_temp_C") -> list[Run]:
 
 def follows(runs: list[Run], gains: np.ndarray) -> str:
     study = DiagnosisProblem(tuple(runs), BASE, False, ())
-    trial: Any = SimpleNamespace(fit=SimpleNamespace(own=lambda name: gains[:, None]))
+    trial: Any = SimpleNamespace(fit=SimpleNamespace(effects_of=lambda name: gains[:, None]))
     return gains_follow(study, trial, 0)
 
 
@@ -144,12 +144,12 @@ def test_what_leaves_much_unexplained_has_to_predict_held_out_runs_better(
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_an_asymmetry_drives_where_it_outgrows_the_drag(sign: float) -> None:
     """k_r r + e r² changes its sign at |r| = k_r/|e|; within the quadratic drag it brakes at all rates."""
-    linear, quadratic = (YawModel.base(number, 20.0, [10.0], "nu", YAW) for number in "13")
+    linear, quadratic = (Model.base(number, 20.0, [10.0], "nu", YAW) for number in "13")
     drives = linear.with_effect("drag-asymmetry", [sign * 20.0])
     assert drag_drives(drives, 0.6) and not drag_drives(drives, 0.4)
     brakes = quadratic.with_effect("drag-asymmetry", [sign * 9.0])
     assert not drag_drives(brakes, 1e-3) and not drag_drives(brakes, 100.0)
-    still = YawModel.base("1", 20.0, [0.0], "nu", YAW).with_effect("cross-coupling", [sign * 30.0])
+    still = Model.base("1", 20.0, [0.0], "nu", YAW).with_effect("cross-coupling", [sign * 30.0])
     assert not drag_drives(still.with_effect("bias-moment", [sign]), 1.0)  # what is no drag is not asked
 
 

@@ -39,7 +39,7 @@ from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import driven_problem, starts_near
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -62,7 +62,7 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plan
 """Three runs of different lengths: a step to port, a coast-down, a manoeuvre."""
 
 
-def headings(model: YawModel, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1) -> Floats:
+def headings(model: Model, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1) -> Floats:
     """Simulated headings (P, R, N) from the STARTS."""
     needs = {need for term in model.terms for need in effects.get(term.name).needs}
     batch = make_batch(runs, 0.05, sorted(needs))
@@ -70,7 +70,7 @@ def headings(model: YawModel, runs: Sequence[Run] = RUNS, theta: Floats | None =
     return simulate(model, batch, theta, start).position
 
 
-def with_effect(name: str, values: Sequence[float] | None = None) -> YawModel:
+def with_effect(name: str, values: Sequence[float] | None = None) -> Model:
     """The base vehicle with a law of an effect at these values, by default at its planted sizes."""
     effect, law = of_law(name)
     return base_for(effect.name).with_effect(effect.name, sizes_of(effect, law) if values is None else values)

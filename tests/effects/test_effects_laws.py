@@ -15,7 +15,7 @@ from automarine_cli.diagnosis.scores import fitted_parameters
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.effects.history_force import MEMORY_SHARES, MEMORY_TIMES
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -25,7 +25,7 @@ BASE = base_for("")
 RUNS = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
 
 
-def headings(model: YawModel, runs: Sequence[Run], start: Start | None = None) -> Floats:
+def headings(model: Model, runs: Sequence[Run], start: Start | None = None) -> Floats:
     """Simulated headings (R, N)."""
     return simulate(model, make_batch(runs, 0.05), start=start).position[0]
 

@@ -20,7 +20,7 @@ from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import OutputError, SettingError
-from automarine_cli.models.yaw_model import YawModel, steady_rate
+from automarine_cli.models.model import Model, steady_rate
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
@@ -45,7 +45,7 @@ def model_file(
 @cache
 def ours(moment: float, rate0: float, seconds: float, number: str = "2") -> tuple[Any, Any]:
     """Times and rates of our own simulation."""
-    model = YawModel.base(number, I_R, list(DRAGS[number].values()), "N m", YAW)
+    model = Model.base(number, I_R, list(DRAGS[number].values()), "N m", YAW)
     run = unmeasured([(moment, seconds)], 0, "N m")
     run = type(run)(run.name, run.source, run.time, run.position, np.full(len(run), moment), "N m", dof=YAW)
     velocity = simulate(model, make_batch([run], 0.02), start=Start(velocity=rate0)).velocity[0, 0]

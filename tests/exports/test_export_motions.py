@@ -16,10 +16,11 @@ from export_readers import constants_of, number_in
 from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
 from automarine_cli.dofs import DOFS, YAW
+from automarine_cli.dofs.motion import alone
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import Origin, Settings, Written, YawSubject
 from automarine_cli.exports.export import in_enu
-from automarine_cli.models.yaw_model import YawModel, steady_rate
+from automarine_cli.models.model import Model, steady_rate
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
 AXES = {"surge": (0, "X", "u", "x"), "sway": (1, "Y", "v", "y"), "heave": (2, "Z", "w", "z")}
@@ -29,7 +30,7 @@ AXES = {"surge": (0, "X", "u", "x"), "sway": (1, "Y", "v", "y"), "heave": (2, "Z
 def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
     """A model with both drags and an asymmetry, in newtons."""
     dof = DOFS[motion]
-    model = replace(YawModel.base("2", MASS, [QUADRATIC, LINEAR], dof.units.forces[1], YAW), dof=dof)
+    model = replace(Model.base("2", MASS, [QUADRATIC, LINEAR], dof.units.forces[1], YAW), motion=alone(dof))
     frame, origin = targets.get(target).frames[0], Origin("model.json", "0" * 64, "2")
     return replace(YawSubject(origin, frame, form, Settings(rigid_inertia=OWN), (), model), **change)
 

@@ -18,8 +18,8 @@ from automarine_cli.commands.export import export
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import export_targets
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import planar_json
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
@@ -31,7 +31,7 @@ DRAGS = replace(MODEL, terms=tuple(term for term in MODEL.terms if term.name != 
 SIDES = np.array([1.0, -1.0, -1.0])
 
 
-def model_file(folder: Path, model: YawModel = MODEL) -> Path:
+def model_file(folder: Path, model: Model = MODEL) -> Path:
     path = folder / "planar_model.json"
     path.write_text(json.dumps(planar_json(model)))
     return path
@@ -67,7 +67,7 @@ def _sample(samples: Floats, middle: Floats, time: Floats) -> NDArray[np.int64]:
     return np.minimum(first[np.searchsorted(middle, time, side="right")], len(samples) - 1)
 
 
-def accelerations(model: YawModel, nu: Floats, tau: Floats) -> Floats:
+def accelerations(model: Model, nu: Floats, tau: Floats) -> Floats:
     """nu' of our simulator in still water, by a step of a microsecond."""
     still, h = replace(model, water=None), 1e-6
     forces = {"force_X": np.full(2, tau[0]), "force_Y": np.full(2, tau[1])}
@@ -140,7 +140,7 @@ def test_gazebo_has_our_accelerations(tmp_path: Path, frame: str, nu: Three, tau
         ("mss", MODEL, {"form": "python"}, "--form of mss: found python, expected matlab"),
     ],
 )  # fmt: skip
-def test_refusals(tmp_path: Path, target: str, model: YawModel, settings: dict[str, object], says: str) -> None:
+def test_refusals(tmp_path: Path, target: str, model: Model, settings: dict[str, object], says: str) -> None:
     with pytest.raises(SettingError) as refusal:
         export(model_file(tmp_path, model), to=target, **settings)  # type: ignore[arg-type]
     assert says in str(refusal.value)

@@ -20,7 +20,7 @@ from automarine_cli.effects.learned import KNOTS, Learned
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import in_enu
 from automarine_cli.exports.python import PYTHON_EFFECTS, definitions
-from automarine_cli.models.yaw_model import YawModel, response
+from automarine_cli.models.model import Model, response
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
@@ -41,19 +41,19 @@ CLOSE = np.deg2rad(0.2)  # the file's steps are fixed, and a delayed command beg
 PLAN = [(0.2, 2.0), (1.0, 2.0), (-0.7, 3.0), (0.0, 3.0)]
 
 
-def planted(name: str, law: int = 0) -> YawModel:
+def planted(name: str, law: int = 0) -> Model:
     """The paper's vehicle with one effect at a size that shows, in one of its laws."""
     return base_for(name).with_effect(name, sizes_of(effects.get(name), law))
 
 
-def many() -> YawModel:
+def many() -> Model:
     model = planted("dead-band")
     for name in ("thruster-lag", "bias-moment", "water-swirl", "compass-deviation"):
         model = model.with_effect(name, sizes_of(effects.get(name)))
     return model
 
 
-def trials() -> dict[tuple[str, str], YawModel]:
+def trials() -> dict[tuple[str, str], Model]:
     """By name and frame: every law of every effect that the file can have, each in both frames, and many together."""
     laws = ((name, law) for name in PYTHON_EFFECTS for law in range(laws_of(effects.get(name))))
     models = {f"{name} {law}": planted(name, law) for name, law in laws}
@@ -68,7 +68,7 @@ def trials() -> dict[tuple[str, str], YawModel]:
 TRIALS = trials()
 
 
-def model_file(model: YawModel, path: Path) -> Path:
+def model_file(model: Model, path: Path) -> Path:
     base, *more = model.terms
     number, drag = ("1", "k_r") if base.name == "linear-drag" else ("3", "k_rr")
     names = {term.name: effects.get(term.name).names_in(model.dof) for term in more}

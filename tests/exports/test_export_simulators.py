@@ -14,8 +14,8 @@ from test_export_motions import LINEAR, MASS, OWN, QUADRATIC, written
 
 from automarine_cli.commands.export import export
 from automarine_cli.dofs import YAW
+from automarine_cli.models.model import steady_rate
 from automarine_cli.models.store import read_model
-from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate

@@ -11,13 +11,13 @@ from scipy.linalg import expm
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import MIN_APART_S, MIN_STEP_S, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, follow, predict, shown_channel
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
 REST = np.array([True])
 INERTIA, LINEAR = 1.3, 0.9
-MODEL = YawModel.base("1", INERTIA, [LINEAR], "nu", YAW)
+MODEL = Model.base("1", INERTIA, [LINEAR], "nu", YAW)
 
 
 def noises(size: float = 0.1, time: float = 2.0, thrust: float = 0.03, reading: float = 0.02) -> Noises:

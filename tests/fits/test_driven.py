@@ -15,14 +15,14 @@ from automarine_cli.fits.driven import base_starts, driven_problem, fit_driven, 
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.preference import prefer_driven
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 
 
 def problem_of(runs: Sequence[Run]) -> DrivenProblem:
     """Model 3 on made runs, from values that are off by half."""
-    model = YawModel.base("3", 1.5, [0.8], "nu", YAW)
+    model = Model.base("3", 1.5, [0.8], "nu", YAW)
     return driven_problem(model, make_course(runs, np.zeros(len(runs), dtype=bool)))
 
 
@@ -54,7 +54,7 @@ def test_a_run_left_out_is_that_fit_to_the_others() -> None:
 def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance_is_said() -> None:
     """Model 3 is worse than model 1 in one run by far and so passes as level; model 1 is worse by a sure little."""
     (problem, found), run = fitted(), np.arange(4)
-    bases = {n: YawModel.base(n, 1.0, [1.0] * (1 + (n == "2")), "nu", YAW) for n in "123"}
+    bases = {n: Model.base(n, 1.0, [1.0] * (1 + (n == "2")), "nu", YAW) for n in "123"}
     covariance = found.covariance  # one outcome: only the numbers of parameters count
     models = {n: OutputErrorFit(n, base, found, covariance) for n, base in bases.items()}
     sizes = {"1": [1.01, 1.02, 1.01, 1.02], "2": [1.0] * 4, "3": [0.9, 1.0, 1.0, 1.6]}

@@ -32,9 +32,9 @@ from automarine_cli.fits.planar_fit import (
     widest,
 )
 from automarine_cli.logs import ColumnMap
+from automarine_cli.models.model import COMMAND_DELAY, Model
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
 from automarine_cli.models.store import models_of
-from automarine_cli.models.yaw_model import COMMAND_DELAY, YawModel
 from automarine_cli.quantities import Floats
 from automarine_cli.report import fit_report
 from automarine_cli.runs.run import Run
@@ -66,7 +66,7 @@ def made(seed: int, channels: Sequence[str] = ALL, length: float = 16.0) -> Run:
     return replace(run, position=noisy.pop("heading"), extras={**run.extras, **noisy})
 
 
-def fit_of(model: YawModel, runs: int = 3, log_likelihood: float = 0.0) -> InnovationsFit:
+def fit_of(model: Model, runs: int = 3, log_likelihood: float = 0.0) -> InnovationsFit:
     """A fit of a model, whose last parameter stands at a bound; runs left out move the second by a tenth."""
     last = model.index(model.free[-1])
     random = (*(f"{dof.name}.{kind}" for dof in PLANAR.dofs for kind in RANDOM), COMMAND_DELAY)
@@ -92,7 +92,7 @@ def fit_to(runs: Sequence[Run], observed: Observed, *tried: Estimated) -> Planar
     return PlanarFit(tried, tried[0], use_of(heading=0.5), "", tuple(runs), observed)
 
 
-def model_of(runs: Sequence[Run], *added: str) -> YawModel:
+def model_of(runs: Sequence[Run], *added: str) -> Model:
     """The simplest model of these runs, and what is added."""
     seen = observed(runs)
     model = seen.simplest(rough_sizes(runs))
@@ -104,15 +104,13 @@ def model_of(runs: Sequence[Run], *added: str) -> YawModel:
 class Scripted(PlanarLikelihood):
     """An estimator without physics: what is named in WORTH explains so much, anything else explains nothing."""
 
-    def estimate(self, model: YawModel, random: Mapping[str, float] | None = None, iterations: int = 60) -> Estimated:
+    def estimate(self, model: Model, random: Mapping[str, float] | None = None, iterations: int = 60) -> Estimated:
         return Estimated(model, fit_of(model, log_likelihood=self.worth(model.free)))
 
-    def promises(self, wide: YawModel, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
+    def promises(self, wide: Model, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         return [Promise(self.worth(names), {}) for names in added]
 
-    def toward(
-        self, model: YawModel, random: Mapping[str, float], promised: Promise
-    ) -> tuple[YawModel, Mapping[str, float]]:
+    def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         return model, random
 
     @staticmethod

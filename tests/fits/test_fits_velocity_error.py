@@ -15,7 +15,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.fits.paper import BIAS_LIMIT, VelocityErrorFit, fit_velocity_error, tail_lines
 from automarine_cli.fits.steps import StepData, data_of_steps, step_data
-from automarine_cli.models.yaw_model import inertia_from_velocity_error, response
+from automarine_cli.models.model import inertia_from_velocity_error, response
 from automarine_cli.runs.half_turn import half_turns
 
 # PHYSICS 4.7: bias [%] of the inertia from a tail of noise-free samples between this angle and 180 degrees

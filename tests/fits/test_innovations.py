@@ -23,7 +23,7 @@ from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, whole_run_problem
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.report.fit_report import tables, warnings_of
 from automarine_cli.report.sections import sections
 from automarine_cli.runs.run import Run
@@ -43,16 +43,16 @@ def quantity(value: float, unit: str) -> dict[str, object]:
 DRAGS = {"1": {"k_r": quantity(0.8, "nu s")}, "3": {"k_rr": quantity(1.2, "nu s²")}}
 
 
-def problem_of(runs: list[Run], model: YawModel, *, quiet: bool = False) -> DrivenProblem:
+def problem_of(runs: list[Run], model: Model, *, quiet: bool = False) -> DrivenProblem:
     return driven_problem(model, make_course(runs, np.ones(len(runs), dtype=bool)), quiet=quiet)
 
 
-def base(number: str = "3", inertia: float = 1.0, *drag: float) -> YawModel:
+def base(number: str = "3", inertia: float = 1.0, *drag: float) -> Model:
     """A model of the paper near the truth of `Sea`."""
-    return YawModel.base(number, inertia, drag or (1.2,), "nu", YAW)
+    return Model.base(number, inertia, drag or (1.2,), "nu", YAW)
 
 
-def fitted(runs: list[Run], model: YawModel) -> InnovationsFit:
+def fitted(runs: list[Run], model: Model) -> InnovationsFit:
     """The fit from values near the truth."""
     problem = problem_of(runs, model)
     return fit_innovations(problem, starts_near(problem, [model.theta], {}), brief=True)
@@ -203,7 +203,7 @@ def test_rough_values_faster_than_the_filter_leave_a_start(number: str) -> None:
 
 
 def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refusing(course: Course, rough: YawModel, number: str, *more: object) -> OutputErrorFit:
+    def refusing(course: Course, rough: Model, number: str, *more: object) -> OutputErrorFit:
         if number != "1":
             raise FitError("these runs do not determine the model: it has no end")
         return fit_driven(course, rough, number)

@@ -24,8 +24,8 @@ from automarine_cli.fits.known import Known, names_in
 from automarine_cli.fits.planar_fit import OWN, PlanarLikelihood, observed, rough_sizes
 from automarine_cli.fits.steps import data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_whole_runs, rough_model
+from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.models.parameter import Prior
-from automarine_cli.models.yaw_model import COMMAND_DELAY
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch

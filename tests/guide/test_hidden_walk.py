@@ -8,8 +8,8 @@ from test_readme import PAGES
 
 from automarine_cli.comparison.validation import compare
 from automarine_cli.dofs import YAW
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.load import load_runs
 
 PAGE = PAGES["automarine_cli/guide/hidden-walk.md"]
@@ -25,9 +25,7 @@ def columns(first: str) -> dict[str, list[float]]:
 def test_the_errors_of_all_five_runs_follow_from_the_parameters() -> None:
     inertia, drag, chi, time = columns("parameter").values()
     models = {
-        number: YawModel.base("3", inertia[i], (drag[i],), "nu", YAW).with_effect(
-            "water-swirl", (chi[i], time[i] or 1.0)
-        )
+        number: Model.base("3", inertia[i], (drag[i],), "nu", YAW).with_effect("water-swirl", (chi[i], time[i] or 1.0))
         for i, number in enumerate(("first", "swirl", "true"))
     }
     # the page leaves out the command delay of the first fit, 0.6 deg in a step

@@ -14,7 +14,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect
 from automarine_cli.effects.base import MIXED, ODD
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -75,11 +75,11 @@ SIZES: Mapping[str, tuple[float, ...]] = {
 """Sizes that show in the campaign below, where half more than the start is not one; references left out."""
 
 
-def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> YawModel:
+def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> Model:
     """The paper's vehicle as model 3; as model 1 for the effect that is model 3's own drag."""
     if name == "quadratic-drag":
-        return YawModel.base("1", scale * INERTIA, (scale * 0.6,), unit, YAW)
-    return YawModel.base("3", scale * INERTIA, (scale * K_RR,), unit, YAW)
+        return Model.base("1", scale * INERTIA, (scale * 0.6,), unit, YAW)
+    return Model.base("3", scale * INERTIA, (scale * K_RR,), unit, YAW)
 
 
 def laws_of(effect: Effect) -> int:
@@ -114,7 +114,7 @@ def sizes_of(effect: Effect, law: int = 0) -> tuple[float, ...]:
     )  # fmt: skip
 
 
-def with_planted(base: YawModel, *names: str) -> YawModel:
+def with_planted(base: Model, *names: str) -> Model:
     """The model with these effects at their planted sizes."""
     for name in names:
         effect, law = of_law(name)
@@ -168,7 +168,7 @@ def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 
 
 
 def measured(
-    truth: YawModel,
+    truth: Model,
     runs: Sequence[Run],
     *,
     seed: int = 0,
@@ -195,7 +195,7 @@ def measured(
 
 
 def planted(
-    base: YawModel, *names: str, seed: int = 0, plans: Sequence[Plan] | None = None, noise_deg: float = 0.5
+    base: Model, *names: str, seed: int = 0, plans: Sequence[Plan] | None = None, noise_deg: float = 0.5
 ) -> list[Run]:
     """A campaign of the base vehicle with these effects in it, its runs in random order."""
     chosen = long_plans() if plans is None else plans

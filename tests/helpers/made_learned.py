@@ -16,7 +16,7 @@ from automarine_cli.diagnosis.study import elsewhere, learned_term
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.learned import KNOTS, basis
-from automarine_cli.models.yaw_model import Bound, YawModel
+from automarine_cli.models.model import Bound, Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Law = Callable[[State], Floats]
 
 NOISE_DEG, GAIN = 0.5, 0.02
-BASE = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
+BASE = Model.base("3", INERTIA, (K_RR,), "nu", YAW)
 COLUMNS = ("cpu_load", "current_A", "depth_below_m", "humidity", "pressure_hPa", "water_temp_C")
 
 LAWS: Mapping[str, tuple[str, str, Callable[[Floats], Floats]]] = {
@@ -63,7 +63,7 @@ class Hidden(Effect):
 
 
 @dataclass(frozen=True)
-class Truth(YawModel):
+class Truth(Model):
     """The vehicle with a law of its own."""
 
     law: Law = np.zeros_like  # type: ignore[assignment]
@@ -74,7 +74,7 @@ class Truth(YawModel):
 
 def true_model(name: str) -> Truth:
     """The base model with a law of LAWS."""
-    return Truth(BASE.inertia, BASE.terms, BASE.moment_unit, BASE.dof, law(name))
+    return Truth(BASE.motion, BASE.masses, BASE.terms, BASE.moment_unit, law=law(name))
 
 
 def true_curve(name: str, diagnosis: Diagnosis) -> Floats:

@@ -17,10 +17,10 @@ from automarine_cli.link.server import LinkServer
 from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.base import Vehicle as Drives
 from automarine_cli.link.vehicles.simulated import Simulated
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 
 TOKEN = "a-token-of-tests"
-MODEL = YawModel.base("3", 1.0, [1.25], "nu", YAW)
+MODEL = Model.base("3", 1.0, [1.25], "nu", YAW)
 MODEL_FILE = {
     "schema": "automarine/yaw-model/1", "moment_unit": "nu", "preferred": "3", "effects": [],
     "models": {"3": {"I_r": {"value": 1.0, "unit": "nu s²"}, "k_rr": {"value": 1.25, "unit": "nu s²"}}},

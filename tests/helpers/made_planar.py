@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import DRAG_OF_ROLE
-from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -159,15 +159,15 @@ Terms = tuple[Term, ...]
 def planar_model(
     *masses: float, surge: Terms = (), sway: Terms = (), yaw: Terms = (), cross: Terms = (),
     water: tuple[float, float] | None = None,
-) -> YawModel:  # fmt: skip
+) -> Model:  # fmt: skip
     """A model of the plane: m_u, m_v, I_r, then what couples them, m_vr, m_ur and m_uv."""
     letters = DRAG_OF_ROLE.values()
     terms = [replace(t, dof=i, base=t.name in letters) for i, own in enumerate((surge, sway, yaw)) for t in own]
     terms += [Term.cross(term.name, *term.values) for term in cross]
-    return YawModel(PLANAR, (*masses, 0.0, 0.0, 0.0)[:6], tuple(terms), "N m", water)
+    return Model(PLANAR, (*masses, 0.0, 0.0, 0.0)[:6], tuple(terms), "N m", water)
 
 
-def quadratic_drags(*masses: float, drags: Sequence[float], name: str = "quadratic-drag") -> YawModel:
+def quadratic_drags(*masses: float, drags: Sequence[float], name: str = "quadratic-drag") -> Model:
     """A model of one kind of drag in each motion."""
     surge, sway, yaw = ((Term(name, (drag,)),) for drag in drags)
     return planar_model(*masses, surge=surge, sway=sway, yaw=yaw)

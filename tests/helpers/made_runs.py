@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import response
+from automarine_cli.models.model import response
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]

@@ -5,7 +5,7 @@ import numpy as np
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.control.vehicles import Vehicles
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 
 
 def vehicle(
@@ -13,7 +13,7 @@ def vehicle(
     count: int = 1, linear: float = 0.0,
 ) -> Vehicles:  # fmt: skip
     """`count` vehicles alike."""
-    model = YawModel.base("2", inertia, [drag, linear], "N m", YAW)
+    model = Model.base("2", inertia, [drag, linear], "N m", YAW)
     if lag:
         model = model.with_effect("thruster-lag", [lag, 1.0, full, 1.0])
     if delay:

@@ -4,7 +4,7 @@ from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.step_fit import fit_step_model
 from automarine_cli.fits.steps import StepData
 from automarine_cli.fits.whole_runs import OutputErrorFit
-from automarine_cli.models.yaw_model import COMMAND_DELAY
+from automarine_cli.models.model import COMMAND_DELAY
 
 
 def fitted_steps(

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from tolerances import assert_close
 
-from automarine_cli.models.yaw_model import inertia_from_velocity_error, response, steady_rate, velocity_error
+from automarine_cli.models.model import inertia_from_velocity_error, response, steady_rate, velocity_error
 
 INERTIA, K_RR, K_R = 1.018, 1.257, 0.9961  # the source paper's Tables 1 and 2
 DRAGS = {"1": (0.5, 0.0), "2": (0.3, 0.9), "3": (0.0, 1.257), "2, negative k_r": (-0.03, 1.29)}

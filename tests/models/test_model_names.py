@@ -5,15 +5,15 @@ import pytest
 
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import ModelError
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 
 EVERY_MOTION = pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
 
 
-def model_of(dof: Dof, number: str = "2") -> YawModel:
+def model_of(dof: Dof, number: str = "2") -> Model:
     """Both drags, what always acts where something does, and an effect."""
     values = [3.0, 0.5, *([-2.0] if dof.has_constant else [])]
-    return YawModel.base(number, 2.0, values, dof.units.forces[0], dof)
+    return Model.base(number, 2.0, values, dof.units.forces[0], dof)
 
 
 @EVERY_MOTION
@@ -30,21 +30,21 @@ def test_parameters_have_qualified_names(dof: Dof) -> None:
 
 
 def test_names_that_two_effects_have_are_told_apart() -> None:
-    model = YawModel.base("3", 1.0, [1.2], "nu", YAW).with_effect("linear-drag", [0.1])
+    model = Model.base("3", 1.0, [1.2], "nu", YAW).with_effect("linear-drag", [0.1])
     model = model.with_effect("bias-moment", [0.05]).with_effect("thrust-loss", [0.05])
     assert model.parameter_names[2:] == ("linear-drag.k_r", "bias-moment.b", "thrust-loss.b", "thrust-loss.law")
     assert model.short_names == ("I_r", "k_rr", "k_r", "b", "thrust-loss.b", "law")
-    sided = YawModel.base("3", 1.0, [1.2, 0.3], "N", SURGE).with_effect("bias-moment", [0.05])
+    sided = Model.base("3", 1.0, [1.2, 0.3], "N", SURGE).with_effect("bias-moment", [0.05])
     assert sided.parameter_names == ("surge.m_u", "surge.X_uu", "surge.half_difference", "bias-moment.b")
 
 
 def test_drag_of_a_model_is_what_its_effects_say_it_is() -> None:
-    both = YawModel.base("3", 1.0, [1.2], "nu", YAW).with_effect("linear-drag", [0.1])
+    both = Model.base("3", 1.0, [1.2], "nu", YAW).with_effect("linear-drag", [0.1])
     assert both.drag() == (0.1, 1.2)
-    heave = YawModel.base("3", 20.0, [45.0, -2.0, 6.0], "N", HEAVE)
+    heave = Model.base("3", 20.0, [45.0, -2.0, 6.0], "N", HEAVE)
     forces = np.array([-8.0, 8.0])
     moment, linear, quadratic = heave.acting(forces)
     assert np.array_equal(moment, forces - 2.0) and np.array_equal(quadratic, [39.0, 51.0])
     assert np.array_equal(linear, [0.0, 0.0])
-    surge = YawModel.base("1", 20.0, [5.0, 1.0], "N", SURGE)
+    surge = Model.base("1", 20.0, [5.0, 1.0], "N", SURGE)
     assert np.array_equal(surge.acting(forces)[1], [4.0, 6.0])

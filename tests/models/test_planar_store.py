@@ -10,8 +10,8 @@ import pytest
 from made_planar import FULL, planar_model
 
 from automarine_cli.errors import ModelError
+from automarine_cli.models.model import Term
 from automarine_cli.models.store import PLANAR_MODEL, models_of, planar_json, read_model
-from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.records import schema_in
 
 

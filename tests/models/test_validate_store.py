@@ -12,8 +12,8 @@ from made_runs import INERTIA, K_RR
 from made_sequences import model_file
 
 from automarine_cli.errors import ModelError
+from automarine_cli.models.model import Term
 from automarine_cli.models.store import file_and_models, read_model
-from automarine_cli.models.yaw_model import Term
 
 
 @pytest.fixture

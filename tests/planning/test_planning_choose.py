@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.campaign import (
     NARROWS_INTERVALS,
     SHOWS_DRIFT,
@@ -24,13 +24,13 @@ from automarine_cli.planning.rivals import Discrimination, ModelPair
 
 Floats = NDArray[np.float64]
 
-MODEL = YawModel.base("3", 1.018, [1.257], "nu", YAW)
+MODEL = Model.base("3", 1.018, [1.257], "nu", YAW)
 LIMITS = Limits(
     pool=Pool(minutes=25, runs=12), moments=Moments(levels=3), logger=Logger(gain_scatter=0.03, noise_deg=1.0)
 )
 
 
-def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Ambiguity, ...] = ()) -> Plan:
+def planned(limits: Limits = LIMITS, model: Model = MODEL, doubts: tuple[Ambiguity, ...] = ()) -> Plan:
     prior = PriorResults(StoredModels({"3": MODEL}, "3", 0.0, "model"), model, {}, 1.0, 0.03, 0, doubts)
     return plan_campaign(prior, limits, 1.2, Supply(0.3, 6.0, 1.2))
 

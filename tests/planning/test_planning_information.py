@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from specified import make_runs
 
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel, response
+from automarine_cli.models.model import Model, response
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Candidate, Limits, candidates, mirrors
 from automarine_cli.planning.information import ANGLE, Fitting, read_prior_results, reported_covariance
@@ -21,7 +21,7 @@ from automarine_cli.simulation.specification import Logger, RunGroup, Scatter, S
 Floats = NDArray[np.float64]
 
 INERTIA, DRAG, NOISE, SCATTER = 1.018, 1.257, np.deg2rad(1.0), 0.03
-MODEL = YawModel.base("3", INERTIA, [DRAG], "nu", YAW)
+MODEL = Model.base("3", INERTIA, [DRAG], "nu", YAW)
 FITTING = Fitting(MODEL, "whole-runs", NOISE, SCATTER)
 STEP = Candidate("step", "step", ((0.8, 4.0),))
 
@@ -87,7 +87,7 @@ def reported(runs: Sequence[Candidate], seed: int) -> list[float]:
 
 
 STEPS = tuple(Candidate("step", f"{side * level}", ((side * level, 9.0),)) for level in (0.6, 1.0) for side in (1, -1))
-LINEAR = Fitting(YawModel.base("1", 1.3, [0.9], "nu", YAW), "whole-runs", np.deg2rad(0.3), SCATTER)
+LINEAR = Fitting(Model.base("1", 1.3, [0.9], "nu", YAW), "whole-runs", np.deg2rad(0.3), SCATTER)
 QUIET = {"yaw.disturbance": 1e-5, "yaw.disturbance-time": 2.0, "yaw.thrust-noise": 1e-3, "gain-scatter": SCATTER}
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.information import Fitting
 from automarine_cli.planning.rivals import closest, fitted, splits, with_effect
 
-BASE = YawModel.base("3", 1.018, [1.257], "nu", YAW)
+BASE = Model.base("3", 1.018, [1.257], "nu", YAW)
 FITTING = Fitting(BASE, "diagnosis", np.deg2rad(1.0), 0.03, frame=BASE)
 STEPS = tuple(
     Candidate("step", f"{side * size:+g}", ((side * size, round(4.6 / np.sqrt(size), 1)),))

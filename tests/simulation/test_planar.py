@@ -12,7 +12,7 @@ from tolerances import assert_close
 
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.models.model import Model, Term
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate
 
@@ -29,7 +29,7 @@ def column(values: object) -> Floats:
 START = Start(column(POSITION), column(VELOCITY))
 
 
-def resisted(water: tuple[float, float] | None = (0.25, -0.15)) -> YawModel:
+def resisted(water: tuple[float, float] | None = (0.25, -0.15)) -> Model:
     """A vehicle with every kind of drag, alike on no side."""
     return planar_model(
         *BODY,
@@ -101,7 +101,7 @@ def test_port_and_starboard_are_alike() -> None:
 
 
 def test_yaw_alone_is_the_limit() -> None:
-    alone = YawModel.base("2", INERTIA, (0.8, 0.3), "nu", YAW).with_effect("thruster-lag", (0.3,))
+    alone = Model.base("2", INERTIA, (0.8, 0.3), "nu", YAW).with_effect("thruster-lag", (0.3,))
     alone = alone.with_effect("heading-moment", (0.05, -0.03)).with_effect("water-swirl", (0.2, 8.0))
     alone = alone.with_effect("compass-deviation", (0.06, -0.04, 0.03, 0.02))
     together = planar_model(20.0, 30.0, INERTIA, surge=(Term("quadratic-drag", (9.0,)),), yaw=alone.terms)

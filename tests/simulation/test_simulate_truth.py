@@ -11,7 +11,7 @@ from tank import pool_campaign, pool_specification
 
 from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
-from automarine_cli.models.yaw_model import YawModel, response
+from automarine_cli.models.model import Model, response
 from automarine_cli.simulation import campaign as room
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign, make_plans
 from automarine_cli.simulation.specification import SIMULATION_SCHEMA, Specification, specification_from, time_to_turn
@@ -78,7 +78,7 @@ def test_every_kind_is_what_solve_ivp_makes_of_its_truth(held: bool) -> None:
 
 def test_a_turn_lasts_as_long_as_the_base_vehicle_needs() -> None:
     for inertia, linear, quadratic in ((1.018, 0.0, 1.257), (1.018, 0.5, 0.0), (0.5, 0.1, 2.0)):
-        model = YawModel.base("2", inertia, (quadratic, linear), "nu", YAW)
+        model = Model.base("2", inertia, (quadratic, linear), "nu", YAW)
         for moment in (0.1, -1.2):
             time = time_to_turn(3.5, moment, model)
             assert abs(response(time, moment, inertia, linear, quadratic)[0]) == pytest.approx(3.5, abs=1e-9)

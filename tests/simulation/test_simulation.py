@@ -11,7 +11,7 @@ from tolerances import assert_close
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, response
+from automarine_cli.models.model import BASE_TERMS, Model, response
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 DRAGS = {"1": (0.9,), "2": (0.8, 0.3), "3": (K_RR,)}
 
 
-def model(number: str = "3") -> YawModel:
-    return YawModel.base(number, INERTIA, DRAGS[number], "nu", YAW)
+def model(number: str = "3") -> Model:
+    return Model.base(number, INERTIA, DRAGS[number], "nu", YAW)
 
 
 def drags(number: str) -> dict[str, float]:

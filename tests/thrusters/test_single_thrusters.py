@@ -22,7 +22,7 @@ from automarine_cli.dofs import HEAVE, SURGE, YAW
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import SettingError
 from automarine_cli.estimate import Estimate
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.model import Model
 from automarine_cli.runs.checks import within_limits
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import LOGGED_COMMAND, Run
@@ -35,7 +35,7 @@ MAP = ThrusterMap("square", PowerCurve(4.0), PowerCurve(2.5))
 ARM, INERTIA, K_RR = 0.25, 1.1, 1.3
 FINE, EVERY = 0.01, 10  # s, of the integrator; samples of it to one of the log
 NAMES = ("forward", "backward", "direction")
-BASE = YawModel.base("3", INERTIA, (K_RR,), "N m", YAW)
+BASE = Model.base("3", INERTIA, (K_RR,), "N m", YAW)
 NAME = "thruster-imbalance"
 LOOK_ALIKES = {NAME, *effects.get(NAME).mistaken_for}
 LIMIT = 1.0

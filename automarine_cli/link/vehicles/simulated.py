@@ -12,8 +12,8 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
 from automarine_cli.link.vehicles.base import Halted, Pace, refuse_beyond
+from automarine_cli.models.model import Model
 from automarine_cli.models.store import file_and_models
-from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import read_plain
 from automarine_cli.planning.candidates import MOMENT_COLUMNS
@@ -30,7 +30,7 @@ COMPASS_NOISE_DEG = 1.0
 
 @dataclass(frozen=True)
 class Simulated:
-    model: YawModel
+    model: Model
     speed: float = 1.0
     full: float = 1.0
 

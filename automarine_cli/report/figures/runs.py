@@ -16,8 +16,8 @@ from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.planar_fit import PLACES
 from automarine_cli.fits.steps import StepData
+from automarine_cli.models.model import response, steady_rate
 from automarine_cli.models.store import DRAG_LAWS, StoredModels, named_model
-from automarine_cli.models.yaw_model import response, steady_rate
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures import style
 from automarine_cli.report.tables import interval, number

@@ -1,4 +1,4 @@
-"""`YawModel`: the motion of one vehicle; frozen, `with_...` returns a new one. Step responses in closed form.
+"""`Model`: the motion of one vehicle; frozen, `with_...` returns a new one. Step responses in closed form.
 
     M nu' + C(nu_r) nu_r = tau + forces of the terms,    nu_r = nu - R(psi)' (current north, east, 0)
 
@@ -163,7 +163,7 @@ def actuators(terms: Sequence[Bound]) -> list[Bound]:
 
 
 @dataclass(frozen=True)
-class YawModel:
+class Model:
     """A `motion` with its inertia and terms; what actuators, water and sensors do are terms too.
 
     `masses` are the inertia of each degree of freedom [force s² per unit] and, in the plane, the INERTIA_COUPLINGS;
@@ -186,9 +186,7 @@ class YawModel:
         object.__setattr__(self, "terms", tuple(ordered))
 
     @classmethod
-    def base(
-        cls, number: str, inertia: float, values: Sequence[float] | Floats, moment_unit: str, dof: Dof
-    ) -> "YawModel":
+    def base(cls, number: str, inertia: float, values: Sequence[float] | Floats, moment_unit: str, dof: Dof) -> "Model":
         """Model "1", "2" or "3" of the paper; `values` in the order of `base_terms`, sided if there is one more."""
         sided = len(values) > len(base_terms(number, dof))
         names = base_terms(number, dof, sided)
@@ -300,7 +298,7 @@ class YawModel:
     def theta(self) -> Floats:
         return np.array([*self.masses, *(x for term in self.terms for x in term.values), *(self.water or ())])
 
-    def with_theta(self, theta: ArrayLike) -> "YawModel":
+    def with_theta(self, theta: ArrayLike) -> "Model":
         """Return the same terms with other values. Raises ModelError unless there is one for each parameter."""
         numbers, names = [float(value) for value in np.asarray(theta)], self.parameter_names
         if len(numbers) != len(names):
@@ -311,10 +309,10 @@ class YawModel:
         water = None if self.water is None else (next(values), next(values))
         return replace(self, masses=masses, terms=terms, water=water)
 
-    def with_term(self, term: Term) -> "YawModel":
+    def with_term(self, term: Term) -> "Model":
         return replace(self, terms=(*self.terms, term))
 
-    def with_effect(self, name: str, values: Sequence[float] | Floats) -> "YawModel":
+    def with_effect(self, name: str, values: Sequence[float] | Floats) -> "Model":
         """The same model with one more effect; laws, and what only they use, may be left out at the end."""
         parameters = effects.get(name).parameters
         count, size = len(parameters), len(values)
@@ -323,7 +321,7 @@ class YawModel:
             raise ModelError(f"effect {name!r} has {count} parameters, {size} values were given; give one for each")
         return self.with_term(Term(name, tuple(float(v) for v in values)))
 
-    def delayed(self, seconds: float) -> "YawModel":
+    def delayed(self, seconds: float) -> "Model":
         """Return the same model whose commands act later by `seconds`, by an input delay in each motion, without one
         where nothing is left of it."""
         if not seconds:
