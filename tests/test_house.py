@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5535, "report": 4620, "logs": 4069, "diagnosis": 3871, "commands": 3372, "runs": 2712, "thrusters":
-    2879, "link": 2756, "control": 2185, "effects": 2025, "planning": 1841, "simulation": 1626, "exports": 1659,
-    "comparison": 1186, "models": 1217, "filters": 978, "pipeline": 812, "dofs": 480, "top": 295, "guide": 189,
+    "fits": 5067, "report": 4595, "logs": 4004, "diagnosis": 3892, "commands": 3291, "runs": 2704, "thrusters":
+    2858, "link": 2754, "control": 2159, "effects": 2025, "planning": 1790, "simulation": 1592, "exports": 1567,
+    "comparison": 1177, "models": 1208, "filters": 926, "pipeline": 811, "dofs": 480, "top": 276, "guide": 189,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 44307
-MAX_FILES = 216
+MAX_LINES_IN_ALL = 43365
+MAX_FILES = 214
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
