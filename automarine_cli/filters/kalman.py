@@ -11,7 +11,7 @@ Smoothing, chapter 5; Nørgaard, Poulsen and Ravn (2000), Automatica 36:1627 (di
 of Mathematical Statistics 35:73 (readings far off count linearly).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -302,8 +302,18 @@ class FilterResult:
         )
 
 
-def follow(model: Model, course: Course, theta: Floats, noises: Noises, keep: bool = False) -> FilterResult:
-    """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too."""
+def follow(
+    model: Model,
+    course: Course,
+    theta: Floats,
+    noises: Noises,
+    keep: bool = False,
+    trace: list[tuple[Floats, ...]] | None = None,
+) -> FilterResult:
+    """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too.
+
+    A `trace` gets mean and covariance of every node, and what the next step made of them with its Jacobian.
+    """
     step = Step(model, course, theta, noises.late)
     places = step.places
     sets, runs, nodes = len(theta), len(course.names), course.length.shape[1] + 1
@@ -327,6 +337,7 @@ def follow(model: Model, course: Course, theta: Floats, noises: Noises, keep: bo
             if m == nodes - 1:
                 break
             force = delivered[..., m]
+            before = (mean, covariance)
             mean, slopes = step.advance(m, mean, covariance, ramp[..., m])
             bumps = slopes[:, of_push].transpose(2, 3, 0, 1)  # (P, R, dynamic, D): of constant accelerations
             slopes = slopes.transpose(2, 3, 0, 1).copy()
@@ -341,7 +352,26 @@ def follow(model: Model, course: Course, theta: Floats, noises: Noises, keep: bo
             unsteady = thrusty * np.abs(force) * (np.exp(mean[places.gain]) / root[:, m])
             blown = bumps @ (inverse[:, None] * unsteady.transpose(1, 2, 0)[:, :, None])
             covariance[..., :dynamic, :dynamic] += blown @ blown.swapaxes(2, 3)
+            if trace is not None:
+                trace.append((*before, mean.copy(), covariance.copy(), jacobian))
     return FilterResult(innovation, variance, states, places)
+
+
+def smoothed(model: Model, course: Course, theta: Floats, noises: Noises) -> FilterResult:
+    """What the filter makes of the runs under one parameter set theta (p,), with states given later readings too.
+
+    Rauch, Tung and Striebel (1965), AIAA Journal 3:1445.
+    """
+    trace: list[tuple[Floats, ...]] = []
+    followed = follow(model, course, theta[None], noises, keep=True, trace=trace)
+    assert followed.states is not None
+    states = followed.states[:, 0].copy()
+    for m in range(len(trace) - 1, -1, -1):
+        mean, covariance, ahead, spread, jacobian = (part[:, 0] if part.ndim == 3 else part[0] for part in trace[m])
+        moved = (states[..., m + 1] - ahead).T[..., None]
+        back = covariance @ jacobian.swapaxes(1, 2) @ np.linalg.pinv(spread, hermitian=True) @ moved
+        states[..., m] = mean + back[..., 0].T
+    return replace(followed, states=states[:, None])
 
 
 def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Floats, Floats]:
@@ -447,7 +477,7 @@ def predict(
     run, origin = np.nonzero(of.seen & (time >= SETTLING_S))
     targets = {h: targets_of(of.seen, time, run, origin, h) for h in HORIZONS}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
-    path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
+    path = carried(model, course, theta[None], noises, followed.states[:, 0], (of,), run, origin, last)[0, 0]
     rates = _rates(of, time, run, origin, targets)
     start = of.values[run, origin]
     predictions = []
@@ -503,32 +533,33 @@ def carried(
     theta: Floats,
     noises: Noises,
     states: Floats,
-    channel: Channel,
+    channels: Sequence[Channel],
     run: NDArray[np.int64],
     origin: NDArray[np.int64],
     last: NDArray[np.int64],
 ) -> Floats:
-    """What a channel shows from each origin on under theta (p,), every prediction being a run of its own, (A, longest
-    + 1).
+    """What C channels show from each origin on under each theta (P, p), every prediction being a run of its own,
+    (C, P, A, longest + 1).
 
     A channel that does not count is a sum of velocities, to which no filter is tied: how far it goes is told from where
     the sum is at the origin.
     """
     longest = int(np.max(last - origin, initial=0))
     at = np.minimum(origin[:, None] + np.arange(longest), course.length.shape[1] - 1)
-    step = Step(model, course, theta[None], noises.late)
+    step = Step(model, course, theta, noises.late)
     cut = replace(
         course,
         names=tuple(course.names[r] for r in run),
         length=course.length[run[:, None], at] * (origin[:, None] + np.arange(longest) < last[:, None]),
     )
     pieces = step.of_pieces(cut, course.time[run, origin], run, at)
-    mean = states[:, run, origin][:, None]
-    spread = np.zeros((1, len(run), len(mean), len(mean)))
-    path = np.zeros((len(run), longest + 1))
+    mean = np.repeat(states[:, run, origin][:, None], len(theta), axis=1)
+    spread = np.zeros((len(theta), len(run), len(mean), len(mean)))
+    predicted = np.zeros((len(channels), len(theta), len(run), longest + 1))
     with np.errstate(over="ignore", invalid="ignore"):
         for m in range(longest + 1):
-            path[:, m] = pieces.reading(channel, m, mean, spread)[0][0]
+            for c, channel in enumerate(channels):
+                predicted[c, ..., m] = pieces.reading(channel, m, mean, spread)[0]
             if m == longest:
                 break
             fade = np.exp(-cut.length[:, m] / noises.time[:, :, None])
@@ -536,7 +567,10 @@ def carried(
             mean = pieces.moved(m, mean, ramp)
             for d, place in enumerate(pieces.places.pushed):
                 mean[place] = mean[place] * fade[d]
-    return path if channel.counts else path + (channel.values[run, origin] - path[:, 0])[:, None]
+    for path, channel in zip(predicted, channels):
+        if not channel.counts:
+            path += (channel.values[run, origin] - path[..., 0])[..., None]
+    return predicted
 
 
 def _rates(

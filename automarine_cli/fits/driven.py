@@ -7,16 +7,26 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
+from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.paper import MODELS
-from automarine_cli.fits.whole_runs import OutputErrorFit, fit_by_direction, result_of, rough_model, run_covariance
+from automarine_cli.fits.whole_runs import (
+    OutputErrorFit,
+    directional_drag,
+    fit_by_direction,
+    result_of,
+    rough_model,
+    run_covariance,
+    run_dof,
+)
 from automarine_cli.models.model import MAX_DELAY_S, Model, base_roles
 from automarine_cli.models.parameter import Parameters, Prior
 from automarine_cli.pipeline.parallel import Each
@@ -114,7 +124,8 @@ MAX_ANSWER_S, MIN_ANSWER_S = 600.0, 1e-3
 command."""
 MIN_PROPOSED_GAIN = 10.0  # deviance beyond its penalty that an effect has to gain to be proposed
 BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
-COMPARISON_HORIZONS_S = (2.0, 5.0)  # ahead, over which models are compared
+COMPARISON_HORIZONS_S = (2.0, 5.0)  # ahead, over which models and estimators are compared
+MIN_GAIN, MAX_LOSS = 0.02, 0.10  # shares by which forecasts of the second estimator have to be better, or may be worse
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
 
 
@@ -173,6 +184,51 @@ def fit_driven(
     fit = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(fit.of_model), fit, course)
     return result_of(number, model, fit)
+
+
+def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
+    """The better one of two estimates of the same model: the `likely` one by innovations, or that of least squares of
+    forecasts.
+
+    Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least squares
+    over long horizons and biases them, innovations not. So least squares have to be better by MIN_GAIN over each of
+    COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that survives leaving runs out better;
+    the square of the difference of both is then added to the covariance.
+    """
+    innovations, dof = likely.mixed, likely.model.dof
+    problem = driven_problem(likely.model, course).informed(innovations.parameters.priors)
+    starts = np.concatenate([innovations.theta[None], base_starts(problem)])
+    try:
+        plain = with_chance(problem, fit_forecasts(problem, innovations.phi, starts))
+        _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
+    except FitError:
+        return likely
+    squares, likelihood = (
+        [p.rmse() for p in left_out_predictions(problem, fit)[0] if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
+        for fit in (plain, innovations)
+    )
+    if not squares or not all(np.isfinite(squares)):
+        return likely
+    better = all(a < (1.0 - MIN_GAIN) * b for a, b in zip(squares, likelihood))
+    level = all(a < (1.0 + MAX_LOSS) * b for a, b in zip(squares, likelihood))
+    better = better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))
+    sides = [("least squares of forecasts", plain, squares), ("innovations", innovations, likelihood)]
+    (name, fit, errors), (rival, other, misses) = sides if better else sides[::-1]
+    ahead = " and ".join(f"{h:g}" for h in COMPARISON_HORIZONS_S[: len(squares)])
+    first, second = (" and ".join(f"{dof.shown(x):.3g}" for x in sizes) for sizes in (errors, misses))
+    says = (
+        f"by {name}: runs left out are predicted {ahead} s ahead to {first} {dof.units.shown}, by {rival} to {second} "
+        f"({dof.parameters['inertia']} is {fit.theta[0]:.3g} by the first and {other.theta[0]:.3g} by the second)"
+    )
+    if not better:
+        return replace(likely, estimator=says)
+    covariance, count = run_covariance(plain).copy(), len(plain.of_model)
+    quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:count]]
+    bias = (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
+    covariance[:count, :count] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
+    model = likely.model.with_theta(plain.of_model)
+    best = replace(likely, model=model, mixed=plain, covariance=covariance, estimator=says, by_forecasts=True)
+    return replace(best, ways=directional_drag(best)) if "difference" in best.roles else best
 
 
 def _start(name: str, course: Course) -> list[float]:
@@ -265,7 +321,10 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
     The square of the shift by which the best of them moves the parameters is added to their covariance.
     """
     narrow = fit.mixed
-    count = len(fit.model.theta)
+    problem = driven_problem(fit.model, course).informed(narrow.parameters.priors)
+    likelihood, count = narrow.log_likelihood, len(fit.model.theta)
+    if fit.by_forecasts:
+        likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
     have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
     for name in PROPOSED:
         if name in have:
@@ -274,9 +333,10 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
         wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.priors)
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
-        gain = 2.0 * (wide.log_likelihood - narrow.log_likelihood)
+        gain = 2.0 * (wide.log_likelihood - likelihood)
         if gain > MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2)):
-            gains[name], shifts[name] = gain, wide.phi[:count] - narrow.phi[:count]
+            phi = fit_forecasts(wider, wide.phi, wide.theta[None]).phi if fit.by_forecasts else wide.phi
+            gains[name], shifts[name] = gain, phi[:count] - narrow.phi[:count]
     if not gains:
         return fit, {}
     covariance = fit.covariance.copy()
@@ -325,7 +385,7 @@ def _fit_driven_model(
         return fit_driven(course, rough_model(number, batch, sided), number, with_effects, priors)
 
     try:
-        return fit_by_direction(fit, batch.dof, two_way), ""
+        return beside_forecasts(course, fit_by_direction(fit, batch.dof, two_way)), ""
     except FitError as error:
         return None, str(error)
 

@@ -1,7 +1,7 @@
 """From runs to a yaw fit: which runs serve for what, then both estimators, and the preferred model."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -167,6 +167,7 @@ class YawFit(Shown):
                 list(fit.estimates), fit.mixed.theta, fit.mixed.parameters.log, fit.covariance
             ),
             "converged": fit.mixed.converged,
+            **({"estimator": fit.estimator} if fit.estimator else {}),
         }
         if added := effect_estimates(fit):
             content["effects"] = effects_json(added)
@@ -416,6 +417,8 @@ def _preferred_driven(
     ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], "predicting runs left out")))
     preference = prefer_driven(fits, ahead, dof) or prefer(fits)
     number = preference.number
+    if estimator := fits[number].estimator:
+        preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     [(fits[number], proposed)] = map_jobs(inflate, [fits[number]], "widening intervals")
     fit, worth = fits[number], {dof.position: driven.worth_of(ahead[number])}
     large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)

@@ -333,10 +333,11 @@ MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs 
 
 @dataclass(frozen=True)
 class OutputErrorFit:
-    """One model, with its values, fitted by maximum likelihood.
+    """One model, with its values, fitted to positions by maximum likelihood, or to forecasts where `by_forecasts` says.
 
     `covariance` (p, p) is that of phi with the run as the unit, `scatters` says whether the thrust may from run to run;
-    `ways` the drag of each way where that was asked.
+    `ways` the drag of each way where that was asked. `estimator` says by what the parameters of driven runs were
+    estimated and why.
     """
 
     number: str
@@ -345,6 +346,8 @@ class OutputErrorFit:
     covariance: Floats
     scatters: bool = True
     ways: Ways | None = None
+    estimator: str = ""
+    by_forecasts: bool = False
 
     @cached_property
     def delay(self) -> Estimate:

@@ -90,7 +90,7 @@ def predictions(
     origin = np.array([np.searchsorted(clock[i], t + 1e-9) - 1 for i, t in zip(run, begin)])
     last = np.array([min(np.searchsorted(clock[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(run, begin)])
     states = followed.states[:, 0]
-    paths = [carried(model, course, values, noises, states, channel, run, origin, last) for channel in channels]
+    paths = carried(model, course, values[None], noises, states, channels, run, origin, last)[:, 0]
 
     def at(ahead: Floats, past: float | None) -> Floats:
         return np.array([

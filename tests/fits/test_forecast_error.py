@@ -1,4 +1,5 @@
-"""Fits of driven runs: runs left out, what is preferred and said, intervals that allow for what a model lacks."""
+"""Least squares of forecasts beside likelihood: known truth, derived sensors, runs left out, what is preferred and
+said."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,8 +11,9 @@ from made_driven import Sea, steered
 
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
-from automarine_cli.filters.kalman import Predicted
+from automarine_cli.filters.kalman import Predicted, follow, smoothed
 from automarine_cli.fits.driven import base_starts, driven_problem, fit_driven, inflate_for_missing, large_disturbance
+from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.preference import prefer_driven
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model
@@ -40,20 +42,59 @@ def begin(problem: DrivenProblem) -> np.ndarray:
 
 
 @cache
-def fitted() -> tuple[DrivenProblem, InnovationsFit]:
+def forecasts() -> tuple[DrivenProblem, ForecastFit]:
     problem = problem_of(free_runs())
-    return problem, fit_innovations(problem, begin(problem)[None])
+    start = begin(problem)
+    return problem, fit_forecasts(problem, problem.parameters.search(start), start[None])
+
+
+@cache
+def complete() -> InnovationsFit:
+    return with_chance(*forecasts())
+
+
+def test_parameters_come_back_within_their_own_errors_and_stay_beside_what_is_random() -> None:
+    problem, fit = forecasts()
+    assert fit.converged and not fit.at_bound
+    spread = fit.left_out[:, :2] - fit.phi[:2]
+    error = np.sqrt(np.maximum((spread**2).sum(axis=0) * 0.75, np.diagonal(fit.covariance)[:2]))
+    assert (np.abs(fit.phi[:2] - [0.0, 1.2]) < 3.2 * error).all()  # t with 3 degrees of freedom
+    assert error[0] < 0.15
+    whole = complete()
+    assert np.array_equal(whole.of_model, problem.parameters.natural(fit.phi)[:2])
+    assert np.allclose(whole.left_out[:, :2], fit.left_out[:, :2]) and np.isfinite(whole.predictive).all()
+    assert 0.5 < whole.of_chance["yaw.disturbance"] / 0.1 < 2.0
 
 
 def test_a_run_left_out_is_that_fit_to_the_others() -> None:
-    _, likely = fitted()
-    alone = fit_innovations(problem_of(free_runs()[1:]), likely.theta[None], brief=True)
+    problem, fit = forecasts()
+    start = begin(problem)
+    others = problem_of(free_runs()[1:])
+    alone = fit_forecasts(others, problem.parameters.search(start), start[None])
+    assert np.allclose(fit.left_out[0, :2], alone.phi[:2], atol=0.1 * np.sqrt(alone.covariance[0, 0]))
+    likely = fit_innovations(problem, begin(problem)[None])
+    alone = fit_innovations(others, likely.theta[None], brief=True)
     assert np.allclose(likely.left_out[0, :2], alone.phi[:2], atol=0.02)
+
+
+def test_states_by_later_readings_too_are_nearer_to_the_truth_and_end_as_filtered() -> None:
+    runs = free_runs(Sea(noise_deg=2.0))
+    problem = problem_of(runs)
+    theta = begin(problem)
+    theta[:2] = 1.0, 1.2
+    noises = problem.noises(theta[None])
+    after = smoothed(problem.model, problem.course, theta[:2], noises).states
+    before = follow(problem.model, problem.course, theta[None, :2], noises, keep=True).states
+    assert after is not None and before is not None and np.allclose(after[..., -1], before[..., -1])
+    truth, last = free_runs(Sea(noise_deg=0.0)), len(runs[0]) - 1
+    at = [np.interp(problem.course.time[r], runs[r].time - runs[r].time[0], truth[r].position) for r in range(4)]
+    missed = [np.std((states[0, 0] - np.array(at))[:, 8:last]) for states in (after, before)]
+    assert missed[0] < 0.8 * missed[1]
 
 
 def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance_is_said() -> None:
     """Model 3 is worse than model 1 in one run by far and so passes as level; model 1 is worse by a sure little."""
-    (problem, found), run = fitted(), np.arange(4)
+    found, (problem, _), run = complete(), forecasts(), np.arange(4)
     bases = {n: Model.base(n, 1.0, [1.0] * (1 + (n == "2")), "nu", YAW) for n in "123"}
     covariance = found.covariance  # one outcome: only the numbers of parameters count
     models = {n: OutputErrorFit(n, base, found, covariance) for n, base in bases.items()}

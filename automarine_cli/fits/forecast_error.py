@@ -1,0 +1,237 @@
+"""Least squares of forecasts: the parameters that predict the readings of the next seconds best, in any motion.
+
+About once a second the model is restarted from the smoothed state and follows the logged commands, without a
+disturbance, for `HORIZON` seconds; its misses after each of these seconds are squared. What happens within a reading or
+two hardly counts, so that neither the noise of a sensor nor a disturbance that answers the commands can take the
+response away (Farina and Piroddi 2011, International Journal of Adaptive Control and Signal Processing 25:389).
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import FitError
+from automarine_cli.filters.kalman import Noises, carried, shown_channel, smoothed, targets_of
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
+from automarine_cli.fits.optimise import Point, maximise
+from automarine_cli.quantities import Floats
+from automarine_cli.simulation.batch import Channel
+
+HORIZON = 5  # seconds of a forecast; misses are taken after each of them
+EVERY = 1.0  # seconds between the starts of forecasts
+ITERATIONS, OF_LEFT_OUT = 40, 6  # steps of a search, and of one without a run, which begins near its end
+SETTLED = 1e-3  # decrease of half the sum of squares still to be expected below which a search has converged
+BLOCKS = 8  # pieces of a single run that are left out in turn
+FAR = 1e3  # times the largest reading beyond which a forecast has run away
+
+
+@dataclass(frozen=True)
+class ForecastProblem:
+    """Forecasts of a model on the course of `driven`, with the model's own parameters, from smoothed `states`
+    (n, R, K + 1): of each of A windows the `run`, the `origin` node and the `unit` that is left out with it; `channels`
+    are the C that are predicted, `target` (C, H, A) the nodes after each second, -1 where there is none. `scale` (C,)
+    is what a channel misses by, which puts all on one scale."""
+
+    driven: DrivenProblem
+    noises: Noises
+    states: Floats = field(repr=False)
+    channels: tuple[Channel, ...] = field(repr=False)
+    run: NDArray[np.int64] = field(repr=False)
+    origin: NDArray[np.int64] = field(repr=False)
+    unit: NDArray[np.int64] = field(repr=False)
+    target: NDArray[np.int64] = field(repr=False)
+    scale: Floats
+
+    @property
+    def count(self) -> int:
+        return self.driven.parameters.of_model.stop
+
+    @cached_property
+    def free(self) -> NDArray[np.int64]:
+        return self.driven.free[self.driven.free < self.count]
+
+    @cached_property
+    def measured(self) -> Floats:
+        """Readings at the targets (C, H, A), not a number where there are none."""
+        values = [of.values[self.run, at] for of, at in zip(self.channels, np.maximum(self.target, 0))]
+        return np.where(self.target >= 0, np.array(values), np.nan)
+
+    def misses(self, phi: Floats) -> Floats:
+        """Forecast less measured (P, C, H, A) under phi (P, p), zero where nothing was measured."""
+        theta = self.driven.parameters.natural(phi)[:, : self.count]
+        path = carried(
+            self.driven.model, self.driven.course, theta, self.noises, self.states, self.channels, self.run,
+            self.origin, self.target.max(axis=(0, 1)),
+        )  # fmt: skip
+        place = np.maximum(self.target - self.origin, 0)
+        window = np.arange(len(self.run))
+        forecast = np.stack([of_channel[:, window, at] for of_channel, at in zip(path, place)], axis=1)
+        most = FAR * max(float(np.nanmax(np.abs(self.measured))), 1e-9)
+        error = np.clip(np.nan_to_num(forecast - self.measured, nan=most), -most, most)
+        return np.where(self.target >= 0, error, 0.0)
+
+    def scaled(self, phi: Floats) -> Floats:
+        """Misses on one scale (P, C, H, A), whose squares sum up to about the number of windows that do not overlap."""
+        return np.asarray(self.misses(phi) / (HORIZON * self.scale[:, None, None]))
+
+    def rms(self, phi: Floats) -> Floats:
+        """Root mean square miss of each channel (C,) under phi (p,)."""
+        have = (self.target >= 0).sum(axis=(1, 2))
+        return np.asarray(np.sqrt((self.misses(phi[None])[0] ** 2).sum(axis=(1, 2)) / np.maximum(have, 1)))
+
+    def some(self, windows: NDArray[np.bool_]) -> "ForecastProblem":
+        return replace(
+            self, run=self.run[windows], origin=self.origin[windows], unit=self.unit[windows],
+            target=self.target[..., windows],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ForecastFit:
+    """Parameters of least misses: `phi` (p,) with those of what is random as they came, `left_out` (U, p) without each
+    unit (a run, or a piece of a single one), `covariance` (p, p) by the curvature, windows that overlap counted once,
+    `by_unit` (U, p, p) what each unit says of phi."""
+
+    phi: Floats
+    left_out: Floats
+    covariance: Floats
+    by_unit: Floats
+    at_bound: tuple[int, ...]
+    iterations: int
+    converged: bool
+
+
+def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
+    """Forecasts on the course of `driven`, from states that are smoothed under phi (p,).
+
+    Raises FitError where no run is long enough.
+    """
+    course, count = driven.course, driven.parameters.of_model.stop
+    theta = driven.parameters.natural(phi)
+    noises = driven.noises(theta[None])
+    followed = smoothed(driven.model, course.unthinned, theta[:count], noises)
+    assert followed.states is not None
+    states = followed.states[:, 0]
+    states[[*followed.places.pushed, followed.places.gain]] = 0.0
+    channels = _predicted(driven)
+    time, observed = course.time, np.any([of.seen for of in channels], axis=0)
+    starts = [(r, int(i)) for r in range(len(course.names)) for i in _origins(time[r], observed[r])]
+    run, origin = np.array(starts, dtype=np.int64).reshape(-1, 2).T
+    seconds = np.arange(1.0, HORIZON + 1.0)
+    target = np.array([[targets_of(of.seen, time, run, origin, h) for h in seconds] for of in channels])
+    have: NDArray[np.bool_] = np.any(target >= 0, axis=(0, 1))
+    if not have.any():
+        raise FitError("no run is long enough to forecast a second of it; give longer runs")
+    unit = run if len(course.names) > 1 else (np.arange(len(run)) * BLOCKS) // len(run)
+    every = ForecastProblem(driven, noises, states, channels, run, origin, unit, target, np.ones(len(channels)))
+    return every.some(have)
+
+
+def _predicted(driven: DrivenProblem) -> tuple[Channel, ...]:
+    """Every position that is read, and in place of others their velocities."""
+    course = driven.course
+    names, places = [of.quantity for of in course.channels], course.motion.positions
+    main = [c for c, of in enumerate(course.channels) if not of.velocity or places[of.dof] not in names]
+    return tuple(shown_channel(course, c) for c in main)
+
+
+def _origins(time: Floats, observed: NDArray[np.bool_]) -> NDArray[np.int64]:
+    readings = np.flatnonzero(observed)
+    if len(readings) < 2:
+        return readings[:0]
+    clock = np.arange(time[readings[0]], time[readings[-1]], EVERY)
+    return np.unique(readings[np.minimum(np.searchsorted(time[readings], clock), len(readings) - 1)])
+
+
+def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> ForecastFit:
+    """Fit the model's parameters from the best of `starts` (S, p) in theta, with states smoothed under phi (p,).
+
+    Raises FitError where no run is long enough, or no start leads anywhere.
+    """
+    problem = forecast_problem(driven, phi)
+    begins = np.clip(driven.parameters.search(starts), *driven.parameters.limits.T)
+    begins[:, problem.count :] = phi[problem.count :]
+    problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
+    costs = (problem.scaled(begins) ** 2).sum(axis=(1, 2, 3))
+    phi, *_ = _descend(problem, begins[int(np.argmin(costs))], ITERATIONS)
+    problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
+    phi, curves, iterations, converged = _descend(problem, phi, ITERATIONS)
+    units, left_out = int(problem.unit.max()) + 1, np.tile(phi, (int(problem.unit.max()) + 1, 1))
+    for unit, row in enumerate(left_out):
+        others = problem.unit != unit
+        if others.any() and not others.all():
+            row[:] = _descend(problem.some(others), phi, OF_LEFT_OUT)[0]
+    free, limits = problem.free, driven.parameters.limits
+    at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
+    at_bound[problem.count :] = False
+    inside = free[~at_bound[free]]
+    covariance, by_unit = np.zeros((len(phi),) * 2), np.zeros((units, *(len(phi),) * 2))
+    by_unit[:, free[:, None], free] = curves + _prior(problem)[1] / units
+    covariance[np.ix_(inside, inside)] = linear_mixed.covariance_of(by_unit.sum(axis=0)[np.ix_(inside, inside)])
+    return ForecastFit(
+        phi, left_out, covariance, by_unit, tuple(int(i) for i in np.flatnonzero(at_bound)), iterations, converged,
+    )  # fmt: skip
+
+
+def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
+    """Mean (f,) and precision (f, f) of the model's free parameters before the data."""
+    mean, precision = problem.driven.parameters.prior
+    return mean[problem.free], precision[np.ix_(problem.free, problem.free)]
+
+
+def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> tuple[Floats, Floats, int, bool]:
+    """Search from phi (p,) within the bounds: where that led, the curvatures of the units there (U, f, f), after how
+    many iterations, and whether it converged."""
+    driven, free = problem.driven, problem.free
+    mean, precision = _prior(problem)
+    steps = driven.steps(phi)[: len(free)]
+
+    def evaluate(phis: Floats, searches: NDArray[np.int64]) -> list[Point[Floats]]:
+        return [point(phi) for phi in phis]
+
+    def point(phi: Floats) -> Point[Floats]:
+        moved = np.tile(phi, (1 + len(free), 1))
+        moved[np.arange(1, len(moved)), free] += steps
+        errors, away = problem.scaled(moved), phi[free] - mean
+        by = (errors[1:] - errors[0]) / steps[:, None, None, None]
+        curves = np.zeros((int(problem.unit.max()) + 1, len(free), len(free)))
+        np.add.at(curves, problem.unit, np.einsum("fcha,gcha->afg", by, by))
+        value = -0.5 * float((errors[0] ** 2).sum() + away @ precision @ away)
+        gradient = -np.einsum("cha,fcha->f", errors[0], by) - precision @ away
+        return Point(phi, value, gradient, curves.sum(axis=0) + precision, curves)
+
+    (end,) = maximise(evaluate, phi[None], free, driven.parameters.limits, settled=SETTLED, iterations=iterations)
+    return end.point.phi, end.point.data, end.iterations, end.converged
+
+
+def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
+    """The fit as diagnosis, plans and reports ask for one: what is random is fitted by innovations beside the model's
+    parameters, which stay as they are. Raises FitError where no filter follows the runs."""
+    count, theta = driven.parameters.of_model.stop, driven.parameters.natural(fit.phi)
+    fixed = driven.parameters.fixed_at(theta[:count])
+    chance = fit_innovations(replace(driven, parameters=fixed), theta[None], brief=True)
+    runs, phi = len(driven.course.names), np.append(fit.phi[:count], chance.phi[count:])
+    left_out, covariance, by_run = chance.left_out.copy(), chance.covariance.copy(), chance.information.copy()
+    covariance[:count, :count] = fit.covariance[:count, :count]
+    if runs > 1:
+        left_out[:, :count] = fit.left_out[:, :count]
+        by_run[:, :count, :count] = fit.by_unit[:, :count, :count]
+    else:
+        left_out[:, :count] = fit.phi[:count]
+        spread = fit.left_out[:, :count] - fit.left_out[:, :count].mean(axis=0)
+        between = (len(spread) - 1) / len(spread) * np.diagonal(spread.T @ spread)
+        likely = np.diagonal(covariance)[:count]
+        grow = np.sqrt(np.maximum(np.divide(between, likely, out=np.ones(count), where=likely > 0), 1.0))
+        covariance[:count, :count] *= np.outer(grow, grow)
+        by_run[0, :count, :count] = fit.by_unit.sum(axis=0)[:count, :count]
+    density = driven.follow(left_out).log_density if runs > 1 else chance.density[None]
+    return replace(
+        chance, parameters=driven.parameters, theta=np.append(theta[:count], chance.theta[count:]), phi=phi,
+        covariance=covariance, left_out=left_out,
+        predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
+        at_bound=tuple(sorted({*fit.at_bound, *(i for i in chance.at_bound if i >= count)})), information=by_run,
+        converged=fit.converged and chance.converged, iterations=fit.iterations + chance.iterations,
+    )  # fmt: skip
