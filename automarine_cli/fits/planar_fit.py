@@ -495,7 +495,7 @@ class PlanarFit(Shown):
 INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit starts
 SIZES = (0.02, 0.2)  # disturbances, as shares of the acceleration of the largest command, to start from
 BRIEF = 4  # iterations of a brief fit
-WORTH_IT = 0.02  # share of the errors of predictions that is worth another estimator or structure
+WORTH_IT = 0.02  # share of the errors of predictions that is worth another structure
 
 
 @dataclass(frozen=True)
