@@ -15,9 +15,10 @@ from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
-from automarine_cli.fits.innovations import DrivenProblem, Fit, fit_innovations, randomness
+from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.paper import MODELS
+from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, MAX_CHANCE_ERRORS, forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
     directional_drag,
@@ -99,15 +100,25 @@ def stepped(run: Run) -> bool:
     return sum(length for length in durations if length >= MIN_HELD_S) > MIN_HELD_SHARE * (run.time[-1] - run.time[0])
 
 
+def mostly_stepped(runs: Sequence[Run]) -> bool:
+    """Whether half of the runs hold their commands."""
+    return 2 * sum(stepped(run) for run in runs) >= len(runs)
+
+
 def disturbed(runs: Sequence[Run], base: Model, at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None) -> bool:
-    """Whether the evidence asks for a disturbance that is a process, or for unsteady thrust.
+    """Whether a diagnosis has to reckon with a disturbance.
 
     Runs of held commands answer nothing: what differs in a pool is in their gains, and a disturbance would absorb just
-    what is looked for. Where half of the runs are such, the question is not asked. Of others the deviance
-    of a model with both drags, with a disturbance and without, is compared.
+    what is looked for. Where half of the runs are such, the question is not asked.
     """
-    if 2 * sum(stepped(run) for run in runs) >= len(runs):
-        return False
+    return not mostly_stepped(runs) and shows_disturbance(runs, base, at_rest, channels)
+
+
+def shows_disturbance(
+    runs: Sequence[Run], base: Model, at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
+) -> bool:
+    """Whether the evidence asks for a disturbance that is a process, or for unsteady thrust: the deviance of a model
+    with both drags, with these and without, is compared."""
     some = np.unique(np.linspace(0, len(runs) - 1, min(len(runs), MAX_RUNS_TRIED)).astype(int))
     course = make_course([runs[i] for i in some], at_rest[some], channels=channels)
     drags = dict(zip(("linear", "quadratic"), base.drag()))
@@ -124,7 +135,6 @@ MAX_ANSWER_S, MIN_ANSWER_S = 600.0, 1e-3
 command."""
 MIN_PROPOSED_GAIN = 10.0  # deviance beyond its penalty that an effect has to gain to be proposed
 BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
-COMPARISON_HORIZONS_S = (2.0, 5.0)  # ahead, over which models and estimators are compared
 MIN_GAIN, MAX_LOSS = 0.02, 0.10  # shares by which forecasts of the second estimator have to be better, or may be worse
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
 
@@ -186,48 +196,76 @@ def fit_driven(
     return result_of(number, model, fit)
 
 
-def beside_forecasts(course: Course, likely: OutputErrorFit) -> OutputErrorFit:
-    """The better one of two estimates of the same model: the `likely` one by innovations, or that of least squares of
-    forecasts.
+INNOVATIONS, FORECASTS, MIDDLE = "innovations", "least squares of forecasts", "the middle of both"
+
+
+def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = False) -> OutputErrorFit:
+    """The better one of two estimates of the same model, the `likely` one by innovations and that of least squares of
+    forecasts, or their middle.
 
     Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least squares
     over long horizons and biases them, innovations not. So least squares have to be better by MIN_GAIN over each of
-    COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that survives leaving runs out better;
-    the square of the difference of both is then added to the covariance.
+    COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that survives leaving runs out better.
+    Innovations stay where their lead is no chance, or where the inertia of the other estimate is one that they rule
+    out: there least squares are biased. Else the middle is taken (of the logarithms of what is positive): of two
+    estimates that err in different ways it is never far from the better one. The square of the way from innovations is
+    added to the covariance, for one of the two is biased by so much on any number of runs. Commands that are held
+    (`is_held`) answer nothing within a forecast: the estimate counts with which the model alone forecasts better.
     """
-    innovations, dof = likely.mixed, likely.model.dof
+    innovations, dof, count = likely.mixed, likely.model.dof, len(likely.model.theta)
+    assert isinstance(innovations, InnovationsFit)
     problem = driven_problem(likely.model, course).informed(innovations.parameters.priors)
     starts = np.concatenate([innovations.theta[None], base_starts(problem)])
     try:
-        plain = with_chance(problem, fit_forecasts(problem, innovations.phi, starts))
+        forecasts = fit_forecasts(problem, innovations.phi, starts)
+        plain = with_chance(problem, forecasts)
         _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
     except FitError:
         return likely
-    squares, likelihood = (
-        [p.rmse() for p in left_out_predictions(problem, fit)[0] if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
-        for fit in (plain, innovations)
-    )
-    if not squares or not all(np.isfinite(squares)):
+    fits = {INNOVATIONS: innovations, FORECASTS: plain}
+    ahead = {name: left_out_predictions(problem, fit, alone=is_held)[0] for name, fit in fits.items()}
+    sizes = {
+        name: [p.rmse() for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
+        for name, predicted in ahead.items()
+    }
+    if not sizes[FORECASTS] or not np.all(np.isfinite(sizes[FORECASTS])):
         return likely
-    better = all(a < (1.0 - MIN_GAIN) * b for a, b in zip(squares, likelihood))
-    level = all(a < (1.0 + MAX_LOSS) * b for a, b in zip(squares, likelihood))
-    better = better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))
-    sides = [("least squares of forecasts", plain, squares), ("innovations", innovations, likelihood)]
-    (name, fit, errors), (rival, other, misses) = sides if better else sides[::-1]
-    ahead = " and ".join(f"{h:g}" for h in COMPARISON_HORIZONS_S[: len(squares)])
-    first, second = (" and ".join(f"{dof.shown(x):.3g}" for x in sizes) for sizes in (errors, misses))
+    pairs = list(zip(sizes[FORECASTS], sizes[INNOVATIONS]))
+    better = all(a < (1.0 - MIN_GAIN) * b for a, b in pairs)
+    level = all(a < (1.0 + MAX_LOSS) * b for a, b in pairs)
+    losses = forecast_losses(ahead, len(course.names))
+    apart = abs(plain.phi[0] - innovations.phi[0]) / np.sqrt(max(run_covariance(innovations)[0, 0], 1e-300))
+    if is_held and losses is not None:
+        better, level = bool(losses[FORECASTS].sum() < losses[INNOVATIONS].sum()), False
+    if better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0])):
+        chosen, share = FORECASTS, 1.0
+    elif losses is None or apart > MAX_CHANCE_ERRORS or is_ahead(losses[INNOVATIONS], losses[FORECASTS]):
+        chosen, share = INNOVATIONS, 0.0
+    else:
+        chosen, share = MIDDLE, 0.5
+        fits[MIDDLE] = with_chance(problem, forecasts.towards(innovations))
+        predicted = left_out_predictions(problem, fits[MIDDLE], alone=is_held)[0]
+        sizes[MIDDLE] = [p.rmse() for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
+    horizons = " and ".join(f"{h:g}" for h in COMPARISON_HORIZONS_S[: len(pairs)])
+    errors = {name: " and ".join(f"{dof.shown(x):.3g}" for x in of_fit) for name, of_fit in sizes.items()}
+    rivals = [
+        f"by {name} to {errors[name]} ({dof.parameters['inertia']} {fit.theta[0]:.3g})"
+        for name, fit in fits.items()
+        if name != chosen
+    ]
     says = (
-        f"by {name}: runs left out are predicted {ahead} s ahead to {first} {dof.units.shown}, by {rival} to {second} "
-        f"({dof.parameters['inertia']} is {fit.theta[0]:.3g} by the first and {other.theta[0]:.3g} by the second)"
+        f"by {chosen}: runs left out are predicted {horizons} s ahead to {errors[chosen]} {dof.units.shown} "
+        f"({dof.parameters['inertia']} {fits[chosen].theta[0]:.3g}), {', '.join(rivals)}"
     )
-    if not better:
+    if chosen == INNOVATIONS:
         return replace(likely, estimator=says)
-    covariance, count = run_covariance(plain).copy(), len(plain.of_model)
-    quantiles = [special.stdtrit(run_dof(plain, axis), 0.975) for axis in np.eye(len(plain.phi))[:count]]
-    bias = (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
-    covariance[:count, :count] += np.outer(bias, bias)  # one of the two is biased, by so much on any number of runs
-    model = likely.model.with_theta(plain.of_model)
-    best = replace(likely, model=model, mixed=plain, covariance=covariance, estimator=says, by_forecasts=True)
+    fit = fits[chosen]
+    covariance = run_covariance(fit).copy()
+    quantiles = [special.stdtrit(run_dof(fit, axis), 0.975) for axis in np.eye(len(fit.phi))[:count]]
+    bias = share * (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
+    covariance[:count, :count] += np.outer(bias, bias)
+    model = likely.model.with_theta(fit.of_model)
+    best = replace(likely, model=model, mixed=fit, covariance=covariance, estimator=says, by_forecasts=True)
     return replace(best, ways=directional_drag(best)) if "difference" in best.roles else best
 
 
@@ -262,25 +300,28 @@ def _refuse_runaways(model: Model, fit: Fit, course: Course) -> None:
 
 
 def left_out_predictions(
-    problem: DrivenProblem, fit: Fit, channels: Sequence[int] = (0,), *, thinned: bool = False
+    problem: DrivenProblem, fit: Fit, channels: Sequence[int] = (0,), *, thinned: bool = False, alone: bool = False
 ) -> list[tuple[Predicted, ...]]:
     """Predictions of each run by the parameters that the other runs give, of each channel over each horizon.
 
-    States follow all readings, or those that are `thinned`.
+    States follow all readings, or those that are `thinned`. The model predicts with the disturbance and the gain that
+    the filter believes in, or `alone`, as whoever simulates it does.
     """
     by_run = []
     for r in range(len(problem.course.names)):
         phi, course = fit.left_out[r], problem.course.some(np.arange(len(problem.course.names)) == r)
         theta = problem.parameters.natural(phi)
         followed = problem.follow(phi[None], True, course if thinned else course.unthinned)
+        if alone and followed.states is not None:
+            followed.states[[*followed.places.pushed, followed.places.gain]] = 0.0
         model, noises = theta[: len(fit.of_model)], problem.noises(theta[None])
         by_run.append([predict(problem.model, course, model, noises, channel=c, followed=followed) for c in channels])
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
 
-def predictions_of(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
+def predictions_of(course: Course, fit: OutputErrorFit, alone: bool = False) -> tuple[Predicted, ...]:
     """The predictions of each run by a fit to the others, see `left_out_predictions`."""
-    return left_out_predictions(driven_problem(fit.model, course), fit.mixed)[0]
+    return left_out_predictions(driven_problem(fit.model, course), fit.mixed, alone=alone)[0]
 
 
 def _joined(pieces: Sequence[Predicted]) -> Predicted:
@@ -290,9 +331,10 @@ def _joined(pieces: Sequence[Predicted]) -> Predicted:
     return Predicted(pieces[0].horizon, run, *joined)
 
 
-def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, ...]:
-    """The same by a fit of runs simulated whole, with random gains and noise alone; none where no filter follows."""
-    problem, count = driven_problem(fit.model, course, quiet=True), len(fit.model.theta)
+def whole_predictions(course: Course, fit: OutputErrorFit, alone: bool = False) -> tuple[Predicted, ...]:
+    """The same by a fit of runs simulated whole; none where no filter follows. What is random is fitted freely: one
+    that knows no disturbance would not follow a vehicle whose model lacks something."""
+    problem, count = driven_problem(fit.model, course), len(fit.model.theta)
     fixed = replace(problem, parameters=problem.parameters.fixed_at(fit.model.theta))
     try:
         innovations = fit_innovations(fixed, fixed.parameters.theta[None], BRIEF_ITERATIONS, brief=True)
@@ -302,7 +344,7 @@ def whole_predictions(course: Course, fit: OutputErrorFit) -> tuple[Predicted, .
     without = mixed.natural(fit.mixed.left_out)[:, mixed.of_model]
     thetas = problem.parameters.within([[*of_model, *innovations.theta[count:]] for of_model in without])
     left_out = problem.parameters.search(thetas)
-    return left_out_predictions(problem, replace(innovations, left_out=left_out))[0]
+    return left_out_predictions(problem, replace(innovations, left_out=left_out), alone=alone)[0]
 
 
 def worth_of(predictions: Sequence[Predicted]) -> tuple[ForecastScore, ...]:
@@ -349,17 +391,12 @@ MIN_WAY = 0.1  # share of all that the runs went that has to go each way before 
 MAX_STEPS_S = (0.1, 0.025)  # largest simulation steps [s] for whole runs, tried in turn
 
 
-def is_driven(
-    runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, with_effects: Sequence[str]
-) -> bool:
-    """Whether whole runs are fitted by innovations: where the evidence asks, or effects beside drag are wanted."""
-    if with_effects:
-        return True
+def is_driven(runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None) -> bool:
+    """Whether the evidence asks for a fit of whole runs by innovations."""
     try:
-        rough = rough_model("2", make_batch(runs, MAX_STEPS_S[0]))
-        return disturbed(runs, rough, at_rest, channels)
+        return shows_disturbance(runs, rough_model("2", make_batch(runs, MAX_STEPS_S[0])), at_rest, channels)
     except FitError:  # what is wrong with them, their fit will say
-        return 2 * sum(stepped(run) for run in runs) < len(runs)
+        return not mostly_stepped(runs)
 
 
 def fitted_driven(
@@ -385,9 +422,22 @@ def _fit_driven_model(
         return fit_driven(course, rough_model(number, batch, sided), number, with_effects, priors)
 
     try:
-        return beside_forecasts(course, fit_by_direction(fit, batch.dof, two_way)), ""
+        return beside_forecasts(course, fit_by_direction(fit, batch.dof, two_way), mostly_stepped(runs)), ""
     except FitError as error:
         return None, str(error)
+
+
+def predicts_better(course: Course, quiet: OutputErrorFit, runs: Sequence[Run], priors: Mapping[str, Prior]) -> bool:
+    """Whether innovations forecast runs left out better than the `quiet` fit of the same model.
+
+    Of runs of held commands the evidence alone does not decide: an effect that a model lacks looks like a disturbance.
+    """
+    fit, _ = _fit_driven_model(quiet.number, runs=runs, course=course, with_effects=(), priors=priors)
+    if fit is None:
+        return False
+    ahead = {"quiet": whole_predictions(course, quiet, alone=True), "driven": predictions_of(course, fit, alone=True)}
+    losses = forecast_losses(ahead, len(course.names))
+    return losses is not None and bool(losses["driven"].sum() < losses["quiet"].sum())
 
 
 def both_ways(runs: Sequence[Run]) -> bool:

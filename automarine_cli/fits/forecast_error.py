@@ -103,6 +103,15 @@ class ForecastFit:
     iterations: int
     converged: bool
 
+    def towards(self, rival: InnovationsFit) -> "ForecastFit":
+        """Give the middle of this fit and another one to the same runs, with the mean of their errors' squares."""
+        count = rival.parameters.of_model.stop
+        phi, left_out, covariance = self.phi.copy(), self.left_out.copy(), self.covariance.copy()
+        phi[:count] = 0.5 * (phi + rival.phi)[:count]
+        left_out[:, :count] = 0.5 * (left_out + rival.left_out)[:, :count]
+        covariance[:count, :count] = 0.5 * (covariance + rival.covariance)[:count, :count]
+        return replace(self, phi=phi, left_out=left_out, covariance=covariance)
+
 
 def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
     """Forecasts on the course of `driven`, from states that are smoothed under phi (p,).

@@ -16,7 +16,7 @@ from automarine_cli.fits import driven, whole_runs
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
-from automarine_cli.fits.preference import Preference, prefer, prefer_driven
+from automarine_cli.fits.preference import Preference, prefer, prefer_driven, prefer_quiet
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
@@ -253,7 +253,7 @@ class Buoyancy:
         return {"constant_force": self.force.to_json(), "ballast_in_water": ballast, "says": self.says}
 
 
-FITTING = "fitting models"
+FITTING, PREDICTING = "fitting models", "predicting runs left out"
 MIN_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run
 
@@ -382,18 +382,26 @@ def _fit_whole(
     # until it is let go, something that no model knows holds the vehicle against its constant force
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
     course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
-    if driven.is_driven(moving, at_rest, chosen.names, with_effects):
+    asks = bool(with_effects) or driven.is_driven(moving, at_rest, chosen.names)
+    by_filter = asks and (bool(with_effects) or not driven.mostly_stepped(moving))
+    if not by_filter:
+        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
+        fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
+        ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
+        preference = prefer_quiet(fits, ahead, dof)
+        fit = fits[preference.number]
+        worth = {dof.position: driven.worth_of(ahead[preference.number])}
+        use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
+        by_filter = asks and driven.predicts_better(course, fit, moving, prior.parameters)
+        how = (
+            "by output error, which predicts runs left out as well"
+            if asks
+            else ("by output error, for the evidence asks for no disturbance")
+        )
+    if by_filter:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
         preference, use = _preferred_driven(fits, course, map_jobs)
         how = _by_filter(moving, with_effects)
-    else:
-        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
-        fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
-        preference = prefer(fits)
-        fit = fits[preference.number]
-        worth = {dof.position: driven.worth_of(driven.whole_predictions(course, fit))}
-        use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
-        how = "by output error, for the evidence asks for no disturbance"
     words = dof.words
     why = (
         f"The whole runs were fitted {how}, as asked ({'--with' if with_effects else '--fit-to whole-runs'}); steady "
@@ -414,7 +422,7 @@ def _preferred_driven(
     """Prefer one of the fits, allow in its intervals for what it lacks (in place), and judge it."""
     dof = course.motion.dofs[0]
     predict, inflate = partial(driven.predictions_of, course), partial(driven.inflate_for_missing, course)
-    ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], "predicting runs left out")))
+    ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], PREDICTING)))
     preference = prefer_driven(fits, ahead, dof) or prefer(fits)
     number = preference.number
     if estimator := fits[number].estimator:

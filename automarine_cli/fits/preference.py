@@ -7,9 +7,11 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.filters.kalman import Predicted
-from automarine_cli.fits.driven import COMPARISON_HORIZONS_S
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.quantities import Floats
+
+COMPARISON_HORIZONS_S = (2.0, 5.0)  # ahead, over which models and estimators are compared
+MAX_CHANCE_ERRORS = 2.0  # standard errors over units up to which a lead may be chance
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,9 @@ def lead_of(loss: Floats, rival: Floats) -> tuple[float, float]:
     return float(gap.sum()), float(error)
 
 
-def simplest_within(losses: Mapping[str, Floats], parameters: Mapping[str, int], errors: float = 2.0) -> str:
+def simplest_within(
+    losses: Mapping[str, Floats], parameters: Mapping[str, int], errors: float = MAX_CHANCE_ERRORS
+) -> str:
     """Choose the model with fewest parameters of those that no more than so many standard errors over units tell from
     the best; of several with as few the best.
 
@@ -59,11 +63,38 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
             continue
         if gap < 0:
             parts.append(f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter")
-        elif gap <= 2.0 * error:
+        elif gap <= MAX_CHANCE_ERRORS * error:
             parts.append(f"level with model {number} ({gap:+.1f} ± {error:.1f})")
         else:
             parts.append(f"{gap:+.1f} ± {error:.1f} over model {number}")
     return Preference(chosen, f"Preferred: model {chosen}. Cross-validated log likelihood: {'; '.join(parts)}.")
+
+
+def forecast_losses(ahead: Mapping[str, tuple[Predicted, ...]], runs: int) -> dict[str, Floats] | None:
+    """Give the losses (U,) by run of predictions of runs left out of fits, by fit: squares over COMPARISON_HORIZONS_S,
+    each as a share of what the best fit misses. None where the runs are too short, or one alone, to tell."""
+    judged = {
+        fit: [p for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
+        for fit, predicted in ahead.items()
+    }
+    if runs < 2 or len({len(predicted) for predicted in judged.values()} - {0}) != 1 or not all(judged.values()):
+        return None
+    reached = np.unique(np.concatenate([p.run for p in next(iter(judged.values()))]))
+    least = np.min([[p.rmse() for p in predicted] for predicted in judged.values()], axis=0)
+    losses = {}
+    for fit, predicted in judged.items():
+        shares = [
+            np.bincount(p.run, p.error**2, runs)[reached] / (len(p.error) * size**2)
+            for p, size in zip(predicted, least)
+        ]
+        losses[fit] = np.sum(shares, axis=0)
+    return losses
+
+
+def is_ahead(loss: Floats, rival: Floats) -> bool:
+    """Whether losses (U,) are below a rival's by more than chance."""
+    lead, error = lead_of(loss, rival)
+    return lead > MAX_CHANCE_ERRORS * error
 
 
 def prefer_driven(
@@ -75,25 +106,29 @@ def prefer_driven(
     Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
     not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
     """
-    judged = {
-        number: [p for p in predicted if p.horizon in COMPARISON_HORIZONS_S] for number, predicted in ahead.items()
-    }
     runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
-    if runs < 2 or any(not len(p.error) for predicted in judged.values() for p in predicted):
+    if (losses := forecast_losses(ahead, runs)) is None:
         return None
-    sizes = {number: np.array([p.rmse() for p in predicted]) for number, predicted in judged.items()}
-    least = np.min(list(sizes.values()), axis=0)
-    reached = np.unique(np.concatenate([p.run for p in next(iter(judged.values()))]))
-    losses = dict.fromkeys(judged, np.zeros(len(reached)))
-    for number, predicted in judged.items():
-        for p, size in zip(predicted, least):
-            squares = np.bincount(p.run, p.error**2, runs)[reached]
-            losses[number] = losses[number] + squares / (len(p.error) * size**2)
+    sizes = {
+        number: [p.rmse() for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
+        for number, predicted in ahead.items()
+    }
     chosen = simplest_within(losses, {number: len(fit.model.theta) for number, fit in fits.items()})
     errors = {n: " and ".join(f"{dof.shown(error):.3g}" for error in size) for n, size in sorted(sizes.items())}
     rivals = [f"model {number} {error}" for number, error in errors.items() if number != chosen]
     listed = ", ".join([f"{errors[chosen]} {dof.units.shown}", *rivals])
     best = min(losses.values(), key=np.sum) is losses[chosen]
     how = "best" if best else "as well as any with more parameters"
-    over = " and ".join(f"{horizon:g}" for horizon in COMPARISON_HORIZONS_S)
+    over = " and ".join(f"{horizon:g}" for horizon in COMPARISON_HORIZONS_S[: len(sizes[chosen])])
     return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
+
+
+def prefer_quiet(
+    fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
+) -> Preference:
+    """Choose the model by likelihood, unless another one predicts runs left out better by more than chance."""
+    likely, runs = prefer(fits), len(next(iter(fits.values())).mixed.left_out)
+    ahead = {number: predicted for number, predicted in ahead.items() if predicted}
+    losses = forecast_losses(ahead, runs) if likely.number in ahead else None
+    rivals = [] if losses is None else [n for n in losses if is_ahead(losses[n], losses[likely.number])]
+    return (prefer_driven(fits, ahead, dof) if rivals else None) or likely

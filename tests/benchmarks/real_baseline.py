@@ -109,6 +109,8 @@ def fit_plain(anchors: Anchors, number: str, horizon: float, constant: bool = Fa
     """The parameters that miss the positions `horizon` seconds ahead least, from several starts."""
     column = HORIZONS.index(horizon)
     use = np.isfinite(anchors.reached[:, column])
+    if not use.any():  # the runs are shorter
+        return Plain(number, *[float("nan")] * 3)
     last = round(horizon / STEP)
     some = Anchors(*(getattr(anchors, each.name)[use] for each in fields(anchors)))
     some.force[:, last:] = 0.0

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import pandas as pd
 from repository import DATA
 
 from automarine_cli.dofs import DOFS
@@ -25,11 +26,28 @@ surge_m_s = "speed_mps"
 """
 
 
+BOLT_COLUMNS = """
+[columns]
+time_s = "Time (s)"
+heading_deg = { from = "Yaw (rad)", unit = "rad" }
+tau = { from = "T1", subtract = 1500, scale = 0.0025, sign = -1 }
+"""
+TANKER_COLUMNS = """
+[columns]
+heading_deg = "heading_deg"
+yaw_rate_deg_s = "yaw_rate_degps"
+tau = { from = "rudder_deg", scale = 0.02, sign = -1 }
+surge_m_s = "u_mps"
+"""
+CATAMARAN_ARM_M = 0.205  # half of what lies between its thrusters, whose thrusts are logged in newtons
+
+
 @dataclass(frozen=True)
 class RealSet:
     """Logs of one vehicle: those in `folder` that `glob` finds, with the column map `columns` (TOML; "" where names
     are canonical), `motions` by name; `halves` are the beginnings of the runs' names in either half, without them every
-    other run goes to each; `numbers` are the base models tried; `measured` is False for what a simulator made."""
+    other run goes to each; `numbers` are the base models tried; `measured` is False for what a simulator made. With
+    `arm_m` the moment is that of two thrusts."""
 
     name: str
     folder: str
@@ -39,6 +57,7 @@ class RealSet:
     halves: tuple[tuple[str, ...], tuple[str, ...]] | None = None
     numbers: tuple[str, ...] = EVERY_MODEL
     measured: bool = True
+    arm_m: float | None = None
 
     @property
     def path(self) -> Path:
@@ -46,8 +65,17 @@ class RealSet:
 
     def load(self, motion: str, scratch: Path) -> tuple[list[Run], tuple[ExcludedRun, ...]]:
         """Its runs of one motion, in the order of their names, and those set aside."""
-        campaign = load_runs([str(self.path / self.glob)], self.column_map(scratch), dof=DOFS[motion])
+        campaign = load_runs([str(self._folder(scratch) / self.glob)], self.column_map(scratch), dof=DOFS[motion])
         return list(campaign.runs), campaign.set_aside
+
+    def _folder(self, scratch: Path) -> Path:
+        """Where the logs lie, with the moment of two thrusts beside them if there is an arm."""
+        if self.arm_m is None:
+            return self.path
+        for log in self.path.glob(self.glob):
+            table = pd.read_csv(log)
+            table.assign(tau_Nm=self.arm_m * (table["left_N"] - table["right_N"])).to_csv(scratch / log.name)
+        return scratch
 
     def column_map(self, scratch: Path) -> ColumnMap | None:
         """Its column map, written into the folder `scratch`; None where names are canonical."""
@@ -71,6 +99,9 @@ SETS = (
     ),
     RealSet("heavy_rov_sea", "yaw/heavy_rov_sea", ("yaw", "surge", "sway", "heave")),
     RealSet("cybership_enterprise", "yaw/cybership_enterprise", ("yaw", "surge", "sway")),
+    RealSet("kvlcc2_zigzag", "yaw/kvlcc2_zigzag", glob="*.csv.gz", columns=TANKER_COLUMNS),
+    RealSet("vtec_usv_payload", "yaw/vtec_usv_payload", glob="*.csv", arm_m=CATAMARAN_ARM_M),
+    RealSet("bolt_auv_pool", "yaw/bolt_auv_pool", glob="[yY]aw_*.csv", columns=BOLT_COLUMNS),
     RealSet("minerva_hil_simulated", "yaw/minerva_hil_simulated", measured=False),
 )  # fmt: skip
 

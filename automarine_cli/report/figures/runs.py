@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
 from automarine_cli.dofs import SURGE, SWAY, YAW
-from automarine_cli.fits.driven import COMPARISON_HORIZONS_S, Judgement
+from automarine_cli.fits.driven import Judgement
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
 from automarine_cli.fits.planar_fit import PLACES
+from automarine_cli.fits.preference import COMPARISON_HORIZONS_S
 from automarine_cli.fits.steps import StepData
 from automarine_cli.models.model import response, steady_rate
 from automarine_cli.models.store import DRAG_LAWS, StoredModels, named_model
