@@ -30,9 +30,18 @@ from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import FitError, ModelError, RunError, SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.driven import MAX_STEPS_S, Judgement, base_starts, disturbed, driven_problem, worth_of
+from automarine_cli.fits.driven import (
+    MAX_STEPS_S,
+    Judgement,
+    base_starts,
+    disturbed,
+    driven_problem,
+    judged_of,
+    worth_of,
+)
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
+from automarine_cli.fits.preference import forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.model import Model
@@ -232,6 +241,7 @@ class ValidationFile(ResultRecord):
     noise_floor: float | None = field(default=None, metadata=keyed("noise_floor_{shown_unit}"))
     expected: float | None = field(default=None, metadata=keyed("restarted_expected_{shown_unit}"))
     use: Use = field(default_factory=Use)
+    contradiction: str = ""
     logs: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     prediction: Mapping[str, tuple[ForecastEntry, ...]] = field(default_factory=dict)
 
@@ -255,7 +265,8 @@ class Validation(Shown):
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
     model diverged; `because` is the sentence that says so. `floors` are the noise of the runs' positions, in the unit
     that people see, `channels` the sensors that count. Where the runs are driven there are `predictions` of each model
-    from filtered states. `expected` is the restarted error that the preferred model would have if it were right."""
+    from filtered states. `expected` is the restarted error that the preferred model would have if it were right;
+    `followed_better` the model whose free runs are nearer than its own by more than chance, empty for none."""
 
     stored: StoredModels
     models: Mapping[str, Scored]
@@ -267,6 +278,28 @@ class Validation(Shown):
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     predictions: Mapping[str, tuple[Predicted, ...]] = field(default_factory=dict)
     expected: float | None = None
+    followed_better: str = ""
+
+    @property
+    def contradiction(self) -> str:
+        """Say which model these runs bear out in place of the one that the fit preferred; empty for none."""
+        preferred, shown = self.stored.preferred, self.dof.units.shown
+        if losses := forecast_losses(self.predictions, len(self.runs)) if self.predictions else None:
+            rivals = [number for number in losses if is_ahead(losses[number], losses[preferred])]
+            rival = min(rivals, key=lambda number: losses[number].sum(), default="")
+            pair = [judged_of(worth_of(self.predictions[number])) for number in (rival, preferred) if number]
+            sizes = [(float(self.dof.shown(score.error)), f"{score.horizon:g} s ahead") for score in pair if score]
+        else:
+            rival = self.followed_better
+            values = [self.models[number].overall["rmse"].value for number in (rival, preferred) if number]
+            sizes = [(value, "over whole runs") for value in values if value is not None]
+        if not rival or len(sizes) < 2:
+            return ""
+        (error, where), (error_of_preferred, _) = sizes
+        return (
+            f"These runs contradict the fit, which preferred model {preferred}: model {rival} is off by {error:.3g} "
+            f"{shown} {where}, model {preferred} by {error_of_preferred:.3g}. A fit to the logs of both decides."
+        )
 
     @property
     def use(self) -> Judgement | None:
@@ -325,6 +358,8 @@ class Validation(Shown):
                 f"noise_floor_{unit}": floor, "restarts": len(restarts.states), "restarted_at": restarts.rule,
                 "restarted_horizon_s": restarts.horizon,
             }  # fmt: skip
+        if self.contradiction:
+            data["contradiction"] = self.contradiction
         if self.use is not None:
             prediction = {number: self._ahead_json(predicted) for number, predicted in self.predictions.items()}
             data |= {"prediction": prediction, "use": {"of_use": self.use.of_use, "says": self.says}}
@@ -379,7 +414,9 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     best, because = _because([number for *_, number in ranked], models, drawn, stored)
     floors = tuple(float(run.dof.shown(position_noise(run.time, run.position))) for run in runs)
     expected = expected_error(stored.model, models[stored.preferred].free, stored.scatter, seed)
-    return Validation(stored, models, best, because, restarts, floors, expected=expected)
+    is_rival = best not in (None, stored.preferred) and values[stored.preferred] is not None
+    better = best if best and is_rival and _leads(models[best], models[stored.preferred], drawn)[1] else ""
+    return Validation(stored, models, best, because, restarts, floors, expected=expected, followed_better=better)
 
 
 def expected_error(model: Model, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:
@@ -400,6 +437,13 @@ def expected_error(model: Model, free: Sequence[FreeRun], scatter: float | None,
 MIN_LEAD = 0.01  # share of the error below which a lead is of no use
 
 
+def _leads(best: Scored, rival: Scored, drawn: NDArray[np.int64]) -> tuple[Overall, bool]:
+    """Give by how much the best model's free runs are nearer than a rival's, and whether that matters and is no
+    chance."""
+    gap, error = lead(best.errors, rival.errors, drawn), best.overall["rmse"].value or 0.0
+    return gap, (gap.value or 0.0) > MIN_LEAD * error and (gap.ci95 is None or gap.ci95[0] > 0)
+
+
 def _because(
     ranked: Sequence[str], models: Mapping[str, Scored], drawn: NDArray[np.int64], stored: StoredModels
 ) -> tuple[str | None, str]:
@@ -409,12 +453,12 @@ def _because(
     best, *behind = ranked
     if not behind:
         return best, f"Model {best} is the only one{' that follows all runs' if len(models) > 1 else ''}."
-    second, error = behind[0], models[best].overall["rmse"].value or 0.0
-    gap = lead(models[best].errors, models[second].errors, drawn)
+    second = behind[0]
+    gap, is_lead = _leads(models[best], models[second], drawn)
     # two digits, all before the point where there are more
     value, *ends = (f"{x:.0f}" if abs(x) >= 10 else f"{x:.2g}" for x in (gap.value or 0.0, *(gap.ci95 or ())))
     apart = f"{value}{' [{}, {}]'.format(*ends) if ends else ''} {stored.dof.units.shown}"
-    if (gap.value or 0.0) > MIN_LEAD * error and (gap.ci95 is None or gap.ci95[0] > 0):
+    if is_lead:
         says = f"Model {best} has the smallest free-run {stored.dof.position} error"
         return best, f"{says}, {apart} below model {second}."
     sizes = {number: len(stored.models[number].theta) for number in sorted((best, second))}
@@ -427,15 +471,15 @@ def _because(
 def predictions_of(
     stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None
 ) -> dict[str, tuple[Predicted, ...]]:
-    """Predict with every model of a file from the filtered states of `runs`; none where the runs are not driven, or
-    no filter follows them. `channels` names the quantities that count, None for positions."""
+    """Predict with every model of a file from the filtered states of `runs`; none where neither these are driven nor
+    those that were fitted, or no filter follows them. `channels` names what counts, None for positions."""
     at_rest = np.array([starts_at_rest(run) for run in runs])
     try:
         rough = rough_model("2", make_batch(runs, MAX_STEPS_S[0]))  # what runs are hangs on no model to be judged
     except FitError:
         rough = stored.model
     try:
-        if not disturbed(runs, rough, at_rest, channels):
+        if not stored.random and not disturbed(runs, rough, at_rest, channels):
             return {}
         return {number: _predicted(model, runs, at_rest, channels) for number, model in stored.models.items()}
     except FitError:  # what the free runs say has to do

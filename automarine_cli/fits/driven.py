@@ -18,7 +18,7 @@ from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.paper import MODELS
-from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, MAX_CHANCE_ERRORS, forecast_losses, is_ahead
+from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
     directional_drag,
@@ -205,12 +205,12 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
 
     Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least squares
     over long horizons and biases them, innovations not. So least squares have to be better by MIN_GAIN over each of
-    COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that survives leaving runs out better.
-    Innovations stay where their lead is no chance, or where the inertia of the other estimate is one that they rule
-    out: there least squares are biased. Else the middle is taken (of the logarithms of what is positive): of two
-    estimates that err in different ways it is never far from the better one. The square of the way from innovations is
-    added to the covariance, for one of the two is biased by so much on any number of runs. Commands that are held
-    (`is_held`) answer nothing within a forecast: the estimate counts with which the model alone forecasts better.
+    COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that survives leaving runs out better;
+    and never count where innovations rule their inertia out. Innovations stay there and where their lead is no chance.
+    Else the middle is taken (of the logarithms of what is positive): of two estimates that err in different ways it is
+    never far from the better one. The square of the way from innovations is added to the covariance, for one of the two
+    is biased by so much on any number of runs. Commands that are held (`is_held`) answer nothing within a forecast: the
+    estimate counts with which the model alone forecasts better.
     """
     innovations, dof, count = likely.mixed, likely.model.dof, len(likely.model.theta)
     assert isinstance(innovations, InnovationsFit)
@@ -234,12 +234,14 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     better = all(a < (1.0 - MIN_GAIN) * b for a, b in pairs)
     level = all(a < (1.0 + MAX_LOSS) * b for a, b in pairs)
     losses = forecast_losses(ahead, len(course.names))
-    apart = abs(plain.phi[0] - innovations.phi[0]) / np.sqrt(max(run_covariance(innovations)[0, 0], 1e-300))
+    stderr = np.sqrt(run_covariance(innovations)[0, 0])
+    reach = stderr * special.stdtrit(run_dof(innovations, np.eye(len(innovations.phi))[0]), 0.975)
+    is_biased = not is_held and abs(plain.phi[0] - innovations.phi[0]) > reach
     if is_held and losses is not None:
         better, level = bool(losses[FORECASTS].sum() < losses[INNOVATIONS].sum()), False
-    if better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0])):
+    if not is_biased and (better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))):
         chosen, share = FORECASTS, 1.0
-    elif losses is None or apart > MAX_CHANCE_ERRORS or is_ahead(losses[INNOVATIONS], losses[FORECASTS]):
+    elif losses is None or is_biased or is_ahead(losses[INNOVATIONS], losses[FORECASTS]):
         chosen, share = INNOVATIONS, 0.0
     else:
         chosen, share = MIDDLE, 0.5

@@ -444,7 +444,7 @@ def _sentences(steps: Steps) -> list[str]:
             use = result.file.use.says
             text = use if isinstance(use, str) else " ".join(use)
             error = "" if motion == PLANAR.name else f"{result.dof.position} error of "
-            text = text or f"{error}{says[result.step.name]}."
+            text = " ".join(filter(None, [result.file.contradiction, text or f"{error}{says[result.step.name]}."]))
         if text:
             text = text if motion == YAW.name else f"{motion}: {text}"
             sentences.append(text[0].upper() + text[1:])

@@ -31,12 +31,14 @@ def _(result: Validation) -> Sections:
     of_runs = zip(names, free, result.floors)
     figures = {name: Drawing("runs.validation_figure", of_run, result.stored, floor) for name, of_run, floor in of_runs}
     files |= forms_of("validation", *tables)
-    text = document(*([says] if says else []), *tables, *sensors)
+    first = [line for line in (result.contradiction, says) if line]
+    text = document(*first, *tables, *sensors)
     files |= {"validation.csv": score_table(result).to_csv(), "validation.md": text}
     warnings = (f"Warning: {warning}" for warning in command_warnings(runs))
     printed: list[Table | str] = [*warnings, *tables, *sensors]
     over_all = _answer(result, f"; the {dof.position} noise is {number(result.floor, 3)} {dof.units.shown}")
-    return Sections(printed, files, figures, LISTED_FILES, score_rows(result), answer=says or over_all)
+    answer = " ".join([*([result.contradiction] if result.contradiction else []), says or over_all])
+    return Sections(printed, files, figures, LISTED_FILES, score_rows(result), answer=answer)
 
 
 def _answer(result: Validation, more: str) -> str:

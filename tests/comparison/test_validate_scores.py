@@ -93,6 +93,9 @@ def test_the_best_is_named_with_a_reason(stored: StoredModels) -> None:
     assert equal.because.endswith("; model 3 is simpler.")  # the simpler of two that score the same
     alone = compare(replace(stored, models={"3": TRUE}), noisy(3))
     assert alone.best == "3"
+    assert result.contradiction == equal.contradiction == alone.contradiction == ""
+    contradicted = compare(replace(stored, preferred="1"), noisy(5)).contradiction
+    assert contradicted.startswith("These runs contradict the fit, which preferred model 1: model 3 is off by ")
 
 
 def test_water_that_was_stirred_goes_on_at_a_restart() -> None:
