@@ -558,7 +558,7 @@ MIN_PUSH_SHARE = 0.005  # of the largest command, from which on a push is no cha
 def unknown_push(fit: OutputErrorFit, runs: Sequence[Run]) -> str:
     """A sentence where noise and scattered thrust do not explain runs that were fitted whole; else empty."""
     dof, of = fit.model.dof, max(float(np.abs(run.command).max()) for run in runs) / fit.model.inertia
-    if fit.mixed.factor_interval(DISTURBANCE)[0] < MIN_PUSH_SHARE * of:
+    if of == 0.0 or fit.mixed.factor_interval(DISTURBANCE)[0] < MIN_PUSH_SHARE * of:
         return ""
     return (
         f"Noise and thrust scatter do not explain these runs: a push of {100 * fit.mixed.factor(DISTURBANCE) / of:.2g} "

@@ -25,7 +25,7 @@ from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.checks import without_stuck, without_undriven
+from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
@@ -256,6 +256,7 @@ class Buoyancy:
 FITTING, PREDICTING = "fitting models", "predicting runs left out"
 MIN_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run
+MAX_COAST_SHARE = 0.8  # of its first speed that a run may have left at its end to show drag
 
 
 def identify_turns(
@@ -353,7 +354,7 @@ def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], Ch
     Raises RunError where no run is left.
     """
     steered, undriven = without_undriven(runs)
-    serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
+    serves = [len(run) >= FEWEST_SAMPLES and (bool(np.any(run.command != 0)) or coasts(run)) for run in steered]
     loose, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
     usable, contrary = without_contrary(loose)
     short = tuple(ExcludedRun(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
@@ -367,6 +368,15 @@ def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], Ch
     return tuple(chosen.cleaned(run) for run in usable), chosen, set_aside
 
 
+def coasts(run: Run) -> bool:
+    """Whether a run without a command slows down from a speed of its own, which shows drag over inertia."""
+    ends = max(1, min(round(SPEED_PIECE_S / run.sample_period), len(run) // 4))
+    pieces = (run.position[ends] - run.position[0], run.position[-1] - run.position[-1 - ends])
+    before, after = (abs(way) / (ends * run.sample_period) for way in pieces)
+    least = max(run.dof.limits.start, SPEED_SIGMAS * run.noise) / (ends * run.sample_period)
+    return bool(before > least and after < MAX_COAST_SHARE * before)
+
+
 def _fit_whole(
     runs: tuple[Run, ...],
     turns: Sequence[HalfTurn],
@@ -377,7 +387,15 @@ def _fit_whole(
     with_effects: Sequence[str],
 ) -> YawFit:
     moving, chosen, short = usable_runs(runs, channels)
-    dof, at_rest = moving[0].dof, np.array([starts_at_rest(run) for run in moving])
+    dof = moving[0].dof
+    if not any(np.any(run.command != 0) for run in moving) and dof.parameter("inertia") not in prior.parameters:
+        letter, words = dof.symbols.inertia, dof.words
+        raise RunError(
+            f"no {words.force} acts in these runs: they slow down by themselves, which shows drag over {words.inertia} "
+            f"alone. Add runs with a {words.force}, or give the {words.inertia}: --known {letter}=VALUE, where "
+            f"--known {letter}=1 makes each drag its ratio to the {words.inertia}"
+        )
+    at_rest = np.array([starts_at_rest(run) for run in moving])
     signals = tuple(dict.fromkeys(need for name in with_effects for need in effects.get(name).needs))
     # until it is let go, something that no model knows holds the vehicle against its constant force
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
@@ -446,7 +464,7 @@ def _too_little(run: Run) -> str:
     words, longer = run.dof.words, f"log for longer, at least {FEWEST_SAMPLES} samples"
     if len(run) < FEWEST_SAMPLES:
         return f"{len(run)} samples say nothing of drag or {words.inertia}; {longer}"
-    return f"no {words.force} acts in this run; it shows the noise, but neither drag nor {words.inertia}"
+    return f"no {words.force} acts in this run, nor does it slow down: it shows neither drag nor {words.inertia}"
 
 
 def _fit_whole_model(
