@@ -10,6 +10,8 @@ from automarine_cli.errors import ModelError
 WIDE = 2.0
 """Half width of an interval on the logarithm from which on it is given on the number itself."""
 
+UNDETERMINED = "the runs do not determine it"
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -42,7 +44,10 @@ class Estimate:
         return cls(float(value), float(value * stderr_of_log), (float(value * low), float(value * high)), unit)
 
     def to_json(self) -> dict[str, object]:
-        """The contract's form."""
+        """The contract's form; what is not finite is missing, and `at_bound` says why."""
+        if not np.all(np.isfinite([self.value, self.stderr, *self.ci95])):
+            value = self.value if np.isfinite(self.value) else None
+            return {"value": value, "stderr": None, "ci95": None, "unit": self.unit, "at_bound": UNDETERMINED}
         plain = {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
         return plain | {name: True for name in ("known", "at_bound") if getattr(self, name)}
 

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import math
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ from made_runs import INERTIA, K_RR
 from made_sequences import model_file
 
 from automarine_cli.errors import ModelError
+from automarine_cli.estimate import Estimate
 from automarine_cli.models.model import Term
 from automarine_cli.models.store import file_and_models, read_model
 
@@ -38,6 +40,13 @@ def test_models_are_read(tmp_path: Path, data: dict[str, Any]) -> None:
     stored = file_and_models(data, "yaw model")[1]
     assert stored.model.moment_unit == "N m" and list(stored.models) == ["3"]
     assert stored.models["3"].theta.tolist() == [2.0, 3.0]
+
+
+def test_a_number_that_runs_do_not_determine_is_missing_with_its_reason(data: dict[str, Any]) -> None:
+    data["models"]["3"]["inertial_turn_angle_rad"] = Estimate(0.8, math.inf, (0.0, math.inf), "rad").to_json()
+    ratio = file_and_models(data, "yaw model")[0].chosen.ratio
+    assert ratio is not None and ratio.value == 0.8
+    assert ratio.estimate is None and ratio.at_bound == "the runs do not determine it"
 
 
 def put(place: str, value: object) -> Callable[[dict[str, Any]], None]:
