@@ -197,20 +197,22 @@ def fit_driven(
 
 
 INNOVATIONS, FORECASTS, MIDDLE = "innovations", "least squares of forecasts", "the middle of both"
+SHARES = {FORECASTS: 1.0, MIDDLE: 0.5}  # of the way from innovations to least squares
 
 
 def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = False) -> OutputErrorFit:
     """The better one of two estimates of the same model, the `likely` one by innovations and that of least squares of
     forecasts, or their middle.
 
-    Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least squares
-    over long horizons and biases them, innovations not. So least squares have to be better by MIN_GAIN over each of
-    COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that survives leaving runs out better;
-    and never count where innovations rule their inertia out. Innovations stay there and where their lead is no chance.
-    Else the middle is taken (of the logarithms of what is positive): of two estimates that err in different ways it is
-    never far from the better one. The square of the way from innovations is added to the covariance, for one of the two
-    is biased by so much on any number of runs. Commands that are held (`is_held`) answer nothing within a forecast: the
-    estimate counts with which the model alone forecasts better.
+    Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least
+    squares over long horizons and biases them, innovations not. So least squares have to be better by MIN_GAIN over
+    each of COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that survives leaving runs
+    out better; and never count where innovations rule their inertia out. Innovations stay there and where their
+    lead is no chance. Else, and where it predicts better than least squares, the middle is taken (of the logarithms
+    of what is positive): of two estimates that err in different ways it is never far from the better one. The
+    square of the way from innovations is added to the covariance, for one of the two is biased by so much on any
+    number of runs. Commands that are held (`is_held`) answer nothing within a forecast: the estimate counts with
+    which the model alone forecasts better.
     """
     innovations, dof, count = likely.mixed, likely.model.dof, len(likely.model.theta)
     assert isinstance(innovations, InnovationsFit)
@@ -222,7 +224,12 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
         _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
     except FitError:
         return likely
-    fits = {INNOVATIONS: innovations, FORECASTS: plain}
+    stderr = np.sqrt(run_covariance(innovations)[0, 0])
+    reach = stderr * special.stdtrit(run_dof(innovations, np.eye(len(innovations.phi))[0]), 0.975)
+    is_biased = not is_held and abs(plain.phi[0] - innovations.phi[0]) > reach
+    fits: dict[str, InnovationsFit] = {INNOVATIONS: innovations, FORECASTS: plain}
+    if not is_biased:
+        fits[MIDDLE] = with_chance(problem, forecasts.towards(innovations))
     ahead = {name: left_out_predictions(problem, fit, alone=is_held)[0] for name, fit in fits.items()}
     sizes = {
         name: [p.rmse() for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
@@ -230,24 +237,19 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     }
     if not sizes[FORECASTS] or not np.all(np.isfinite(sizes[FORECASTS])):
         return likely
+    losses = forecast_losses(ahead, len(course.names))
     pairs = list(zip(sizes[FORECASTS], sizes[INNOVATIONS]))
     better = all(a < (1.0 - MIN_GAIN) * b for a, b in pairs)
     level = all(a < (1.0 + MAX_LOSS) * b for a, b in pairs)
-    losses = forecast_losses(ahead, len(course.names))
-    stderr = np.sqrt(run_covariance(innovations)[0, 0])
-    reach = stderr * special.stdtrit(run_dof(innovations, np.eye(len(innovations.phi))[0]), 0.975)
-    is_biased = not is_held and abs(plain.phi[0] - innovations.phi[0]) > reach
+    better = better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))
     if is_held and losses is not None:
-        better, level = bool(losses[FORECASTS].sum() < losses[INNOVATIONS].sum()), False
-    if not is_biased and (better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))):
-        chosen, share = FORECASTS, 1.0
-    elif losses is None or is_biased or is_ahead(losses[INNOVATIONS], losses[FORECASTS]):
-        chosen, share = INNOVATIONS, 0.0
+        better = bool(losses[FORECASTS].sum() < losses[INNOVATIONS].sum())
+    if is_biased or (losses is None and not better):
+        chosen = INNOVATIONS
+    elif losses is None or (better and losses[FORECASTS].sum() <= losses[MIDDLE].sum()):
+        chosen = FORECASTS
     else:
-        chosen, share = MIDDLE, 0.5
-        fits[MIDDLE] = with_chance(problem, forecasts.towards(innovations))
-        predicted = left_out_predictions(problem, fits[MIDDLE], alone=is_held)[0]
-        sizes[MIDDLE] = [p.rmse() for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
+        chosen = MIDDLE if better or not is_ahead(losses[INNOVATIONS], losses[FORECASTS]) else INNOVATIONS
     horizons = " and ".join(f"{h:g}" for h in COMPARISON_HORIZONS_S[: len(pairs)])
     errors = {name: " and ".join(f"{dof.shown(x):.3g}" for x in of_fit) for name, of_fit in sizes.items()}
     rivals = [
@@ -264,7 +266,7 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     fit = fits[chosen]
     covariance = run_covariance(fit).copy()
     quantiles = [special.stdtrit(run_dof(fit, axis), 0.975) for axis in np.eye(len(fit.phi))[:count]]
-    bias = share * (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
+    bias = SHARES[chosen] * (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
     covariance[:count, :count] += np.outer(bias, bias)
     model = likely.model.with_theta(fit.of_model)
     best = replace(likely, model=model, mixed=fit, covariance=covariance, estimator=says, by_forecasts=True)
