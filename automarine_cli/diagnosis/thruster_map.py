@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.diagnosis import diagnose as rules
-from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, Gap, NamedEffect
+from automarine_cli.diagnosis import result as rules
 from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
+from automarine_cli.diagnosis.result import NAMED, SUSPECTED, UNEXPLAINED, Gap, NamedEffect
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.fits.stepwise import NamedRival

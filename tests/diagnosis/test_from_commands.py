@@ -11,7 +11,8 @@ from effect_contract import base_for, short_plans, unmeasured, with_planted
 from few_candidates import few_candidates
 
 from automarine_cli.comparison.validation import compare
-from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.result import Diagnosis
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import DIAGNOSIS, StoredModels, read_model
@@ -64,7 +65,7 @@ def test_the_numbers_are_those_of_validate(found: Mapping[float, Diagnosis]) -> 
     assert diagnosis.held_out is not None
     free, base = errors(diagnosis)[1], diagnosis.to_json()["base"]
     inertia, drag = (base[name]["before"]["value"] for name in ("I_r", "k_rr"))  # type: ignore[index]
-    delay = diagnosis.study.command_delay(diagnosis.result.base.fit)
+    delay = diagnosis.search.study.command_delay(diagnosis.search.base.fit)
     first = Model.base("3", inertia, (drag,), BASE.moment_unit, YAW).delayed(delay)
     files = {
         "before": StoredModels({"3": first}, "3", 0.0, ""),
