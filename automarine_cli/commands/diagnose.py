@@ -9,7 +9,7 @@ from automarine_cli.commands.command import command
 from automarine_cli.errors import RunError, SettingError
 
 if TYPE_CHECKING:
-    from automarine_cli.diagnosis.result import Diagnosis
+    from automarine_cli.diagnosis.diagnose import Diagnosis
     from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
     from automarine_cli.pipeline.parallel import Progress
 

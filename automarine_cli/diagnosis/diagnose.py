@@ -1,31 +1,24 @@
-"""A whole diagnosis: search, where, gaps on runs fitted and held out; and the verdict to which a search is entitled:
-named, suspected, nothing missing or unexplained."""
+"""A whole diagnosis, its result, of one motion or the plane, and the verdict to which a search is entitled: named,
+suspected, nothing missing or unexplained."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.comparison.validation import compare
 from automarine_cli.diagnosis.learned_curve import curve_of, learn, sentence
-from automarine_cli.diagnosis.residual_regions import ResidualRegions, find_where
-from automarine_cli.diagnosis.result import (
-    ASTRAY,
-    EVEN,
-    LEFT_OVER,
-    NAMED,
-    NOTHING,
-    SUSPECTED,
-    UNEXPLAINED,
-    Diagnosis,
+from automarine_cli.diagnosis.residual_regions import (
     Gap,
-    JudgedRuns,
-    NamedEffect,
-    listed_rivals,
-    outlook_of,
+    ResidualRegions,
+    find_where,
+    gains_drift,
+    gap,
+    gap_from_commands,
+    is_autocorrelated,
     stretch,
 )
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
@@ -45,62 +38,237 @@ from automarine_cli.diagnosis.search import (
     variants,
     without,
 )
-from automarine_cli.diagnosis.study import DiagnosisProblem, log_density, missed, run_effects_given, study_of
-from automarine_cli.dofs import Dof
+from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, LimitCycle, log_density, study_of
+from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import MIN_STEP_S
-from automarine_cli.filters.kalman import MAX_Z
-from automarine_cli.fits.driven import stepped
+from automarine_cli.filters.kalman import MAX_Z, Predicted
+from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
 from automarine_cli.fits.identify import covariance_json, valid_range
-from automarine_cli.fits.innovations import channel_noises, random_estimates
+from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
 from automarine_cli.models.model import COMMAND_DELAY, Model
-from automarine_cli.models.store import StoredModels, effects_json, model_head
+from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
+from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.channels import AUTO, choose_channels
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
+from automarine_cli.runs.run import ExcludedRun, Run, runs_json
+from automarine_cli.thrusters.fit import value_json
+
+NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
+LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
+ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
+EVEN = 0.5  # weight against its rivals below which an effect is a tie and no name
 
 
-def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted: bool = False) -> Gap:
-    """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
-    off = tuple(residuals(study, trial, fitted) for trial in (base, final))
-    masks = [residual != 0.0 if study.driven else study.batch.seen for residual in off]
-    before, after = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip(off, masks))
-    return Gap(before, after, study.floor, off)
+@dataclass(frozen=True)
+class ForecastGain:
+    """What both models predict of a set of runs, the scores before and after by horizon, and what the log density of
+    these runs gained."""
+
+    ahead: tuple[tuple[ForecastScore, ForecastScore], ...]
+    density_gain: float
+
+    @property
+    def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
+        return next((pair for pair in self.ahead if pair[0].horizon == HORIZON), None)
+
+    @property
+    def longest(self) -> tuple[ForecastScore, ForecastScore]:
+        return self.judged or self.ahead[-1]
+
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        def entry(before: ForecastScore, after: ForecastScore) -> dict[str, object]:
+            constants = {"constant_rate": before.constant_rate, f"constant_{dof.words.position}": before.constant}
+            sizes = {"before": before.error, "after": after.error, **constants}
+            errors = {f"{name}_{dof.units.shown}": float(dof.shown(size)) for name, size in sizes.items()}
+            return {"horizon_s": before.horizon, **errors}
+
+        every = [entry(*pair) for pair in self.ahead]
+        return {**entry(*self.longest), "log_density_gain": self.density_gain, "horizons": every}
 
 
-def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
-    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
-    runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
-    if trial.fit.driven:
-        return missed(study, trial.model, trial.fit)
-    problem = study.problem(trial.model)
-    if fitted:
-        return study.residual(trial.fit.fitted)
-    simulated = run_effects_given(problem, problem.parameters.search(trial.fit.theta), trial.fit.variances)[1]
-    return study.residual(simulated)
+def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> ForecastGain | None:
+    """Compare predictions by both models; None where runs are too short for any."""
+    ahead = tuple(zip(worth_of(before), worth_of(after)))
+    return ForecastGain(ahead, density_gain) if ahead else None
 
 
-def gap_from_commands(
-    study: DiagnosisProblem, runs: Sequence[Run], base: CandidateFit, final: CandidateFit, seed: int
-) -> Gap | None:
-    """Give the gap of `runs` held out as `validate` finds it: nothing is fitted to them but the start of one under way.
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
 
-    Both models are those of `gap`: the base refitted to the runs of `study`, and the final one as it was fitted to
-    them. Each has its fit's command delay, as the file of the extended model. None of driven runs."""
-    if study.driven or not runs:
-        return None
-    models = {str(i): t.model.delayed(study.command_delay(t.fit)) for i, t in enumerate((base, final))}
-    stored = StoredModels(models, "1", 0.0, "")
-    validation = compare(stored, runs, seed)
-    scores = [scored.overall["rmse"] for scored in validation.models.values()]
-    before, after = (np.inf if score.value is None else score.value for score in scores)
-    return Gap(before, after, validation.floor, ci95=tuple(score.ci95 for score in scores))
+    `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
+    that was learned, `label` the name with what it adds, where the name alone does not tell. `evidence` [deviance] and
+    the log odds of runs held out are against the model without it alone (`Share`)."""
+
+    name: str
+    law: str
+    says: str
+    parameters: Mapping[str, Any]  # Estimate, or Given of a thruster curve's at its bound
+    confidence: float
+    p_value: float | None
+    rivals: tuple[NamedRival, ...]
+    learned: Any = None
+    label: str = ""
+    evidence: float | None = None
+    held_out_log_odds: float | None = None
+
+    @property
+    def title(self) -> str:
+        return self.label or self.name
+
+    def to_json(self) -> dict[str, object]:
+        plain = {
+            **vars(self),
+            "parameters": {name: value_json(value) for name, value in self.parameters.items()},
+            "rivals": [_without_blanks(vars(rival)) for rival in self.rivals],
+            "learned": self.learned and self.learned.to_json(),
+        }
+        return _without_blanks(plain)
+
+
+def _without_blanks(fields: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in fields.items() if value is not None and value != ""}
+
+
+def listed_rivals(rivals: Sequence[NamedRival], share: float = 1.0) -> tuple[float, tuple[NamedRival, ...]]:
+    """Weigh an effect among rivals whose `confidence` is their odds against it, together `share`; give its weight, and
+    the rivals with theirs."""
+    weight = share / (1.0 + sum(rival.confidence for rival in rivals))
+    return weight, tuple(replace(rival, confidence=weight * rival.confidence) for rival in rivals)
+
+
+def diagnosis_json(
+    of: Mapping[str, object], why: str, effects: Iterable[NamedEffect], where: ResidualRegions,
+    gaps: Mapping[str, Gap | None], unit: str, convert: Callable[[float], float] = float,
+) -> dict[str, object]:  # fmt: skip
+    """Begin the diagnosis.json of any family, after what it is `of`: why, effects, regions and gaps in `unit`."""
+    return {
+        "schema": DIAGNOSIS.schema,
+        **of,
+        **({"why": why} if why else {}),
+        "effects": [effect.to_json() for effect in effects],
+        "where": [region.to_json(unit) for region in where.regions],
+        "gap": {name: gap and gap.to_json(unit, convert) for name, gap in gaps.items()},
+    }
+
+
+DECIDING = 5.0  # horizons [s] up to this have a veto; over longer ones commands answer what no prediction knows
+
+
+@dataclass(frozen=True)
+class JudgedRuns:
+    """Runs that were fitted, or held out, with the gap that both models leave in them, not a number where they are too
+    short to show one, and of driven ones what both predict."""
+
+    runs: tuple[Run, ...]
+    gap: Gap
+    outlook: ForecastGain | None = None
+
+    @property
+    def shows(self) -> bool:
+        return not np.isnan(self.gap.before)
+
+    def worse(self, dof: Dof) -> str:
+        """Say by how much predictions over the longest deciding horizon get worse; empty where they do not."""
+        ahead = self.outlook.ahead if self.outlook else ()
+        before, after = next((pair for pair in ahead[::-1] if pair[0].horizon <= DECIDING), (None, None))
+        if before is None or after is None or after.error < before.error:
+            return ""
+        return (
+            f"predictions {before.horizon:g} s ahead miss by {dof.shown(after.error):.2f} {dof.units.shown} with them "
+            f"and by {dof.shown(before.error):.2f} without"
+        )
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Diagnosis(Shown):
+    """What a diagnosis of a model of one motion, or of the plane, found; gaps are in the unit of `dof`.
+
+    `why` says what keeps effects from being named, or what is unexplained, `remainder` what stays beside named ones.
+    `effects` are those that are named or suspected; `where` is the gap of the base model; `search` is the outcome as
+    far as the verdict holds. `held_out` is None where too few runs were left to hold any out, and so is
+    `from_commands`, the gap of these runs by the commands alone. `base` has the parameters of the base model before
+    and after, `extended` is the base model with the effects named, refitted together. Of one motion `number` is that
+    of the model, `detectable` has the smallest sizes that would have been named, `noises` and `channels` are its
+    sensors, `gain_scatter` is the share by which thrust differs from run to run, before and after. The base stands in
+    the file `parent`; `set_aside` are the runs left out."""
+
+    motion: Motion
+    dof: Dof
+    search: Any
+    verdict: str
+    why: str
+    effects: tuple[NamedEffect, ...]
+    where: ResidualRegions
+    fitted: JudgedRuns
+    held_out: JudgedRuns | None
+    candidates: Sequence[Mapping[str, object]]
+    threshold: float
+    base: Mapping[str, tuple[Estimate, Estimate]]
+    extended: Mapping[str, object]
+    driven: bool = True
+    remainder: str = ""
+    from_commands: Gap | None = None
+    number: str = ""
+    moment_unit: str = ""
+    cycle: LimitCycle | None = None
+    detectable: Mapping[str, float] = field(default_factory=dict)
+    channels: ChannelChoice = NOTHING_TO_CHOOSE
+    noises: Mapping[str, Estimate] = field(default_factory=dict)
+    gain_scatter: tuple[float, float] = (0.0, 0.0)
+    set_aside: tuple[ExcludedRun, ...] = ()
+    parent: object = ""
+
+    @property
+    def decisive(self) -> JudgedRuns:
+        """The runs whose error the verdict tells: those held out, if they show one."""
+        return self.held_out if self.held_out and self.held_out.shows else self.fitted
+
+    def document(self, option: str) -> Document:
+        if option == "diagnosis":
+            return json_document("diagnosis.json", self.to_json())
+        return json_document("extended_model.json", self.extended_model())
+
+    def extended_model(self) -> dict[str, object]:
+        """Return the base model with the effects named: `validate` and `diagnose` take it."""
+        return {**self.extended, "parent": self.parent}
+
+    def to_json(self) -> dict[str, object]:
+        dof, plane, free = self.dof, self.motion.turns, self.from_commands
+        held_out = self.held_out.runs if self.held_out else ()
+        parts = {"fitted_runs": self.fitted, "held_out_runs": self.held_out}
+        gaps = {name: part.gap if part and part.shows else None for name, part in parts.items()}
+        outlooks = {name: part and part.outlook and part.outlook.to_json(dof) for name, part in parts.items()}
+        of = {**({} if self.motion.name == YAW.name else {"motion": self.motion.name}), "verdict": self.verdict}
+        model = {"model": self.number, f"{dof.words.force}_unit": self.moment_unit}
+        sensors = {
+            "smallest_visible": self.detectable, "open_water": self.driven, **channels_json(self.channels, self.noises),
+        }  # fmt: skip
+        return {
+            **diagnosis_json(of, self.why, self.effects, self.where, gaps, dof.units.shown, dof.shown),
+            **({} if self.driven else {"from_commands": {"held_out_runs": free and free.to_json(dof.units.shown)}}),
+            **({"left": self.remainder} if self.remainder else {}),
+            **({} if plane else model),
+            **({} if self.cycle is None else {"limit_cycle": self.cycle.to_json()}),
+            **({"prediction": outlooks} if any(outlooks.values()) else {}),
+            "candidates": list(self.candidates),
+            "threshold": self.threshold,
+            "base": {
+                name: {"before": before.to_json(), "after": after.to_json()}
+                for name, (before, after) in self.base.items()
+            },
+            **({} if plane else sensors),
+            "held_out": [run.name for run in held_out],
+            "runs": runs_json(len(self.fitted.runs), self.set_aside, (*self.fitted.runs, *held_out)),
+        }
 
 
 @dataclass(frozen=True)
@@ -283,7 +451,6 @@ effect shows plainly says no more than that."""
 MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
-MIN_GAINS = 10  # runs from which the order of their gains says anything
 
 
 @dataclass(frozen=True)
@@ -444,28 +611,6 @@ def _nearest(result: SearchResult) -> str:
         f"The best candidate is {' and '.join(final.added)}, with which the residual of the fitted runs is {after:.3g} "
         f"instead of {before:.3g} {dof.words.units}."
     )
-
-
-def gains_drift(study: DiagnosisProblem, trial: CandidateFit) -> bool:
-    """Whether runs made one after the other have more alike gains than chance allows (p < 0.001).
-
-    Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
-    clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12)."""
-    gains = trial.fit.effects_of(GAIN)[np.argsort(study.batch.start), 0]
-    count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
-    if count < MIN_GAINS or spread < 1e-12:
-        return False
-    alike = 1.0 - 0.5 * float((np.diff(gains) ** 2).sum()) / spread
-    return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > -special.ndtri(1e-3))
-
-
-def is_autocorrelated(study: DiagnosisProblem, trial: CandidateFit) -> bool:
-    """Whether neighbouring residuals agree more than chance allows (lag-one correlation over all runs, p < 0.001)."""
-    residual = residuals(study, trial, fitted=True)
-    observed = study.batch.seen[:, 1:]
-    product = (residual[:, 1:] * residual[:, :-1])[observed].sum()
-    correlation = product / max((residual**2).sum(), 1e-300)
-    return bool(correlation * np.sqrt(observed.sum()) > -special.ndtri(1e-3))
 
 
 def named_effects(result: SearchResult, parts: Mapping[str, Share]) -> tuple[NamedEffect, ...]:

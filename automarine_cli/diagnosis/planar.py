@@ -12,26 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.diagnose import (
+    NAMED,
+    NOTHING,
+    SUSPECTED,
+    UNEXPLAINED,
+    Diagnosis,
+    JudgedRuns,
+    NamedEffect,
+    listed_rivals,
+    outlook_of,
+)
 from automarine_cli.diagnosis.residual_regions import (
     Column,
+    Gap,
     ResidualGrid,
     ResidualRegions,
     find_regions,
     last_side,
     of_run_or_sample,
     since_change,
-)
-from automarine_cli.diagnosis.result import (
-    NAMED,
-    NOTHING,
-    SUSPECTED,
-    UNEXPLAINED,
-    Diagnosis,
-    Gap,
-    JudgedRuns,
-    NamedEffect,
-    listed_rivals,
-    outlook_of,
     stretch,
 )
 from automarine_cli.diagnosis.scores import penalty

@@ -14,8 +14,7 @@ from typing import Any
 from automarine_cli import effects
 from automarine_cli.comparison.validation import VALIDATION, ScoreEntry, ValidationFile
 from automarine_cli.control.tuning import TUNING
-from automarine_cli.diagnosis.diagnose import MIN_RUNS
-from automarine_cli.diagnosis.result import NAMED, NOTHING
+from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects.learned import PREFIX

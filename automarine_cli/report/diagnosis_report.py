@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects as library
-from automarine_cli.diagnosis import result as words
+from automarine_cli.diagnosis import diagnose as words
+from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.residual_regions import Region
-from automarine_cli.diagnosis.result import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.search import DRAG, LEVEL
 from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis

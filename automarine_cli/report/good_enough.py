@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from automarine_cli.comparison.validation import ValidationFile
-from automarine_cli.diagnosis.result import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
+from automarine_cli.diagnosis.diagnose import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import JUDGED_HORIZON_S
 from automarine_cli.models.store import DiagnosisFile

@@ -16,8 +16,7 @@ from made_campaigns import rescaled, shifted
 from made_driven import turned
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.diagnose import diagnose_runs
-from automarine_cli.diagnosis.result import Diagnosis
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run

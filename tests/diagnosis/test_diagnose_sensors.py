@@ -9,8 +9,7 @@ from few_candidates import few_candidates
 from made_runs import INERTIA, K_RR
 from tank import pool_campaign
 
-from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
-from automarine_cli.diagnosis.result import Diagnosis
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, parameter_estimates
 from automarine_cli.diagnosis.search import add_effect, candidate_fit
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW

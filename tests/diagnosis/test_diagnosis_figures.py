@@ -7,9 +7,8 @@ import pytest
 from effect_contract import base_for, planted, short_plans
 from few_candidates import few_candidates
 
-from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.residual_regions import ResidualRegions
-from automarine_cli.diagnosis.result import Diagnosis
 from automarine_cli.report import diagnosis_report  # noqa: F401  registers what a diagnosis shows
 from automarine_cli.report.figures.diagnosis import before_after, where_figure
 from automarine_cli.report.sections import sections

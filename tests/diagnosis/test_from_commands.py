@@ -11,8 +11,7 @@ from effect_contract import base_for, short_plans, unmeasured, with_planted
 from few_candidates import few_candidates
 
 from automarine_cli.comparison.validation import compare
-from automarine_cli.diagnosis.diagnose import diagnose_runs
-from automarine_cli.diagnosis.result import Diagnosis
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import DIAGNOSIS, StoredModels, read_model

@@ -17,9 +17,8 @@ from made_learned import BASE, LAWS, campaign, true_curve, true_gap, written
 from automarine_cli import effects
 from automarine_cli.commands import automarine
 from automarine_cli.commands.diagnose import diagnose
-from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.learned_curve import ties
-from automarine_cli.diagnosis.result import Diagnosis
 from automarine_cli.diagnosis.search import CandidateFit, SearchResult
 from automarine_cli.diagnosis.study import DiagnosisProblem, places, precision, smoothed
 from automarine_cli.dofs import DOFS, YAW

@@ -9,8 +9,9 @@ import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
 from automarine_cli.diagnosis import diagnose
+from automarine_cli.diagnosis.diagnose import ForecastGain, JudgedRuns
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
-from automarine_cli.diagnosis.result import ForecastGain, Gap, JudgedRuns
+from automarine_cli.diagnosis.residual_regions import Gap
 from automarine_cli.diagnosis.scores import drag_drives
 from automarine_cli.diagnosis.search import CandidateFit, may_be_nothing, obstacle
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of

@@ -10,8 +10,8 @@ from effect_contract import long_plans, unmeasured
 from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.diagnose import gap
-from automarine_cli.diagnosis.result import Diagnosis
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.residual_regions import gap
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import elsewhere, learned_term
 from automarine_cli.dofs import YAW
