@@ -10,7 +10,6 @@ from automarine_cli.errors import RunError, SettingError
 
 if TYPE_CHECKING:
     from automarine_cli.diagnosis.diagnose import Diagnosis
-    from automarine_cli.diagnosis.planar import PlanarDiagnosis
     from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
     from automarine_cli.pipeline.parallel import Progress
 
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 def diagnose(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], columns: Any, thrusters: Any, arm: float | None,
     channels: str, strict: bool, seed: int, jobs: int, map_fn: Any, progress: Any,
-) -> "Diagnosis | PlanarDiagnosis | ThrusterDiagnosis":  # fmt: skip
+) -> "Diagnosis | ThrusterDiagnosis":  # fmt: skip
     """Find where simulation and measurement disagree, and name the effect that the model lacks.
 
     Each effect of the library is added to the model in turn, and everything is fitted again to whole runs. The
@@ -89,10 +88,10 @@ def _of_a_motion(
     foretell(drive["progress"], "the diagnosis", expected_seconds(runs) / max(drive["jobs"], 1))
     with append_exclusions(aside):
         diagnosis = diagnose_runs(
-            runs, stored.undelayed, hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels
-        )
-    diagnosis = replace(diagnosis, number=stored.preferred, parent=stored.source, parent_sha256=sha256(model))
-    return replace(diagnosis, set_aside=tuple(aside))
+            runs, stored.undelayed, hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels,
+            number=stored.preferred,
+        )  # fmt: skip
+    return replace(diagnosis, parent={"file": stored.source, "sha256": sha256(model)}, set_aside=tuple(aside))
 
 
 def foretell(progress: "Progress", what: str, seconds: float) -> None:
@@ -102,10 +101,10 @@ def foretell(progress: "Progress", what: str, seconds: float) -> None:
 
 def _of_the_plane(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, settings: Mapping[str, Any]
-) -> "PlanarDiagnosis":
+) -> "Diagnosis":
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
     from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
-    from automarine_cli.diagnosis.planar import MIN_RUNS, find_missing, find_planar_where
+    from automarine_cli.diagnosis.planar import MIN_RUNS, diagnose_planar
     from automarine_cli.fits.planar_fit import observed
     from automarine_cli.models.store import read_model
     from automarine_cli.pipeline.results_folder import sha256
@@ -117,9 +116,9 @@ def _of_the_plane(
     if not held_out:
         raise SettingError(f"no run is held out: expected at least {MIN_RUNS} logs, or some given with --hold-out")
     foretell(settings["progress"], "the diagnosis", expected_seconds(runs, planar=True))
-    diagnosis = find_missing(stored, runs, held_out, observed(campaign.runs))
+    diagnosis = diagnose_planar(stored, runs, held_out, observed(campaign.runs), seed)
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))
-    return replace(diagnosis, where=find_planar_where(diagnosis, seed), set_aside=aside, parent_sha256=sha256(model))
+    return replace(diagnosis, parent=sha256(model), set_aside=aside)
 
 
 def _of_a_map(

@@ -1,5 +1,5 @@
-"""A whole diagnosis: search, where, gaps on runs fitted and held out; and the verdict to which a search is entitled:
-named, suspected, nothing missing or unexplained."""
+"""A whole diagnosis, its result, of one motion or the plane, and the verdict to which a search is entitled: named,
+suspected, nothing missing or unexplained."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,9 +10,17 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.comparison.validation import compare
 from automarine_cli.diagnosis.learned_curve import curve_of, learn, sentence
-from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions, find_where
+from automarine_cli.diagnosis.residual_regions import (
+    Gap,
+    ResidualRegions,
+    find_where,
+    gains_drift,
+    gap,
+    gap_from_commands,
+    is_autocorrelated,
+    stretch,
+)
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.search import (
     MAX_EFFECTS,
@@ -30,8 +38,9 @@ from automarine_cli.diagnosis.search import (
     variants,
     without,
 )
-from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, log_density, missed, run_effects_given, study_of
-from automarine_cli.dofs import Dof
+from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, LimitCycle, log_density, study_of
+from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
@@ -44,7 +53,7 @@ from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
 from automarine_cli.models.model import COMMAND_DELAY, Model
-from automarine_cli.models.store import DIAGNOSIS, StoredModels, effects_json, model_head
+from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
@@ -52,89 +61,214 @@ from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice,
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.thrusters.fit import value_json
 
+NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
+LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
+ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
+EVEN = 0.5  # weight against its rivals below which an effect is a tie and no name
+
 
 @dataclass(frozen=True)
-class Gap:
-    """Root mean square of measured less modelled, before and after, and the noise estimated without a model.
+class ForecastGain:
+    """What both models predict of a set of runs, the scores before and after by horizon, and what the log density of
+    these runs gained."""
 
-    Of motions over all samples of a set of runs, with `residuals` (R, N) [rad] before and after, zero in the padding;
-    or of predictions over one `horizon` [s]. Each run's own start heading, start rate, thrust gain and switch instants
-    are taken at their posterior means: what is left is what the model lacks, and noise. Of free runs from the commands
-    alone, in the unit that people see, with `ci95` over runs: infinite of a model that diverges."""
-
-    before: float
-    after: float
-    floor: float
-    residuals: tuple[Floats, ...] = ()
-    horizon: float | None = None
-    ci95: tuple[tuple[float, float] | None, ...] = ()
+    ahead: tuple[tuple[ForecastScore, ForecastScore], ...]
+    density_gain: float
 
     @property
-    def exceeds_noise(self) -> bool:
-        return self.after > STANDS * self.floor
+    def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
+        return next((pair for pair in self.ahead if pair[0].horizon == HORIZON), None)
 
     @property
-    def closed(self) -> float:
-        """Share of the mean square above the noise that is gone."""
-        return (self.before**2 - self.after**2) / max(self.before**2 - self.floor**2, 1e-24)
+    def longest(self) -> tuple[ForecastScore, ForecastScore]:
+        return self.judged or self.ahead[-1]
 
-    def little(self, least: float) -> str:
-        """How little of what stands above the noise is gone, in words; empty from the share `least`."""
-        if self.before <= STANDS * self.floor or self.closed >= least:
-            return ""
-        closed = 100.0 * max(self.closed, 0.0)
-        return f"closes {closed:.0f} % of the held-out error above the noise: a name takes {100 * least:.0f} %."
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        def entry(before: ForecastScore, after: ForecastScore) -> dict[str, object]:
+            constants = {"constant_rate": before.constant_rate, f"constant_{dof.words.position}": before.constant}
+            sizes = {"before": before.error, "after": after.error, **constants}
+            errors = {f"{name}_{dof.units.shown}": float(dof.shown(size)) for name, size in sizes.items()}
+            return {"horizon_s": before.horizon, **errors}
+
+        every = [entry(*pair) for pair in self.ahead]
+        return {**entry(*self.longest), "log_density_gain": self.density_gain, "horizons": every}
+
+
+def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> ForecastGain | None:
+    """Compare predictions by both models; None where runs are too short for any."""
+    ahead = tuple(zip(worth_of(before), worth_of(after)))
+    return ForecastGain(ahead, density_gain) if ahead else None
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
+
+    `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
+    that was learned, `label` the name with what it adds, where the name alone does not tell. `evidence` [deviance] and
+    the log odds of runs held out are against the model without it alone (`Share`)."""
+
+    name: str
+    law: str
+    says: str
+    parameters: Mapping[str, Any]  # Estimate, or Given of a thruster curve's at its bound
+    confidence: float
+    p_value: float | None
+    rivals: tuple[NamedRival, ...]
+    learned: Any = None
+    label: str = ""
+    evidence: float | None = None
+    held_out_log_odds: float | None = None
 
     @property
-    def in_noises(self) -> str:
-        floor = max(self.floor, 1e-12)
-        return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
+    def title(self) -> str:
+        return self.label or self.name
 
-    def to_json(self, unit: str, convert: Callable[[float], float] = float) -> dict[str, object]:
-        sizes = {"before": self.before, "after": self.after, "noise_floor": self.floor}
-        over = {} if self.horizon is None else {"horizon_s": self.horizon}
-        return {
-            **{f"{name}_{unit}": float(convert(x)) if np.isfinite(x) else None for name, x in sizes.items()},
-            **{f"{name}_ci95": ends and list(ends) for name, ends in zip(sizes, self.ci95)},
-            **over,
+    def to_json(self) -> dict[str, object]:
+        plain = {
+            **vars(self),
+            "parameters": {name: value_json(value) for name, value in self.parameters.items()},
+            "rivals": [_without_blanks(vars(rival)) for rival in self.rivals],
+            "learned": self.learned and self.learned.to_json(),
         }
+        return _without_blanks(plain)
 
 
-def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted: bool = False) -> Gap:
-    """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
-    off = tuple(residuals(study, trial, fitted) for trial in (base, final))
-    masks = [residual != 0.0 if study.driven else study.batch.seen for residual in off]
-    before, after = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip(off, masks))
-    return Gap(before, after, study.floor, off)
+def _without_blanks(fields: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in fields.items() if value is not None and value != ""}
 
 
-def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
-    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
-    runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
-    if trial.fit.driven:
-        return missed(study, trial.model, trial.fit)
-    problem = study.problem(trial.model)
-    if fitted:
-        return study.residual(trial.fit.fitted)
-    simulated = run_effects_given(problem, problem.parameters.search(trial.fit.theta), trial.fit.variances)[1]
-    return study.residual(simulated)
+def listed_rivals(rivals: Sequence[NamedRival], share: float = 1.0) -> tuple[float, tuple[NamedRival, ...]]:
+    """Weigh an effect among rivals whose `confidence` is their odds against it, together `share`; give its weight, and
+    the rivals with theirs."""
+    weight = share / (1.0 + sum(rival.confidence for rival in rivals))
+    return weight, tuple(replace(rival, confidence=weight * rival.confidence) for rival in rivals)
 
 
-def gap_from_commands(
-    study: DiagnosisProblem, runs: Sequence[Run], base: CandidateFit, final: CandidateFit, seed: int
-) -> Gap | None:
-    """Give the gap of `runs` held out as `validate` finds it: nothing is fitted to them but the start of one under way.
+def diagnosis_json(
+    of: Mapping[str, object], why: str, effects: Iterable[NamedEffect], where: ResidualRegions,
+    gaps: Mapping[str, Gap | None], unit: str, convert: Callable[[float], float] = float,
+) -> dict[str, object]:  # fmt: skip
+    """Begin the diagnosis.json of any family, after what it is `of`: why, effects, regions and gaps in `unit`."""
+    return {
+        "schema": DIAGNOSIS.schema,
+        **of,
+        **({"why": why} if why else {}),
+        "effects": [effect.to_json() for effect in effects],
+        "where": [region.to_json(unit) for region in where.regions],
+        "gap": {name: gap and gap.to_json(unit, convert) for name, gap in gaps.items()},
+    }
 
-    Both models are those of `gap`: the base refitted to the runs of `study`, and the final one as it was fitted to
-    them. Each has its fit's command delay, as the file of the extended model. None of driven runs."""
-    if study.driven or not runs:
-        return None
-    models = {str(i): t.model.delayed(study.command_delay(t.fit)) for i, t in enumerate((base, final))}
-    stored = StoredModels(models, "1", 0.0, "")
-    validation = compare(stored, runs, seed)
-    scores = [scored.overall["rmse"] for scored in validation.models.values()]
-    before, after = (np.inf if score.value is None else score.value for score in scores)
-    return Gap(before, after, validation.floor, ci95=tuple(score.ci95 for score in scores))
+
+DECIDING = 5.0  # horizons [s] up to this have a veto; over longer ones commands answer what no prediction knows
+
+
+@dataclass(frozen=True)
+class JudgedRuns:
+    """Runs that were fitted, or held out, with the gap that both models leave in them, not a number where they are too
+    short to show one, and of driven ones what both predict."""
+
+    runs: tuple[Run, ...]
+    gap: Gap
+    outlook: ForecastGain | None = None
+
+    @property
+    def shows(self) -> bool:
+        return not np.isnan(self.gap.before)
+
+    def worse(self, dof: Dof) -> str:
+        """Say by how much predictions over the longest deciding horizon get worse; empty where they do not."""
+        ahead = self.outlook.ahead if self.outlook else ()
+        before, after = next((pair for pair in ahead[::-1] if pair[0].horizon <= DECIDING), (None, None))
+        if before is None or after is None or after.error < before.error:
+            return ""
+        return (
+            f"predictions {before.horizon:g} s ahead miss by {dof.shown(after.error):.2f} {dof.units.shown} with them "
+            f"and by {dof.shown(before.error):.2f} without"
+        )
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Diagnosis(Shown):
+    """What a diagnosis of a model of one motion, or of the plane, found; gaps are in the unit of `dof`.
+
+    `why` says what keeps effects from being named, or what is unexplained, `remainder` what stays beside named ones.
+    `effects` are those that are named or suspected; `where` is the gap of the base model; `search` is the outcome as
+    far as the verdict holds. `held_out` is None where too few runs were left to hold any out, and so is
+    `from_commands`, the gap of these runs by the commands alone. `base` has the parameters of the base model before
+    and after, `extended` is the base model with the effects named, refitted together. Of one motion `number` is that
+    of the model, `detectable` has the smallest sizes that would have been named, `noises` and `channels` are its
+    sensors, `gain_scatter` is the share by which thrust differs from run to run, before and after. The base stands in
+    the file `parent`; `set_aside` are the runs left out."""
+
+    motion: Motion
+    dof: Dof
+    search: Any
+    verdict: str
+    why: str
+    effects: tuple[NamedEffect, ...]
+    where: ResidualRegions
+    fitted: JudgedRuns
+    held_out: JudgedRuns | None
+    candidates: Sequence[Mapping[str, object]]
+    threshold: float
+    base: Mapping[str, tuple[Estimate, Estimate]]
+    extended: Mapping[str, object]
+    driven: bool = True
+    remainder: str = ""
+    from_commands: Gap | None = None
+    number: str = ""
+    moment_unit: str = ""
+    cycle: LimitCycle | None = None
+    detectable: Mapping[str, float] = field(default_factory=dict)
+    channels: ChannelChoice = NOTHING_TO_CHOOSE
+    noises: Mapping[str, Estimate] = field(default_factory=dict)
+    gain_scatter: tuple[float, float] = (0.0, 0.0)
+    set_aside: tuple[ExcludedRun, ...] = ()
+    parent: object = ""
+
+    @property
+    def decisive(self) -> JudgedRuns:
+        """The runs whose error the verdict tells: those held out, if they show one."""
+        return self.held_out if self.held_out and self.held_out.shows else self.fitted
+
+    def document(self, option: str) -> Document:
+        if option == "diagnosis":
+            return json_document("diagnosis.json", self.to_json())
+        return json_document("extended_model.json", self.extended_model())
+
+    def extended_model(self) -> dict[str, object]:
+        """Return the base model with the effects named: `validate` and `diagnose` take it."""
+        return {**self.extended, "parent": self.parent}
+
+    def to_json(self) -> dict[str, object]:
+        dof, plane, free = self.dof, self.motion.turns, self.from_commands
+        held_out = self.held_out.runs if self.held_out else ()
+        parts = {"fitted_runs": self.fitted, "held_out_runs": self.held_out}
+        gaps = {name: part.gap if part and part.shows else None for name, part in parts.items()}
+        outlooks = {name: part and part.outlook and part.outlook.to_json(dof) for name, part in parts.items()}
+        of = {**({} if self.motion.name == YAW.name else {"motion": self.motion.name}), "verdict": self.verdict}
+        model = {"model": self.number, f"{dof.words.force}_unit": self.moment_unit}
+        sensors = {
+            "smallest_visible": self.detectable, "open_water": self.driven, **channels_json(self.channels, self.noises),
+        }  # fmt: skip
+        return {
+            **diagnosis_json(of, self.why, self.effects, self.where, gaps, dof.units.shown, dof.shown),
+            **({} if self.driven else {"from_commands": {"held_out_runs": free and free.to_json(dof.units.shown)}}),
+            **({"left": self.remainder} if self.remainder else {}),
+            **({} if plane else model),
+            **({} if self.cycle is None else {"limit_cycle": self.cycle.to_json()}),
+            **({"prediction": outlooks} if any(outlooks.values()) else {}),
+            "candidates": list(self.candidates),
+            "threshold": self.threshold,
+            "base": {
+                name: {"before": before.to_json(), "after": after.to_json()}
+                for name, (before, after) in self.base.items()
+            },
+            **({} if plane else sensors),
+            "held_out": [run.name for run in held_out],
+            "runs": runs_json(len(self.fitted.runs), self.set_aside, (*self.fitted.runs, *held_out)),
+        }
 
 
 @dataclass(frozen=True)
@@ -211,36 +345,35 @@ def unexplained_density(runs: DiagnosisProblem, trial: CandidateFit) -> float:
     return sum(whitening_gain(*channel, runs.course.time) for channel in channels)
 
 
-def shares(study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str, Share]:
+def shares(result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str, Share]:
     """Work out the share of each effect of the final model, the largest first."""
-    final, parts = result.final, dict[str, Share]()
+    study, final, parts = result.study, result.final, dict[str, Share]()
     unexplained = np.inf if held_out is None else unexplained_density(held_out, final)
     for name in final.added:
         reduced = result.base if len(final.added) == 1 else without(study, final, name)
         if reduced is None:
             continue
-        steadier = 0.0 if study.driven else reduced.fit.factor(GAIN) - final.fit.factor(GAIN)
-        nothing = study.driven and may_be_nothing(study, final, name)
-        parts[name] = Share(reduced, reduced.evidence - final.evidence, result.p_values[name], steadier, nothing)
-        if held_out is not None:
-            odds, holdout = support(gained_density(held_out, reduced, final)), gap(held_out, reduced, final)
-            parts[name] = replace(parts[name], support=odds, gap=holdout, unexplained=unexplained)
+        parts[name] = Share(
+            reduced, reduced.evidence - final.evidence, result.p_values[name],
+            steadier=0.0 if study.driven else reduced.fit.factor(GAIN) - final.fit.factor(GAIN),
+            may_be_nothing=study.driven and may_be_nothing(study, final, name),
+            support=None if held_out is None else support(gained_density(held_out, reduced, final)),
+            gap=None if held_out is None else gap(held_out, reduced, final), unexplained=unexplained,
+        )  # fmt: skip
     return dict(sorted(parts.items(), key=lambda item: -item[1].evidence))
 
 
-def confirmed(
-    study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem
-) -> tuple[SearchResult, dict[str, Share], tuple[str, ...]]:
+def confirmed(result: SearchResult, held_out: DiagnosisProblem) -> tuple[SearchResult, dict[str, Share], list[str]]:
     """Take those of several effects out of the search that runs held out do not bear out by themselves, one by one, the
     worst first; give the shares of what stays, and which effects taken out these runs speak for, if not enough."""
-    suspects: tuple[str, ...] = ()
+    suspects = list[str]()
     while True:
-        parts = shares(study, result, held_out)
+        parts = shares(result, held_out)
         doubted = {name: part.support or 0.0 for name, part in parts.items() if part.doubt(name)}
         if not doubted or len(result.final.added) < 2:
             return result, parts, suspects
         name = min(doubted, key=doubted.__getitem__)
-        suspects += (name,) * (doubted[name] > 0.0)
+        suspects += [name] if doubted[name] > 0.0 else []
         result = replace(
             result, final=parts[name].without,
             rivals={effect: rivals for effect, rivals in result.rivals.items() if effect != name},
@@ -248,60 +381,15 @@ def confirmed(
         )  # fmt: skip
 
 
-DECIDING = 5.0  # horizons [s] up to this have a veto; over longer ones commands answer what no prediction knows
-
-
-@dataclass(frozen=True)
-class ForecastGain:
-    """What both models predict of a set of runs, the scores before and after by horizon, and what the log density of
-    these runs gained."""
-
-    ahead: tuple[tuple[ForecastScore, ForecastScore], ...]
-    density_gain: float
-
-    @property
-    def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
-        return next((pair for pair in self.ahead if pair[0].horizon == HORIZON), None)
-
-    @property
-    def longest(self) -> tuple[ForecastScore, ForecastScore]:
-        return self.judged or self.ahead[-1]
-
-    def worse(self, dof: Dof) -> str:
-        """Say by how much predictions over the longest deciding horizon get worse; empty where they do not."""
-        before, after = next((pair for pair in self.ahead[::-1] if pair[0].horizon <= DECIDING), self.ahead[0])
-        if before.horizon > DECIDING or after.error < before.error:
-            return ""
-        return (
-            f"predictions {before.horizon:g} s ahead miss by {dof.shown(after.error):.2f} {dof.units.shown} with them "
-            f"and by {dof.shown(before.error):.2f} without"
-        )
-
-    def to_json(self, dof: Dof) -> dict[str, object]:
-        def entry(before: ForecastScore, after: ForecastScore) -> dict[str, object]:
-            constants = {"constant_rate": before.constant_rate, f"constant_{dof.words.position}": before.constant}
-            sizes = {"before": before.error, "after": after.error, **constants}
-            errors = {f"{name}_{dof.units.shown}": float(dof.shown(size)) for name, size in sizes.items()}
-            return {"horizon_s": before.horizon, **errors}
-
-        every = [entry(*pair) for pair in self.ahead]
-        return {**entry(*self.longest), "log_density_gain": self.density_gain, "horizons": every}
-
-
-def outlook(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit) -> ForecastGain | None:
-    """The outlook on the runs of `study`, which need not have been fitted; None for runs that are not driven, or too
-    short for any prediction."""
+def judged_runs(study: DiagnosisProblem, result: SearchResult, fitted: bool = False) -> JudgedRuns:
+    """Judge both models of a search on the runs of `study`; `fitted` if both were fitted to these."""
+    base, final, outlook = result.base, result.final, None
     first, last = base.fit, final.fit
-    if not (first.driven and last.driven):
-        return None
-    before, after = study.predictions(base.model, first), study.predictions(final.model, last)
-    gained = log_density(study, final.model, last) - log_density(study, base.model, first)
-    return outlook_of(before, after, float(np.sum(gained)))
-
-
-def outlook_of(before: Sequence[Predicted], after: Sequence[Predicted], density_gain: float) -> ForecastGain | None:
-    ahead = tuple(zip(worth_of(before), worth_of(after)))
-    return ForecastGain(ahead, density_gain) if ahead else None
+    if first.driven and last.driven:
+        before, after = study.predictions(base.model, first), study.predictions(final.model, last)
+        gained = log_density(study, final.model, last) - log_density(study, base.model, first)
+        outlook = outlook_of(before, after, float(np.sum(gained)))
+    return JudgedRuns(study.runs, gap(study, base, final, fitted), outlook)
 
 
 def parameter_estimates(study: DiagnosisProblem, trial: CandidateFit, name: str) -> dict[str, Estimate]:
@@ -329,25 +417,21 @@ def _estimates(study: DiagnosisProblem, trial: CandidateFit) -> list[Estimate]:
     return estimates
 
 
-def detectable(study: DiagnosisProblem, result: SearchResult) -> dict[str, float]:
+def detectable(result: SearchResult) -> dict[str, float]:
     """Smallest size of each candidate's first parameter that these runs would have shown four times in five."""
-    last, runs, sizes = result.rounds[-1], len(study.runs), {}
+    last, runs, sizes = result.rounds[-1], len(result.study.runs), {}
     for score in last.scores.ranked:
         needed = last.threshold + penalty(fitted_parameters(score.effect), runs)
         sizes[score.effect] = score.unit_size * float(np.sqrt(max(needed, 1.0)) + special.ndtri(0.8))
     return sizes
 
 
-NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
-
 WELL_ABOVE = 0.05
 FLOOR_ERROR = 1.5
 """Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the
 root of the samples), before runs may hold something more."""
-LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
 MAX_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
 STEADIER = 0.005  # share of thrust by which its scatter over runs has to fall where the held-out gap does not
-ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
 CONFIRMED = 5e-4
 """Largest p-value over odds of a name: how often chance gains as much, over how many times as likely runs held out are
 as under the model without it refitted. No effect was fitted to these: by chance the odds have a mean of one, and the
@@ -367,64 +451,6 @@ effect shows plainly says no more than that."""
 MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
-EVEN = 0.5  # weight against its rivals below which an effect is a tie and no name
-MIN_GAINS = 10  # runs from which the order of their gains says anything
-
-
-@dataclass(frozen=True)
-class NamedEffect:
-    """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
-
-    `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
-    that was learned, `label` the name with what it adds, where the name alone does not tell. `evidence` [deviance] and
-    the log odds of runs held out are against the model without it alone (`Share`)."""
-
-    name: str
-    law: str
-    says: str
-    parameters: Mapping[str, Any]  # Estimate, or Given of a thruster curve's at its bound
-    confidence: float
-    p_value: float | None
-    rivals: tuple[NamedRival, ...]
-    learned: Any = None
-    label: str = ""
-    evidence: float | None = None
-    held_out_log_odds: float | None = None
-
-    def to_json(self) -> dict[str, object]:
-        plain = {
-            **vars(self),
-            "parameters": {name: value_json(value) for name, value in self.parameters.items()},
-            "rivals": [_without_blanks(vars(rival)) for rival in self.rivals],
-            "learned": self.learned and self.learned.to_json(),
-        }
-        return _without_blanks(plain)
-
-
-def _without_blanks(fields: Mapping[str, object]) -> dict[str, object]:
-    return {name: value for name, value in fields.items() if value is not None and value != ""}
-
-
-def listed_rivals(rivals: Sequence[NamedRival], share: float = 1.0) -> tuple[float, tuple[NamedRival, ...]]:
-    """The weight of an effect among rivals whose `confidence` is their odds against it, together `share`; and the
-    rivals with their weights."""
-    weight = share / (1.0 + sum(rival.confidence for rival in rivals))
-    return weight, tuple(replace(rival, confidence=weight * rival.confidence) for rival in rivals)
-
-
-def diagnosis_json(
-    of: Mapping[str, object], why: str, effects: Iterable[NamedEffect], where: ResidualRegions,
-    gaps: Mapping[str, Gap | None], unit: str, convert: Callable[[float], float] = float,
-) -> dict[str, object]:  # fmt: skip
-    """What the diagnosis.json of any family says, after what it is `of`: why, effects, regions and gaps in `unit`."""
-    return {
-        "schema": DIAGNOSIS.schema,
-        **of,
-        **({"why": why} if why else {}),
-        "effects": [effect.to_json() for effect in effects],
-        "where": [region.to_json(unit) for region in where.regions],
-        "gap": {name: gap and gap.to_json(unit, convert) for name, gap in gaps.items()},
-    }
 
 
 @dataclass(frozen=True)
@@ -446,59 +472,55 @@ class Verdict:
         return self.result.final if self.word == NAMED else self.result.base
 
 
-def verdict_of(
-    study: DiagnosisProblem, result: SearchResult, where: ResidualRegions, held_out: DiagnosisProblem | None
-) -> Verdict:
-    """The verdict on a search over the runs of `study`, whose base model has its gap at `where`.
+def verdict_of(result: SearchResult, where: ResidualRegions, held_out: DiagnosisProblem | None) -> Verdict:
+    """Judge a search, whose base model has its gap at `where`.
 
     A name needs more evidence than chance gives, and runs that are predicted better than without it by more than
     chance: those of `held_out`, which ask each name by itself, and each fitted run from the others. Of driven runs the
     outlook on the runs held out has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected; what
     is both is chance.
     """
-    last = result.claim
-    holdout = None if held_out is None or last is None else gap(held_out, last.base, last.final)
+    study, last = result.study, result.claim
+    judged = None if held_out is None or last is None else judged_runs(held_out, last)
     if not study.driven:
-        reason = _unexplained(study, result, where, holdout if last is result else None)
+        reason = _unexplained(result, where, judged.gap if judged and last is result else None)
         if reason:
             without_effects = replace(result, final=result.base, p_values={}, rivals={}, doubtful=None)
-            return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(study, result)}")
-    parts, suspects = dict[str, Share](), tuple[str, ...]()
-    ahead = None
+            return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(result)}")
+    parts, suspects = dict[str, Share](), list[str]()
     if last is not None and held_out is not None:
-        borne_out, parts, suspects = confirmed(study, last, held_out)
+        borne_out, parts, suspects = confirmed(last, held_out)
         if borne_out is not last:
             result = last = borne_out
-            holdout = gap(held_out, last.base, last.final)
-        ahead = outlook(held_out, last.base, last.final)
-    doubt = "" if last is None else _borne_out(study, last, held_out, holdout, ahead)
+            judged = judged_runs(held_out, last)
+    doubt = "" if last is None else _borne_out(last, held_out, judged)
     if last is None or (last is not result and doubt):
         if not where.regions:
             return Verdict(NOTHING, result)
         reason = f"The error is beyond chance {stretch(where.regions[0])}."
-        return Verdict(UNEXPLAINED, result, f"{reason} {_nearest(study, result)}")
+        return Verdict(UNEXPLAINED, result, f"{reason} {_nearest(result)}")
     if last is not result:
         (p_value,) = last.p_values.values()
         doubt = f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
     else:
-        doubt = _no_name(result, holdout) or doubt
+        doubt = _no_name(result, judged) or doubt
         doubt = doubt or next(filter(None, (part.doubt(name) for name, part in parts.items())), "")
     if doubt:
         return Verdict(SUSPECTED, last, doubt, shares=parts)
     remainder = result.equals
-    if holdout is not None and not study.driven and holdout.exceeds_noise:
-        remainder = f"A residual remains: on the held-out runs the gap is {holdout.in_noises}."
-    if study.driven and ahead is not None and (worse := ahead.worse(study.base.dof)):
+    if judged and not study.driven and judged.gap.exceeds_noise:
+        remainder = f"A residual remains: on the held-out runs the gap is {judged.gap.in_noises}."
+    if judged and (worse := judged.worse(study.base.dof)):
         remainder += f" Commands that answer disturbances hide it: {worse}."
     if suspects:
         remainder += f" Only suspected: {' and '.join(suspects)}; the held-out runs do not confirm it by itself."
     return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
 
 
-def _no_name(result: SearchResult, holdout: Gap | None) -> str:
+def _no_name(result: SearchResult, judged: JudgedRuns | None) -> str:
     """Why effects that are borne out have no names of their own: two undo each other and leave something on runs held
     out, or rivals are together likelier; empty where neither is so."""
-    if result.compensating and (holdout is None or holdout.exceeds_noise):
+    if result.compensating and (judged is None or judged.gap.exceeds_noise):
         return next(iter(result.compensating.values()))
     for name in result.final.counted:
         weight = 1.0 / (1.0 + sum((odds := result.odds(name)).values()))
@@ -507,20 +529,18 @@ def _no_name(result: SearchResult, holdout: Gap | None) -> str:
     return ""
 
 
-def _borne_out(
-    study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem | None, holdout: Gap | None,
-    ahead: ForecastGain | None,
-) -> str:  # fmt: skip
-    """Why runs that were not fitted do not bear effects out; empty where nothing speaks against them."""
+def _borne_out(result: SearchResult, held_out: DiagnosisProblem | None, judged: JudgedRuns | None) -> str:
+    """Say why runs that were not fitted do not bear effects out; empty where nothing speaks against them."""
+    study = result.study
     more = np.zeros(0) if held_out is None else gained_density(held_out, result.base, result.final)
     if study.driven:
-        if held_out is None or holdout is None:
+        if held_out is None or judged is None:
             return ""
         if more.sum() <= 0:
             return f"The held-out runs do not confirm it: their log density falls by {-more.sum():.1f}."
         if support(more) > unexplained_density(held_out, result.final):
             return ""
-        worse, little = "" if ahead is None else ahead.worse(study.base.dof), holdout.little(NOTICED)
+        worse, little = judged.worse(study.base.dof), judged.gap.little(NOTICED)
         return f"The held-out runs do not confirm it: {worse}." if worse else little and f"What was added {little}"
     gained = result.final.fit.predictive - result.base.fit.predictive
     if _beyond_doubt(-more):
@@ -531,10 +551,10 @@ def _borne_out(
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
             f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
         )
-    if holdout and holdout.exceeds_noise and holdout.closed < 1.0 - MAX_LEFT:
-        return f"Most of the gap of the held-out runs remains: it is {holdout.in_noises}."
+    if judged and judged.gap.exceeds_noise and judged.gap.closed < 1.0 - MAX_LEFT:
+        return f"Most of the gap of the held-out runs remains: it is {judged.gap.in_noises}."
     steadier = result.base.fit.factor(GAIN) - result.final.fit.factor(GAIN)
-    if holdout and holdout.after >= holdout.before and steadier < STEADIER:
+    if judged and judged.gap.after >= judged.gap.before and steadier < STEADIER:
         return "The gap of the held-out runs is no smaller with it, and the thrust of the runs is no steadier."
     return ""
 
@@ -545,14 +565,14 @@ def _beyond_doubt(gained: Floats) -> bool:
     return len(gained) > 1 and clear(np.clip(gained, -LOUDEST, LOUDEST), errors)
 
 
-def _unexplained(study: DiagnosisProblem, result: SearchResult, where: ResidualRegions, holdout: Gap | None) -> str:
-    """Why runs that are simulated whole hold something that nothing in the library explains; empty if that is not so.
+def _unexplained(result: SearchResult, where: ResidualRegions, holdout: Gap | None) -> str:
+    """Say why runs that are simulated whole hold something that nothing in the library explains; empty if they do not.
 
     So are runs whose residuals stand well above the floor and hang together in time, when what was added closes less
     than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust wander with
     the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows; and runs that
     would take more effects than anybody should believe; and an explanation that leads runs held out astray."""
-    final = result.final
+    study, final = result.study, result.final
     if holdout is not None and holdout.after > ASTRAY * holdout.before:
         return f"What explains the fitted runs makes the held-out runs worse: their gap is {holdout.in_noises}."
     excess = [max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (result.base, final)]
@@ -575,13 +595,8 @@ def _beside(where: ResidualRegions) -> str:
     return f", most clearly {stretch(where.regions[0])}" if where.regions else ""
 
 
-def stretch(region: Region) -> str:
-    unit = f" {region.unit}" if region.unit else ""
-    return f"where {region.variable} is {region.low:.3g} to {region.high:.3g}{unit}"
-
-
-def _nearest(study: DiagnosisProblem, result: SearchResult) -> str:
-    first, final, dof = result.rounds[0], result.final, study.base.dof
+def _nearest(result: SearchResult) -> str:
+    study, first, final = result.study, result.rounds[0], result.final
     if not final.added:
         best = max(first.trials, key=first.gain, default=None)
         if best is None or first.gain(best) <= first.threshold:
@@ -590,6 +605,7 @@ def _nearest(study: DiagnosisProblem, result: SearchResult) -> str:
             f"{best.added[-1]} gains {first.gain(best):.1f} in deviance, where chance reaches {first.threshold:.1f}, "
             f"but {obstacle(study, best, first.before) or 'less than it has to'}."
         )
+    dof = study.base.dof
     before, after = (float(dof.shown(trial.fit.noise)) for trial in (result.base, final))
     return (
         f"The best candidate is {' and '.join(final.added)}, with which the residual of the fitted runs is {after:.3g} "
@@ -597,33 +613,12 @@ def _nearest(study: DiagnosisProblem, result: SearchResult) -> str:
     )
 
 
-def gains_drift(study: DiagnosisProblem, trial: CandidateFit) -> bool:
-    """Whether runs made one after the other have more alike gains than chance allows (p < 0.001).
-
-    Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
-    clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12)."""
-    gains = trial.fit.effects_of(GAIN)[np.argsort(study.batch.start), 0]
-    count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
-    if count < MIN_GAINS or spread < 1e-12:
-        return False
-    alike = 1.0 - 0.5 * float((np.diff(gains) ** 2).sum()) / spread
-    return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > -special.ndtri(1e-3))
-
-
-def is_autocorrelated(study: DiagnosisProblem, trial: CandidateFit) -> bool:
-    """Whether neighbouring residuals agree more than chance allows (lag-one correlation over all runs, p < 0.001)."""
-    residual = residuals(study, trial, fitted=True)
-    observed = study.batch.seen[:, 1:]
-    product = (residual[:, 1:] * residual[:, :-1])[observed].sum()
-    correlation = product / max((residual**2).sum(), 1e-300)
-    return bool(correlation * np.sqrt(observed.sum()) > -special.ndtri(1e-3))
-
-
-def named_effects(study: DiagnosisProblem, result: SearchResult, parts: Mapping[str, Share]) -> tuple[NamedEffect, ...]:
+def named_effects(result: SearchResult, parts: Mapping[str, Share]) -> tuple[NamedEffect, ...]:
     """List the effects of the final model, the one that explains most first, each with its rivals and what their cards
     say would tell them apart; a learned one with its curve, and a sentence that says whether it is thrust or a
     moment."""
-    entries, dof, curve = [], study.base.dof, curve_of(result.final)
+    study, entries, curve = result.study, list[NamedEffect](), curve_of(result.final)
+    dof = study.base.dof
     for name in (*parts, *(name for name in result.final.added if name not in parts)):
         effect, p_value, part = effects.get(name), result.p_values[name], parts.get(name)
         odds = [NamedRival(rival, odd, split_by(name, rival, dof)) for rival, odd in result.odds(name).items()]
@@ -667,121 +662,13 @@ MIN_TO_HOLD_OUT = 8
 SHORT = 5  # iterations of a law or size that may equal the final one: those that get there do so soon
 
 
-@dataclass(frozen=True, repr=False)
-class Diagnosis(Shown):
-    """What a diagnosis of a model of one motion found; `held_out` and `held_out_gap` are None where too few runs were
-    left to hold any out, and so is `from_commands`, the gap of these runs by the commands alone.
-
-    `effects` are those that the conclusion names or suspects; `where` is the gap of the base model; the outlooks are
-    those of driven runs. The base is model `number` of the file `parent`, which has that hash; `set_aside` are the runs
-    left out."""
-
-    study: DiagnosisProblem
-    conclusion: Verdict
-    effects: tuple[NamedEffect, ...]
-    where: ResidualRegions
-    gap: Gap
-    held_out: DiagnosisProblem | None
-    held_out_gap: Gap | None
-    detectable: dict[str, float]
-    outlook: ForecastGain | None = None
-    held_out_outlook: ForecastGain | None = None
-    channels: ChannelChoice = NOTHING_TO_CHOOSE
-    number: str = "3"
-    parent: str = ""
-    parent_sha256: str = ""
-    set_aside: tuple[ExcludedRun, ...] = ()
-    from_commands: Gap | None = None
-
-    @property
-    def verdict(self) -> str:
-        return self.conclusion.word
-
-    @property
-    def result(self) -> SearchResult:
-        """The search, as far as the verdict holds."""
-        return self.conclusion.result
-
-    def document(self, option: str) -> Document:
-        if option == "diagnosis":
-            return json_document("diagnosis.json", self.to_json())
-        return json_document("extended_model.json", self.extended_model())
-
-    def extended_model(self) -> dict[str, object]:
-        """Return the base model with the effects named, refitted together: `validate` and `diagnose` take it."""
-        study, trial, number = self.study, self.conclusion.leaves, self.number
-        base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
-        roles = ("quadratic", "linear", "inertia", "constant", "difference")
-        base_names = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
-        drag = {name: base[name].to_json() for name in base_names.values()}
-        ratio, covariance = None, study.covariance(model, fit)
-        likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.parameters.log, covariance)}
-        if "quadratic" in base_names and base[base_names["quadratic"]].value > 0:
-            i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
-            ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
-        added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.base}
-        exponent, driven = gain_exponent(study, fit), {}
-        ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
-        noise = float(dof.shown(fit.noise)) if study.position_counts else None
-        if fit.driven:
-            driven = {"driven": True, "random": random_estimates(fit, covariance, dof)}
-        return {
-            **model_head(dof, study.base.moment_unit),
-            "fitted_to": "whole runs",
-            "models": {number: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
-            "preferred": number,
-            "preferred_because": f"Model {number} was the base of the diagnosis.",
-            dof.ratio_key: ratio,
-            "valid_range": valid_range(ends, model),
-            "effects": effects_json(added),
-            COMMAND_DELAY: study.command_delay(fit),
-            f"{dof.words.position}_noise_{dof.units.shown}": noise,
-            **driven,
-            "gain_scatter": float(fit.factor(GAIN)),
-            "gain_exponent": exponent and exponent.to_json(),
-            "parent": {"file": self.parent, "sha256": self.parent_sha256},
-        }
-
-    def to_json(self) -> dict[str, object]:
-        study, search, verdict, dof = self.study, self.result, self.conclusion, self.study.base.dof
-        before, after = (base_estimates(study, trial) for trial in (search.base, verdict.leaves))
-        first = search.rounds[0]
-        gaps = {"fitted_runs": self.gap, "held_out_runs": self.held_out_gap}
-        outlooks = {"fitted_runs": self.outlook, "held_out_runs": self.held_out_outlook}
-        prediction = {name: ahead and ahead.to_json(dof) for name, ahead in outlooks.items()}
-        cycle = {} if study.cycle is None else {"limit_cycle": study.cycle.to_json()}
-        of = {**({} if dof.wraps else {"motion": dof.name}), "verdict": self.verdict}
-        free, units = self.from_commands, (dof.units.shown, dof.shown)
-        return {
-            **diagnosis_json(of, verdict.why, self.effects, self.where, gaps, *units),
-            **({} if study.driven else {"from_commands": {"held_out_runs": free and free.to_json(units[0])}}),
-            **({"left": verdict.remainder} if verdict.remainder else {}),
-            "model": self.number,
-            f"{dof.words.force}_unit": study.base.moment_unit,
-            **({} if self.outlook is None else {**cycle, "prediction": prediction}),
-            "candidates": [
-                {"name": trial.added[-1], "gain": first.gain(trial)}
-                for trial in sorted(first.trials, key=lambda trial: trial.evidence)
-            ],
-            "threshold": first.threshold,
-            "base": {name: {"before": before[name].to_json(), "after": after[name].to_json()} for name in before},
-            "smallest_visible": {name: size for name, size in self.detectable.items() if np.isfinite(size)},
-            "open_water": study.driven,
-            **channels_json(self.channels, channel_noises(search.final.fit, dof)),
-            "held_out": [] if self.held_out is None else [run.name for run in self.held_out.runs],
-            "runs": runs_json(len(study.runs), self.set_aside, study.runs),
-        }
-
-
-def _law_by_held_out(
-    study: DiagnosisProblem, result: SearchResult, held_out: DiagnosisProblem, map_fn: Each
-) -> SearchResult:
+def _law_by_held_out(result: SearchResult, held_out: DiagnosisProblem, map_fn: Each) -> SearchResult:
     """The law and size that runs held out follow best, of those that the fitted runs do not tell apart: where all their
     commands lie on one side of an edge, its place must not decide whether there is one."""
-    final = result.final
-    floor = STANDS * study.sensor_floor
-    holdout = gap(held_out, result.base, final)
-    if study.driven or not final.added or final.fit.noise > floor or not holdout.exceeds_noise:
+    study, final = result.study, result.final
+    if study.driven or not final.added or final.fit.noise > STANDS * study.sensor_floor:
+        return result
+    if not gap(held_out, result.base, final).exceeds_noise:
         return result
     tried = map_fn(partial(go_on, study, final, SHORT), variants(study, final), "trying laws on the runs held out")
     equal = [trial for trial in tried if trial is not None and trial.evidence < final.evidence + TIE]
@@ -805,10 +692,10 @@ def split_off(runs: Sequence[Run], seed: int, fewest: int = MIN_TO_HOLD_OUT) -> 
 
 def diagnose_runs(
     runs: Sequence[Run], base: Model, *, hold_out: Sequence[Run] | None = None, seed: int = 0, map_fn: Each = alone,
-    channels: str = AUTO,
+    channels: str = AUTO, number: str = "3",
 ) -> Diagnosis:  # fmt: skip
-    """Diagnose `base` on `runs`; `hold_out` None draws a quarter of the runs, `channels` says which sensors count
-    (`runs.channels.choose_channels`). Raises RunError for too few runs."""
+    """Diagnose `base`, model `number` of its file, on `runs`; `hold_out` None draws a quarter of the runs, `channels`
+    says which sensors count (`runs.channels.choose_channels`). Raises RunError for too few runs."""
     runs = [run for run in runs if len(run) >= 20]
     chosen = choose_channels([*runs, *(hold_out or ())], base.dof, channels, late_position=True)
     runs, out = ([chosen.cleaned(run) for run in some] for some in (runs, hold_out or ()))
@@ -818,34 +705,76 @@ def diagnose_runs(
         raise TooFewRunsError(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {MIN_RUNS}"
         )
-    study = study_of(fitted, base, channels=chosen.names)
-    searched = search(study, seed, map_fn)
+    searched = search(study_of(fitted, base, channels=chosen.names), seed, map_fn)
     where = find_where(searched.study, searched.base, seed)
 
-    def explained(search_result: SearchResult) -> bool:
-        return verdict_of(search_result.study, search_result, where, None).word != UNEXPLAINED
+    def explained(outcome: SearchResult) -> bool:
+        return verdict_of(outcome, where, None).word != UNEXPLAINED
 
-    def judged(outcome: SearchResult) -> tuple[SearchResult, DiagnosisProblem | None, Verdict]:
+    def verdict_on(outcome: SearchResult) -> tuple[SearchResult, DiagnosisProblem | None, Verdict]:
         held_out = replace(outcome.study, runs=tuple(unfitted)) if unfitted else None
-        outcome = outcome if held_out is None else _law_by_held_out(outcome.study, outcome, held_out, map_fn)
-        return outcome, held_out, verdict_of(outcome.study, outcome, where, held_out)
+        outcome = outcome if held_out is None else _law_by_held_out(outcome, held_out, map_fn)
+        return outcome, held_out, verdict_of(outcome, where, held_out)
 
     learned = learn(searched.study, searched, seed, map_fn, explained)
-    result, held_out, conclusion = judged(learned)
-    if conclusion.word != NAMED and searched.final.added and learned.final is not searched.final:
-        answer = judged(searched)  # what the library has, where the runs held out do not confirm a curve
+    result, held_out, verdict = verdict_on(learned)
+    if verdict.word != NAMED and searched.final.added and learned.final is not searched.final:
+        answer = verdict_on(searched)  # what the library has, where the runs held out do not confirm a curve
         if answer[-1].word == NAMED:
-            result, held_out, conclusion = answer
-    study = result.study
-    before, after, listed = conclusion.result.base, conclusion.result.final, conclusion.word in (NAMED, SUSPECTED)
-    parts = conclusion.shares or (shares(study, conclusion.result, held_out) if listed else {})
+            result, held_out, verdict = answer
+    study, base_fit, final, first = result.study, verdict.result.base, verdict.result.final, verdict.result.rounds[0]
+    before, after = (base_estimates(study, trial) for trial in (base_fit, verdict.leaves))
+    listed = verdict.word in (NAMED, SUSPECTED)
+    parts = verdict.shares or (shares(verdict.result, held_out) if listed else {})
+    free = gap_from_commands(study, [chosen.believed(run) for run in unfitted], base_fit, final, seed)
     return Diagnosis(
-        study, conclusion, named_effects(study, conclusion.result, parts) if listed else (), where,
-        gap(study, before, after, fitted=True), held_out, None if held_out is None else gap(held_out, before, after),
-        detectable(study, result), outlook(study, before, after),
-        None if held_out is None else outlook(held_out, before, after), chosen,
-        from_commands=gap_from_commands(study, [chosen.believed(run) for run in unfitted], before, after, seed),
+        motion=base.motion, dof=base.dof, search=verdict.result, verdict=verdict.word, why=verdict.why,
+        effects=named_effects(verdict.result, parts) if listed else (), where=where,
+        fitted=judged_runs(study, verdict.result, fitted=True),
+        held_out=None if held_out is None else judged_runs(held_out, verdict.result),
+        candidates=[
+            {"name": trial.added[-1], "gain": first.gain(trial)}
+            for trial in sorted(first.trials, key=lambda trial: trial.evidence)
+        ],
+        threshold=first.threshold, base={name: (before[name], after[name]) for name in before},
+        extended=_extended_model(study, verdict.leaves, number), driven=study.driven, remainder=verdict.remainder,
+        from_commands=free, number=number, moment_unit=base.moment_unit, cycle=study.cycle,
+        detectable={name: size for name, size in detectable(result).items() if np.isfinite(size)},
+        channels=chosen, noises=channel_noises(final.fit, base.dof),
+        gain_scatter=(base_fit.fit.factor(GAIN), final.fit.factor(GAIN)),
     )  # fmt: skip
+
+
+def _extended_model(study: DiagnosisProblem, trial: CandidateFit, number: str) -> dict[str, object]:
+    """Give the content of the file of the base model, number `number` of its file, with the effects of a trial."""
+    base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
+    roles = ("quadratic", "linear", "inertia", "constant", "difference")
+    base_names = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
+    drag = {name: base[name].to_json() for name in base_names.values()}
+    ratio, covariance = None, study.covariance(model, fit)
+    likeliest = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.parameters.log, covariance)}
+    if "quadratic" in base_names and base[base_names["quadratic"]].value > 0:
+        i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
+        ratio = ratio_of(fit, covariance, i, k, dof.unit_of("ratio"), len(study.runs) - 1).to_json()
+    added = {term.name: parameter_estimates(study, trial, term.name) for term in model.terms if not term.base}
+    exponent = gain_exponent(study, fit)
+    ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
+    driven = {"driven": True, "random": random_estimates(fit, covariance, dof)} if fit.driven else {}
+    return {
+        **model_head(dof, study.base.moment_unit),
+        "fitted_to": "whole runs",
+        "models": {number: {**drag, "output_error": likeliest, "velocity_error": None, "sse": None}},
+        "preferred": number,
+        "preferred_because": f"Model {number} was the base of the diagnosis.",
+        dof.ratio_key: ratio,
+        "valid_range": valid_range(ends, model),
+        "effects": effects_json(added),
+        COMMAND_DELAY: study.command_delay(fit),
+        f"{dof.words.position}_noise_{dof.units.shown}": float(dof.shown(fit.noise)) if study.position_counts else None,
+        **driven,
+        "gain_scatter": float(fit.factor(GAIN)),
+        "gain_exponent": exponent and exponent.to_json(),
+    }
 
 
 def expected_seconds(runs: Sequence[Run], planar: bool = False) -> float:

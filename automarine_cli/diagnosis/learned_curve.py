@@ -20,8 +20,8 @@ from automarine_cli.diagnosis.search import (
     Rivals,
     SearchResult,
     add_effect,
-    is_admissible,
     nearest,
+    obstacle,
     refitted,
 )
 from automarine_cli.diagnosis.study import SPREADS, DiagnosisProblem, learned_term, places, precision, smoothed
@@ -223,7 +223,7 @@ def learn(
         best = _best(wide, result, base, follows, seed + len(base.added), map_fn) if base.count < MAX_EFFECTS else None
         if best is None:
             continue
-        wins = not any(is_admissible(study, trial, base) for trial in _as_good(result, base, best.final))
+        wins = all(obstacle(study, trial, base) for trial in _as_good(result, base, best.final))
         if wins and best.final.evidence < most and explained(best):
             needed = {name for term in best.final.model.terms for name in effects.get(term.name).needs}
             return replace(best, study=replace(study, signals=tuple(sorted({*study.signals, *needed}))))
@@ -271,7 +271,7 @@ def _best(
     running = [trial for gain, trial in gains if gain > gained - max(RIVAL_RANGE, FAR * gained)]
     tried = map_fn(partial(_further, study), running, "learning curves")
     trials = sorted((trial for trial in tried if trial is not None), key=lambda trial: trial.evidence)
-    admissible = [t for t in trials if base.evidence - t.evidence > bar and is_admissible(study, t, base)]
+    admissible = [t for t in trials if base.evidence - t.evidence > bar and not obstacle(study, t, base)]
     if not admissible:
         return None
     best = admissible[0]

@@ -17,22 +17,22 @@ from automarine_cli.diagnosis.diagnose import (
     NOTHING,
     SUSPECTED,
     UNEXPLAINED,
-    ForecastGain,
-    Gap,
+    Diagnosis,
+    JudgedRuns,
     NamedEffect,
-    diagnosis_json,
     listed_rivals,
     outlook_of,
-    stretch,
 )
 from automarine_cli.diagnosis.residual_regions import (
     Column,
+    Gap,
     ResidualGrid,
     ResidualRegions,
     find_regions,
     last_side,
     of_run_or_sample,
     since_change,
+    stretch,
 )
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
@@ -46,11 +46,9 @@ from automarine_cli.fits.planar_fit import CHANNELS, Candidate, Estimated, Obser
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import StoredModels
-from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import ExcludedRun, Run, runs_json
+from automarine_cli.runs.run import Run
 
-NOWHERE = ResidualRegions()
 SMALL = 0.02  # share of its usual size at which an actuator effect is as good as none
 OF_YAW = ("input-delay", "thruster-lag", "dead-band")
 SAYS = {
@@ -101,11 +99,6 @@ def suspects(model: Model, observed: Observed, largest: float) -> Iterator[Candi
             yield Candidate.of_term(model, Term(name, values, dof=yaw))
 
 
-def says_of(candidate: Candidate) -> str:
-    description = SAYS.get(candidate.name) or effects.get(candidate.name).card(YAW).says.rstrip(".")
-    return f"{description} ({', '.join(candidate.added)})."
-
-
 def run_to_split(candidate: Candidate) -> str:
     """Say which runs tell a candidate from others."""
     return SPLIT_BY.get(candidate.added[0].rpartition(".")[2]) or effects.get(candidate.name).card(YAW).separated_by
@@ -133,7 +126,7 @@ class FittedCandidate:
     def evident(self) -> bool:
         return self.surplus > HEAD_START and self.steady
 
-    def rivals(self, best: "FittedCandidate") -> bool:
+    def is_rival_of(self, best: "FittedCandidate") -> bool:
         """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
         behind = best.estimate.fit.density - self.estimate.fit.density
         return best.surplus - self.surplus < HEAD_START or not clear(behind, ERRORS)
@@ -142,151 +135,17 @@ class FittedCandidate:
 @dataclass(frozen=True)
 class PlanarStep:
     """One look for an effect: the model that was looked at, the surplus that each candidate's score promised, those
-    that were fitted, the `best` if one was taken, and its rivals."""
+    that were fitted, and, if one was taken, the `best` with its rivals."""
 
     before: Estimated
     promised: tuple[tuple[Candidate, float], ...]
     tried: tuple[FittedCandidate, ...]
-    best: FittedCandidate | None
-    rivals: tuple[FittedCandidate, ...]
-
-
-@dataclass(frozen=True, repr=False)
-class PlanarDiagnosis(Shown):
-    """The model as it was given, refitted (`before`), and the rounds of the search.
-
-    `every` has all runs, those fitted before those held out, `fitted` says how many were fitted. By the first and the
-    last model there are predictions of the heading over each horizon (`forecasts`) and the runs' log densities
-    (`density`, (R,) each). `where` has the gap of the first one, once somebody looked; `parent_sha256` is the hash of
-    the model's file."""
-
-    before: Estimated
-    rounds: tuple[PlanarStep, ...]
-    every: PlanarLikelihood
-    fitted: int
-    forecasts: tuple[Sequence[Predicted], Sequence[Predicted]]
-    density: tuple[Floats, Floats]
-    where: ResidualRegions = NOWHERE
-    set_aside: tuple[ExcludedRun, ...] = ()
-    parent_sha256: str = ""
-
-    @property
-    def named(self) -> tuple[FittedCandidate, ...]:
-        return tuple(step.best for step in self.rounds if step.best is not None)
-
-    @property
-    def suspected(self) -> tuple[FittedCandidate, ...]:
-        """What the fitted runs ask for but others do not bear out."""
-        return tuple(trial for trial in self.rounds[-1].tried if trial.evident and self.rounds[-1].best is None)
-
-    @property
-    def after(self) -> Estimated:
-        return self.named[-1].estimate if self.named else self.before
-
-    @property
-    def verdict(self) -> str:
-        if self.named or self.suspected:
-            return NAMED if self.named else SUSPECTED
-        return UNEXPLAINED if self.where.regions else NOTHING
-
-    @property
-    def why(self) -> str:
-        """Why effects are suspected only, or where the gap stands out that no effect explains; else empty."""
-        if self.suspected:
-            names = " or ".join(contender.candidate.label for contender in self.suspected)
-            return f"The fitted runs ask for {names}, but the likelihood of held-out runs does not improve with it."
-        if self.verdict != UNEXPLAINED:
-            return ""
-        passed = "No candidate gains more than chance."
-        gaining = [trial for trial in self.rounds[-1].tried if trial.surplus > HEAD_START]
-        if gaining:
-            most = max(gaining, key=lambda trial: trial.surplus)
-            passed = (
-                f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but not in the "
-                f"mean of runs by {ERRORS:g} standard errors."
-            )
-        return f"The error is beyond chance {stretch(self.where.regions[0])}. {passed}"
-
-    @property
-    def effects(self) -> tuple[NamedEffect, ...]:
-        """What is named or suspected, with its rivals."""
-        entries = []
-        steps = [(step.best, step.rivals) for step in self.rounds if step.best is not None]
-        for trial, others in steps or [(suspect, ()) for suspect in self.suspected]:
-            odds = [(rival.candidate, float(np.exp(0.5 * (rival.surplus - trial.surplus)))) for rival in others]
-            weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
-            candidate, estimates = trial.candidate, trial.estimate.estimates
-            values = {name: estimates[name] for name in candidate.added}
-            law, label = "surge, sway and yaw", candidate.label
-            entries.append(
-                NamedEffect(candidate.name, law, says_of(candidate), values, weight, None, rivals, label=label)
-            )
-        return tuple(entries)
-
-    def outlook(self, held_out: bool) -> ForecastGain | None:
-        """What both models predict of the heading of the runs that were fitted, or of those held out; None where these
-        are too short."""
-
-        def part(predicted: Predicted) -> Predicted:
-            rows = (predicted.run >= self.fitted) == held_out
-            return Predicted(
-                **{name: x[rows] if isinstance(x, np.ndarray) else x for name, x in vars(predicted).items()}
-            )
-
-        before, after = (list(map(part, predictions)) for predictions in self.forecasts)
-        runs = slice(self.fitted, None) if held_out else slice(self.fitted)
-        gained = float((self.density[1] - self.density[0])[runs].sum())
-        return outlook_of(before, after, gained)
-
-    def document(self, option: str) -> Document:
-        if option == "diagnosis":
-            return json_document("diagnosis.json", self.to_json())
-        return json_document("extended_model.json", self.extended_model())
-
-    def extended_model(self) -> dict[str, object]:
-        after = self.after
-        return {
-            **after.to_json(),
-            "effects": [contender.candidate.name for contender in self.named],
-            "random": after.fit.of_chance,
-            "covariance": after.covariance_json(),
-            "parent": self.parent_sha256,
-        }
-
-    def to_json(self) -> dict[str, object]:
-        before, after = (model.estimates for model in (self.before, self.after))
-        first, runs = self.rounds[0], self.every.runs
-        fitted = {contender.candidate.added: contender.surplus for contender in first.tried}
-        gains = [(candidate, fitted.get(candidate.added, promise)) for candidate, promise in first.promised]
-        outlooks = {"fitted_runs": self.outlook(False), "held_out_runs": self.outlook(True)}
-        floor = self.after.fit.noise_of[YAW.position]
-        gaps: dict[str, Gap | None] = {}
-        for name, outlook in outlooks.items():
-            old, new = outlook.longest if outlook else (None, None)
-            gaps[name] = Gap(old.error, new.error, floor, horizon=old.horizon) if old and new else None
-        of, units = {"motion": "planar", "verdict": self.verdict}, (YAW.units.shown, YAW.shown)
-        return {
-            **diagnosis_json(of, self.why, self.effects, self.where, gaps, *units),
-            "prediction": {name: outlook and outlook.to_json(YAW) for name, outlook in outlooks.items()},
-            "candidates": [
-                {
-                    "name": candidate.name, "parameters": list(candidate.added), "gain": gain,
-                    "fitted": candidate.added in fitted,
-                }
-                for candidate, gain in sorted(gains, key=lambda pair: -pair[1])
-            ],
-            "threshold": HEAD_START,
-            "base": {
-                name: {"before": estimate.to_json(), "after": after[name].to_json()}
-                for name, estimate in before.items() if name in after
-            },
-            "held_out": [run.name for run in runs[self.fitted :]],
-            "runs": runs_json(self.fitted, self.set_aside, runs),
-        }  # fmt: skip
+    best: FittedCandidate | None = None
+    rivals: tuple[FittedCandidate, ...] = ()
 
 
 @dataclass(frozen=True)
-class _Planar(Judge[Estimated, PlanarStep]):
+class PlanarSearch(Judge[Estimated, PlanarStep]):
     """Candidates judged by innovations of the fitted runs, and by the density of the `other` runs."""
 
     likelihood: PlanarLikelihood
@@ -294,72 +153,143 @@ class _Planar(Judge[Estimated, PlanarStep]):
     most = MOST
 
     def look(self, model: Estimated, number: int) -> PlanarStep:
-        likelihood, other, runs = self.likelihood, self.other, len(self.likelihood.runs)
+        likelihood = self.likelihood
         largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
         promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
         tried = [
-            _fitted(c, likelihood.tried(c, promise, model, LOOK), model, other)
+            self.fitted_candidate(c, likelihood.tried(c, promise, model, LOOK), model)
             for c, promise in sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
             if 2.0 * promise.gain > HEAD_START
         ]
-        model, tried = _on_the_best_summit(likelihood, model, tried, other)
+        model, tried = self._on_the_best_summit(model, tried)
         good = sorted((t for t in tried if t.evident and t.held_out > 0), key=lambda trial: -trial.surplus)
+        runs = len(likelihood.runs)
         surplus = tuple((c, 2.0 * promise.gain - penalty(len(c.added), runs)) for c, promise in promised)
         if not good:
-            return PlanarStep(model, surplus, tuple(tried), None, ())
+            return PlanarStep(model, surplus, tuple(tried))
         best, *runners_up = good
         estimate = likelihood.estimate(best.candidate.model, best.estimate.fit.of_chance)
-        rivals = tuple(trial for trial in runners_up if trial.rivals(best))
+        rivals = tuple(trial for trial in runners_up if trial.is_rival_of(best))
         return PlanarStep(model, surplus, tuple(tried), replace(best, estimate=estimate), rivals)
 
     def admissible(self, look: PlanarStep, first: PlanarStep) -> list[Estimated]:
         return [] if look.best is None else [look.best.estimate]
 
+    def fitted_candidate(self, candidate: Candidate, extended: Estimated, current: Estimated) -> FittedCandidate:
+        gained = extended.fit.density - current.fit.density
+        sums = (float(_densities(self.other, estimate).sum()) for estimate in (extended, current))
+        after, before = (density if np.isfinite(density) else -np.inf for density in sums)
+        surplus = 2.0 * float(gained.sum()) - penalty(len(candidate.added), len(gained))
+        return FittedCandidate(candidate, extended, surplus, clear(gained, ERRORS), after - before)
 
-def find_missing(
-    stored: StoredModels, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed
-) -> PlanarDiagnosis:
+    def _on_the_best_summit(
+        self, current: Estimated, tried: list[FittedCandidate]
+    ) -> tuple[Estimated, list[FittedCandidate]]:
+        """Refit the model from where the best trial ended, if that is likelier, with the trials beside it: what lets
+        the search out of a lesser summit of the likelihood is no evidence for an effect."""
+        if not any(trial.evident for trial in tried):
+            return current, tried
+        estimate = max(tried, key=lambda trial: trial.surplus).estimate
+        values = dict(zip(current.model.parameter_names, current.model.theta))
+        values |= {name: estimate.values[name] for name in current.model.free}
+        model = current.model.with_theta([*values.values()])
+        again = self.likelihood.estimate(model, estimate.fit.of_chance, LOOK)
+        if again.fit.log_likelihood <= current.fit.log_likelihood:
+            return current, tried
+        again = self.likelihood.estimate(again.model, again.fit.of_chance)
+        return again, [self.fitted_candidate(trial.candidate, trial.estimate, again) for trial in tried]
+
+
+def diagnose_planar(
+    stored: StoredModels, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed, seed: int = 0
+) -> Diagnosis:
     """Diagnose a model on `runs`, with `unseen` ones that are never fitted. Raises RunError for too few of either."""
     if len(runs) < 2 or not unseen:
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), observed), PlanarLikelihood(tuple(unseen), observed)
     base = base_of(stored, observed)  # one start is enough for what somebody took for the vehicle
-    outcome = stepwise_search(_Planar(likelihood, other), likelihood.estimate(base, stored.random))
+    outcome = stepwise_search(PlanarSearch(likelihood, other), likelihood.estimate(base, stored.random))
     rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken
         rounds = (*rounds[:-1], replace(rounds[-1], best=None, rivals=()))
-    every = PlanarLikelihood((*runs, *unseen), observed)
-    return PlanarDiagnosis(
-        before, rounds, every, len(runs),
-        (forecasts(every, before), forecasts(every, final)), (_densities(every, before), _densities(every, final)),
+    where = find_planar_where(PlanarLikelihood((*runs, *unseen), observed), before, seed)
+    verdict, why = verdict_of(rounds, where)
+    fitted, held_out = (judged_runs(some, before, final) for some in (likelihood, other))
+    named = [step.best for step in rounds if step.best is not None]
+    final = named[-1].estimate if named else before
+    surplus = {trial.candidate.added: trial.surplus for trial in rounds[0].tried}
+    gains = [(candidate, surplus.get(candidate.added, promise)) for candidate, promise in rounds[0].promised]
+    return Diagnosis(
+        motion=PLANAR, dof=YAW, search=rounds, verdict=verdict, why=why, effects=named_effects(rounds), where=where,
+        fitted=fitted, held_out=held_out,
+        candidates=[
+            {"name": c.name, "parameters": list(c.added), "gain": gain, "fitted": c.added in surplus}
+            for c, gain in sorted(gains, key=lambda pair: -pair[1])
+        ],
+        threshold=HEAD_START,
+        base={name: (e, final.estimates[name]) for name, e in before.estimates.items() if name in final.estimates},
+        extended={
+            **final.to_json(),
+            "effects": [trial.candidate.name for trial in named],
+            "random": final.fit.of_chance,
+            "covariance": final.covariance_json(),
+        },
     )  # fmt: skip
 
 
-def _fitted(candidate: Candidate, extended: Estimated, current: Estimated, other: PlanarLikelihood) -> FittedCandidate:
-    gained = extended.fit.density - current.fit.density
-    sums = (float(_densities(other, estimate).sum()) for estimate in (extended, current))
-    after, before = (density if np.isfinite(density) else -np.inf for density in sums)
-    surplus = 2.0 * float(gained.sum()) - penalty(len(candidate.added), len(gained))
-    return FittedCandidate(candidate, extended, surplus, clear(gained, ERRORS), after - before)
+def suspected(rounds: Sequence[PlanarStep]) -> list[FittedCandidate]:
+    """List what the fitted runs ask for but others do not bear out."""
+    return [trial for trial in rounds[-1].tried if trial.evident and rounds[-1].best is None]
 
 
-def _on_the_best_summit(
-    likelihood: PlanarLikelihood, current: Estimated, tried: list[FittedCandidate], other: PlanarLikelihood
-) -> tuple[Estimated, list[FittedCandidate]]:
-    """The model, refitted from where the best contender ended if that is likelier, and the contenders beside it: what
-    lets the search out of a lesser summit of the likelihood is no evidence for an effect."""
-    if not any(contender.evident for contender in tried):
-        return current, tried
-    estimate = max(tried, key=lambda contender: contender.surplus).estimate
-    names, free = current.model.parameter_names, current.model.free
-    values = zip(names, current.model.theta)
-    model = current.model.with_theta([estimate.values[name] if name in free else value for name, value in values])
-    again = likelihood.estimate(model, estimate.fit.of_chance, LOOK)
-    if again.fit.log_likelihood <= current.fit.log_likelihood:
-        return current, tried
-    again = likelihood.estimate(again.model, again.fit.of_chance)
-    return again, [_fitted(contender.candidate, contender.estimate, again, other) for contender in tried]
+def verdict_of(rounds: Sequence[PlanarStep], where: ResidualRegions) -> tuple[str, str]:
+    """Give the verdict, and why effects are suspected only, or where the gap stands out that no effect explains."""
+    doubtful, word = suspected(rounds), NAMED if rounds[0].best is not None else SUSPECTED
+    if doubtful:
+        names = " or ".join(trial.candidate.label for trial in doubtful)
+        return word, f"The fitted runs ask for {names}, but the likelihood of held-out runs does not improve with it."
+    if word == NAMED:
+        return word, ""
+    if not where.regions:
+        return NOTHING, ""
+    passed = "No candidate gains more than chance."
+    gaining = [trial for trial in rounds[-1].tried if trial.surplus > HEAD_START]
+    if gaining:
+        most = max(gaining, key=lambda trial: trial.surplus)
+        passed = (
+            f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but not in the "
+            f"mean of runs by {ERRORS:g} standard errors."
+        )
+    return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}. {passed}"
+
+
+def named_effects(rounds: Sequence[PlanarStep]) -> tuple[NamedEffect, ...]:
+    """List what is named, with its rivals, or else suspected."""
+    steps = [(step.best, step.rivals) for step in rounds if step.best is not None]
+    entries = []
+    for trial, others in steps or [(suspect, ()) for suspect in suspected(rounds)]:
+        odds = [(rival.candidate, float(np.exp(0.5 * (rival.surplus - trial.surplus)))) for rival in others]
+        weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
+        candidate, estimates = trial.candidate, trial.estimate.estimates
+        values = {name: estimates[name] for name in candidate.added}
+        says = SAYS.get(candidate.name) or effects.get(candidate.name).card(YAW).says.rstrip(".")
+        says, law = f"{says} ({', '.join(candidate.added)}).", "surge, sway and yaw"
+        entries.append(NamedEffect(candidate.name, law, says, values, weight, None, rivals, label=candidate.label))
+    return tuple(entries)
+
+
+def judged_runs(likelihood: PlanarLikelihood, before: Estimated, after: Estimated) -> JudgedRuns:
+    """Judge both models on a likelihood's runs by predictions of the heading, and by the density of the runs."""
+    old, new = (forecasts(likelihood, estimate) for estimate in (before, after))
+    gained = _densities(likelihood, after) - _densities(likelihood, before)
+    course, outlook = likelihood.course, outlook_of(old, new, float(gained.sum()))
+    missed = tuple(errors_at_nodes(course, judged(predictions)) for predictions in (old, new))
+    gap = Gap(np.nan, np.nan, after.fit.noise_of[YAW.position], missed, time=course.time)
+    if outlook is not None:
+        first, last = outlook.longest
+        gap = replace(gap, before=first.error, after=last.error, horizon=first.horizon)
+    return JudgedRuns(likelihood.runs, gap, outlook)
 
 
 def _densities(likelihood: PlanarLikelihood, estimate: Estimated) -> Floats:
@@ -368,25 +298,31 @@ def _densities(likelihood: PlanarLikelihood, estimate: Estimated) -> Floats:
 
 
 def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Sequence[Predicted]:
-    """What an estimate, of these runs or of others, predicts of the heading of a likelihood's runs."""
+    """Predict the heading of a likelihood's runs by an estimate, of these runs or of others."""
     problem, fit = likelihood.problem(estimate.model), estimate.fit
     channel = [channel.quantity for channel in problem.course.channels].index(YAW.position)
     return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), channel=channel)
 
 
+def errors_at_nodes(course: Course, prediction: Predicted) -> Floats:
+    """Lay out the errors of a prediction at its targets, (R, K), zero elsewhere."""
+    errors = np.zeros(course.time.shape)
+    errors[prediction.run, prediction.target] = prediction.error
+    return errors
+
+
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
 
 
-def find_planar_where(search: PlanarDiagnosis, seed: int) -> ResidualRegions:
-    """Look at the gap of the model before anything was added against every variable; `seed` draws the signs. There are
-    none where all runs are too short for predictions."""
-    every, before = search.every, search.before
+def find_planar_where(every: PlanarLikelihood, before: Estimated, seed: int) -> ResidualRegions:
+    """Look at the gap of all runs that the model before anything was added leaves, against every variable; `seed` draws
+    the signs. There are none where all runs are too short for predictions."""
     course, runs, fit = every.course, every.runs, before.fit
-    prediction = judged(search.forecasts[0])
+    prediction = judged(forecasts(every, before))
     if not len(prediction.error):
-        return NOWHERE
-    residual, observed = np.zeros(course.time.shape), np.zeros(course.time.shape, dtype=bool)
-    residual[prediction.run, prediction.target], observed[prediction.run, prediction.target] = prediction.error, True
+        return ResidualRegions()
+    residual = errors_at_nodes(course, prediction)
+    observed = residual != 0.0
     problem = every.problem(before.model)
     followed = problem.follow(problem.parameters.search(fit.theta)[None], keep=True)
     assert followed.states is not None

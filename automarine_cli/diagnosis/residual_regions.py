@@ -1,4 +1,4 @@
-"""Where simulation and measurement disagree: which stretches of which variable stand out against chance.
+"""Where and by how much simulation and measurement disagree: which stretches of a variable stand out against chance.
 
 Two gaps are looked at: the heading measured less simulated, and the disturbance moment, held over two seconds at a
 time, that would make the simulation follow the log. In bins of a variable their means are compared with chance by
@@ -14,9 +14,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
-from automarine_cli.diagnosis.search import CandidateFit
-from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, missed
+from automarine_cli.comparison.validation import compare
+from automarine_cli.diagnosis.search import STANDS, CandidateFit
+from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, missed, run_effects_given
 from automarine_cli.dofs import DOFS
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -24,8 +26,9 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, choose_variances
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.models.model import Model
+from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import LOGGED_COMMAND
+from automarine_cli.runs.run import LOGGED_COMMAND, Run
 
 MIN_IN_A_BIN = 2  # runs that a bin needs: one run alone says nothing about chance
 OF_THE_RUN = 0.1  # a column that varies within runs by less than this share of its spread is one of the run
@@ -421,3 +424,118 @@ def _region(variable: Variable, gap: ResidualGrid, begin: int, end: int) -> Regi
         tuple(dict.fromkeys(name for name, part in zip(gap.names, taking) if part)),
         float(np.clip(share, 0.0, 1.0)), kind,
     )  # fmt: skip
+
+
+def stretch(region: Region) -> str:
+    unit = f" {region.unit}" if region.unit else ""
+    return f"where {region.variable} is {region.low:.3g} to {region.high:.3g}{unit}"
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square of measured less modelled, before and after, and the noise estimated without a model.
+
+    Of motions over all samples of a set of runs, with `residuals` (R, N) [rad] before and after, zero in the padding;
+    or of predictions over one `horizon` [s], at `time` (R, N). Each run's own start heading, start rate, thrust gain
+    and switch instants are taken at their posterior means: what is left is what the model lacks, and noise. Of free
+    runs from the commands alone, in the unit that people see, with `ci95` over runs: infinite of a model that
+    diverges."""
+
+    before: float
+    after: float
+    floor: float
+    residuals: tuple[Floats, ...] = ()
+    horizon: float | None = None
+    ci95: tuple[tuple[float, float] | None, ...] = ()
+    time: Floats | None = None
+
+    @property
+    def exceeds_noise(self) -> bool:
+        return self.after > STANDS * self.floor
+
+    @property
+    def closed(self) -> float:
+        """Share of the mean square above the noise that is gone."""
+        return (self.before**2 - self.after**2) / max(self.before**2 - self.floor**2, 1e-24)
+
+    def little(self, least: float) -> str:
+        """Say how little of what stands above the noise is gone; empty from the share `least`."""
+        if self.before <= STANDS * self.floor or self.closed >= least:
+            return ""
+        closed = 100.0 * max(self.closed, 0.0)
+        return f"closes {closed:.0f} % of the held-out error above the noise: a name takes {100 * least:.0f} %."
+
+    @property
+    def in_noises(self) -> str:
+        floor = max(self.floor, 1e-12)
+        return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
+
+    def to_json(self, unit: str, convert: Callable[[float], float] = float) -> dict[str, object]:
+        sizes = {"before": self.before, "after": self.after, "noise_floor": self.floor}
+        return {
+            **{f"{name}_{unit}": float(convert(x)) if np.isfinite(x) else None for name, x in sizes.items()},
+            **{f"{name}_ci95": ends and list(ends) for name, ends in zip(sizes, self.ci95)},
+            **({} if self.horizon is None else {"horizon_s": self.horizon}),
+        }
+
+
+def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted: bool = False) -> Gap:
+    """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
+    off = tuple(residuals(study, trial, fitted) for trial in (base, final))
+    masks = [residual != 0.0 if study.driven else study.batch.seen for residual in off]
+    before, after = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip(off, masks))
+    return Gap(before, after, study.floor, off)
+
+
+def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
+    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
+    runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
+    if trial.fit.driven:
+        return missed(study, trial.model, trial.fit)
+    problem = study.problem(trial.model)
+    if fitted:
+        return study.residual(trial.fit.fitted)
+    simulated = run_effects_given(problem, problem.parameters.search(trial.fit.theta), trial.fit.variances)[1]
+    return study.residual(simulated)
+
+
+def gap_from_commands(
+    study: DiagnosisProblem, runs: Sequence[Run], base: CandidateFit, final: CandidateFit, seed: int
+) -> Gap | None:
+    """Give the gap of `runs` held out as `validate` finds it: nothing is fitted to them but the start of one under way.
+
+    Both models are those of `gap`: the base refitted to the runs of `study`, and the final one as it was fitted to
+    them. Each has its fit's command delay, as the file of the extended model. None of driven runs."""
+    if study.driven or not runs:
+        return None
+    models = {str(i): t.model.delayed(study.command_delay(t.fit)) for i, t in enumerate((base, final))}
+    stored = StoredModels(models, "1", 0.0, "")
+    validation = compare(stored, runs, seed)
+    scores = [scored.overall["rmse"] for scored in validation.models.values()]
+    before, after = (np.inf if score.value is None else score.value for score in scores)
+    return Gap(before, after, validation.floor, ci95=tuple(score.ci95 for score in scores))
+
+
+MIN_GAINS = 10  # runs from which the order of their gains says anything
+
+
+def gains_drift(study: DiagnosisProblem, trial: CandidateFit) -> bool:
+    """Whether runs made one after the other have more alike gains than chance allows (p < 0.001).
+
+    Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
+    clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12)."""
+    gains = trial.fit.effects_of(GAIN)[np.argsort(study.batch.start), 0]
+    count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
+    if count < MIN_GAINS or spread < 1e-12:
+        return False
+    alike = 1.0 - 0.5 * float((np.diff(gains) ** 2).sum()) / spread
+    return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > -special.ndtri(1e-3))
+
+
+def is_autocorrelated(study: DiagnosisProblem, trial: CandidateFit) -> bool:
+    """Whether neighbouring residuals agree more than chance allows (lag-one correlation over all runs, p < 0.001)."""
+    residual = residuals(study, trial, fitted=True)
+    observed = study.batch.seen[:, 1:]
+    product = (residual[:, 1:] * residual[:, :-1])[observed].sum()
+    correlation = product / max((residual**2).sum(), 1e-300)
+    return bool(correlation * np.sqrt(observed.sum()) > -special.ndtri(1e-3))

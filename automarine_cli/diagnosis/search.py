@@ -82,6 +82,9 @@ class SearchStep:
     def gain(self, trial: CandidateFit) -> float:
         return self.before.evidence - trial.evidence
 
+    def p_value(self, trial: CandidateFit) -> float:
+        return self.scores.p_value(self.gain(trial))
+
 
 Rivals = Mapping[str, Mapping[str, float]]
 """For each effect what the runs cannot exclude in its place, and how far behind that is (deviance), nearest first."""
@@ -179,10 +182,10 @@ def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[Model]:
     return list(models.values())
 
 
-def without(study: DiagnosisProblem, trial: CandidateFit, out: str) -> CandidateFit | None:
+def without(study: DiagnosisProblem, trial: CandidateFit, *out: str) -> CandidateFit | None:
     base, model = len(study.base.terms), trial.model
-    remaining = [term for term in model.terms[base:] if term.name != out]
-    drag = [b if out in DRAG and t.values == (0.0,) else t for b, t in zip(study.base.terms, model.terms)]
+    remaining = [term for term in model.terms[base:] if term.name not in out]
+    drag = [b if set(out) & set(DRAG) and t.values == (0.0,) else t for b, t in zip(study.base.terms, model.terms)]
     model = replace(model, terms=(*drag, *remaining))
     return refitted(study, model, tuple(term.name for term in remaining), model.theta, trial.fit)
 
@@ -205,9 +208,7 @@ def single_effect_alternative(
         return current
     base: CandidateFit | None = first.before
     if current.added != current.counted:  # the drag put right stays
-        base = current
-        for name in current.counted:
-            base = base and without(study, base, name)
+        base = without(study, current, *current.counted)
     if base is None:
         return current
     trials = first.trials if base is first.before else ()
@@ -231,7 +232,7 @@ def single_effect_alternative(
     admissible = [
         t for t in (*(t for t in close if t.fit.converged), *settled)
         if t is not None and t.evidence <= current.evidence + AS_WELL and t.evidence < lone
-        and is_admissible(study, t, base)
+        and not obstacle(study, t, base)
     ]  # fmt: skip
     return min(admissible, key=lambda trial: trial.evidence, default=current)
 
@@ -247,7 +248,7 @@ def compensating(study: DiagnosisProblem, base: CandidateFit, final: CandidateFi
         if together < OPPOSED:
             continue
         first, second = (without(study, final, name) for name in pair)
-        neither = base if final.added == pair else (first and without(study, first, pair[1]))
+        neither = base if final.added == pair else without(study, final, *pair)
         if first is None or second is None or neither is None:
             continue
         gained = neither.evidence - final.evidence
@@ -347,8 +348,12 @@ CLIMBERS = 4  # fits from many starts that are taken to their end
 RIVAL_RANGE = 60.0  # candidates this far behind the best by a full fit are no rivals of it
 
 
+Fits = dict[tuple[object, ...], CandidateFit]
+"""The best fit of each law."""
+
+
 @dataclass(frozen=True)
-class _Runs(Judge[CandidateFit, SearchStep]):
+class MotionSearch(Judge[CandidateFit, SearchStep]):
     """Candidates judged by whole runs simulated with everything refitted; `map_fn` maps a function over them."""
 
     study: DiagnosisProblem
@@ -357,23 +362,40 @@ class _Runs(Judge[CandidateFit, SearchStep]):
     most = MAX_EFFECTS + 1  # the drag put right counts for nothing
 
     def look(self, model: CandidateFit, number: int) -> SearchStep:
-        model = drag_right(self.study, model)
-        return _round(self.study, model, self.seed + number, self.map_fn, first_step=number == 0)
+        """Score all candidates in all their laws, fit those in the running to the end, and rank them."""
+        study, current = self.study, drag_right(self.study, model)
+        names = candidates(study, current.model)
+        scores = score(study, current.model, current.fit, names, self.seed + number, self.map_fn)
+        chance = max(scores.threshold(LEVEL), 0.0)
+        fits = self._leaders(current, scores, chance, first_step=number == 0)
+        for share, iterations in RUNNING:
+            fits |= self._further(current, fits, share, iterations)
+        fits |= self._from_many_starts(current, fits)
+        possible = [trial for trial in fits.values() if not drag_drives(trial.model, study.fastest)]
+        ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
+        current = self._from_elsewhere(current, ranking[:3])
+        # a law that may not stand does not keep another law of its effect from it
+        standing = _best_law(t for t in possible if not obstacle(study, t, current))
+        ranking = [standing.get(trial.added[-1], trial) for trial in ranking]
+        return SearchStep(current, scores, tuple(sorted(ranking, key=lambda trial: trial.evidence)), chance)
 
     def admissible(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
         """The drag of the base comes first unless another effect reaches the noise without it: beside a wrong drag
         everything is named that mends it, a curve of the thrust too, which comes first where only gains show it."""
         current = look.before
-        least = max(look.threshold, MIN_RELATIVE_GAIN * (first.before.evidence - current.evidence))
-        admissible = [t for t in look.trials if look.gain(t) > least and is_admissible(self.study, t, current)]
+        least = max(look.threshold, MIN_RELATIVE_GAIN * first.gain(current))
+        admissible = [t for t in look.trials if look.gain(t) > least and not obstacle(self.study, t, current)]
         admissible.sort(key=lambda trial: trial.evidence)
-        if admissible and not self.study.driven and admissible[0].fit.noise > TO_THE_NOISE * self.study.sensor_floor:
+        if admissible and not self.study.driven and not self.reaches_noise(admissible[0], TO_THE_NOISE):
             admissible.sort(key=lambda trial: trial.added[-1] not in DRAG)
         if look is first and not (admissible and settles(admissible[0], current)):
-            curve, hidden = curved(self.study, current), current.fit.noise <= STANDS * self.study.sensor_floor
+            curve, hidden = curved(self.study, current), self.reaches_noise(current, STANDS)
             if curve is not None and (hidden or not admissible or curve.evidence < admissible[0].evidence):
                 admissible = [curve, *admissible]
         return admissible
+
+    def reaches_noise(self, trial: CandidateFit, times: float) -> bool:
+        return trial.fit.noise <= times * self.study.sensor_floor
 
     def full(self, model: CandidateFit) -> bool:
         return model.count == MAX_EFFECTS
@@ -388,40 +410,108 @@ class _Runs(Judge[CandidateFit, SearchStep]):
         return without(self.study, model, name)
 
     def better(self, current: CandidateFit, reduced: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
-        admissible = [trial for trial in look.trials if is_admissible(self.study, trial, reduced)]
+        admissible = [trial for trial in look.trials if not obstacle(self.study, trial, reduced)]
         best = min((*admissible, current), key=lambda trial: trial.evidence)
-        least = max(look.threshold, MIN_RELATIVE_GAIN * (first.before.evidence - reduced.evidence))
-        if reduced.evidence - best.evidence <= least:
+        if reduced.evidence - best.evidence <= max(look.threshold, MIN_RELATIVE_GAIN * first.gain(reduced)):
             return reduced
         return best if best.evidence < current.evidence - SETTLED_EVIDENCE else current
+
+    def _leaders(self, current: CandidateFit, scores: Scores, chance: float, first_step: bool) -> Fits:
+        """Fit the first candidates briefly: twice as many while nothing has been added, a third where no score is
+        beyond `chance`; and what is mistaken for the best, as scores miss what begins with a threshold and a tie must
+        be seen."""
+        best = scores.ranked[0].penalised if scores.ranked else 0.0
+        leaders = (2 * LEADERS if first_step else LEADERS) if best > chance else LEADERS // (1 if first_step else 3)
+        least = max(LIKELY * best, chance)
+        ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > least]
+        fits, tried = Fits(), set[str]()
+        while ranked:
+            work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
+            trials = self.map_fn(
+                partial(add_effect, self.study, current, iterations=SEARCH_BRIEF), work, "trying effects"
+            )
+            fits |= {trial.law: trial for trial in trials if trial is not None}
+            tried |= {s.effect for s in ranked}
+            leader = min(fits.values(), key=lambda trial: trial.evidence, default=current)
+            if current.evidence - leader.evidence <= chance:
+                break
+            alike = effects.look_alikes(leader.added[-1])
+            ranked = [s for s in scores.ranked if s.effect in alike - tried]
+        return fits
+
+    def _further(self, current: CandidateFit, fits: Fits, share: float, iterations: int) -> Fits:
+        """Fit those further that have this share of the best gain, or are within RIVAL_RANGE of it; another law of an
+        effect not from so far behind its best."""
+        best = min((trial.evidence for trial in fits.values()), default=0.0)
+        least = best + max(RIVAL_RANGE, (1.0 - share) * (current.evidence - best))
+        running = []
+        for first in _best_law(fits.values()).values():
+            behind = first.evidence + max(RIVAL_RANGE, LAWS * (current.evidence - first.evidence))
+            laws = [trial for trial in fits.values() if trial.added[-1] == first.added[-1] and not trial.fit.converged]
+            running += [trial for trial in laws if trial.evidence < min(least, behind)]
+        again = self.map_fn(partial(go_on, self.study, iterations=iterations), running, "fitting")
+        return {trial.law: trial for trial in again if trial is not None}
+
+    def _from_many_starts(self, current: CandidateFit, done: Fits) -> Fits:
+        """Find better fits of the best candidate's laws, if one may stand in a valley: from every shape, and from where
+        its best law ended."""
+        study, map_fn = self.study, self.map_fn
+        best = min(done.values(), key=lambda trial: trial.evidence, default=current)
+        if study.driven or current.evidence - best.evidence < VALLEY or self.reaches_noise(best, STANDS):
+            return {}
+        name, term = best.added[-1], best.model.terms[-1]
+        shapes = [probe.values[-1] for probe in candidate_shapes(study, name)]
+        by_law = {law_of(name, shape): shape for shape in shapes}
+        of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
+        models = [with_values(best.model, term, np.where(of_law, shape, term.values)) for shape in by_law.values()]
+        begin = partial(add_effect, study, current, iterations=SEARCH_BRIEF)
+        fits = [
+            *map_fn(begin, [(name, shape) for shape in shapes], "more starts"),
+            *map_fn(partial(go_on, study, best, SEARCH_BRIEF), models, "more starts"),
+        ]
+        climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
+        climbers += [best] if not best.fit.converged else []
+        ended = map_fn(partial(go_on, study, iterations=2 * ITERATIONS), climbers, "fitting")
+        ranked = sorted((trial for trial in ended if trial is not None), key=lambda trial: -trial.evidence)
+        better = {trial.law: trial for trial in ranked}
+        return {law: t for law, t in better.items() if law not in done or t.evidence < done[law].evidence}
+
+    def _from_elsewhere(self, current: CandidateFit, trials: Sequence[CandidateFit]) -> CandidateFit:
+        """Fit the current model again from where the best trials ended, if that is better: a candidate must not win by
+        leading the base out of a valley in which its own fit had stopped."""
+        for trial in trials if self.study.driven else trials[:1]:
+            values = trial.fit.of_model[: len(current.model.theta)]
+            again = refitted(self.study, current.model, current.added, values, trial.fit)
+            if again is not None and again.evidence < current.evidence - SETTLED_EVIDENCE:
+                current = again
+        return current
 
 
 def search(study: DiagnosisProblem, seed: int, map_fn: Each) -> SearchResult:
     """Find what is missing; `map_fn` maps a function over candidates, in processes or not."""
-    judge = _Runs(study, seed, map_fn)
+    judge = MotionSearch(study, seed, map_fn)
     outcome = stepwise_search(judge, candidate_fit(study, study.base, (), study.fit(study.base)))
     current, rounds, around = drag_right(study, outcome.final), outcome.looks, outcome.around
     base = rounds[0].before
     alone = min(judge.admissible(rounds[0], rounds[0]), key=lambda trial: trial.evidence, default=current)
     if len(current.counted) == 1 and alone.evidence < current.evidence:
         current, around = alone, {alone.added[0]: rounds[0]}
-    p_values = {
-        trial.added[-1]: this.scores.p_value(this.gain(trial))
-        for this in rounds
-        for trial in judge.admissible(this, rounds[0])
-    }
-    for name, this in around.items():
-        p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
+    p_values = {t.added[-1]: this.p_value(t) for this in rounds for t in judge.admissible(this, rounds[0])}
+    p_values |= {name: this.p_value(current) for name, this in around.items()}
     more = False
     if current.count == MAX_EFFECTS:
         total, next_gain = base.evidence - current.evidence, _next_gain(study, current, seed)
         more = next_gain > MIN_EXTRA_SHARE * total
         if 0.0 < next_gain <= MIN_EXTRA_SHARE * total:
-            current, around = _without_menders(study, current, around, MINOR_EFFECT_SHARE * total)
+            # where even MAX_EFFECTS leave something small, those that hold little mend the form of another one's law
+            for name, this in sorted(around.items(), key=lambda item: item[1].before.evidence):
+                if this.gain(current) < MINOR_EFFECT_SHARE * total and len(current.counted) > 1:
+                    current = without(study, current, name) or current
+            around = {name: this for name, this in around.items() if name in current.added}
     single = single_effect_alternative(study, current, rounds[0], map_fn)
     if single is not current:
         current, more, around = single, False, {single.counted[0]: rounds[0]}
-        p_values[current.counted[0]] = rounds[0].scores.p_value(rounds[0].gain(current))
+        p_values[current.counted[0]] = rounds[0].p_value(current)
     names = {name: p_values.get(name, LEVEL) for name in current.added}
     result = SearchResult(
         study, base, without_idle_drag(study, current), rounds, names, _rivals(current, around), more,
@@ -443,7 +533,7 @@ def drag_right(study: DiagnosisProblem, current: CandidateFit) -> CandidateFit:
                 current = other
         else:
             other = add_effect(study, current, (name, candidate_shapes(study, name)[0].values[0]))
-            if other is not None and current.evidence - other.evidence > TIE and is_admissible(study, other, current):
+            if other is not None and current.evidence - other.evidence > TIE and not obstacle(study, other, current):
                 current = other
     return current
 
@@ -463,12 +553,12 @@ def _doubtful(result: SearchResult) -> SearchResult | None:
     """What would be added if what chance reaches in WEAK of all campaigns were enough."""
     first = result.rounds[0]
     least = max(first.scores.threshold(WEAK), 0.0)
-    admissible = [t for t in first.trials if first.gain(t) > least and is_admissible(result.study, t, result.base)]
+    admissible = [t for t in first.trials if first.gain(t) > least and not obstacle(result.study, t, result.base)]
     best = min(admissible, key=lambda trial: trial.evidence, default=None)
     if best is None:
         return None
-    (name,), p_value = best.added, first.scores.p_value(first.gain(best))
-    return replace(result, final=best, p_values={name: p_value}, rivals=_rivals(best, {name: first}))
+    (name,) = best.added
+    return replace(result, final=best, p_values={name: first.p_value(best)}, rivals=_rivals(best, {name: first}))
 
 
 def _next_gain(study: DiagnosisProblem, current: CandidateFit, seed: int) -> float:
@@ -481,122 +571,11 @@ def _next_gain(study: DiagnosisProblem, current: CandidateFit, seed: int) -> flo
     return best if best > max(scores.threshold(LEVEL), 0.0) else 0.0
 
 
-def _without_menders(
-    study: DiagnosisProblem, current: CandidateFit, around: dict[str, SearchStep], trifle: float
-) -> tuple[CandidateFit, dict[str, SearchStep]]:
-    """Take out effects that hold no more evidence than `trifle`: where even MAX_EFFECTS leave something small,
-    they mend the form of another one's law."""
-    for name, this in sorted(around.items(), key=lambda item: item[1].before.evidence):
-        if this.before.evidence - current.evidence < trifle and len(current.counted) > 1:
-            current = without(study, current, name) or current
-    return current, {name: this for name, this in around.items() if name in current.added}
-
-
-Fits = dict[tuple[object, ...], CandidateFit]
-"""The best fit of each law."""
-
-
-def _round(study: DiagnosisProblem, current: CandidateFit, seed: int, map_fn: Each, first_step: bool) -> SearchStep:
-    """Score all candidates in all their laws, fit those in the running to the end, and rank them."""
-    scores = score(study, current.model, current.fit, candidates(study, current.model), seed, map_fn)
-    chance = max(scores.threshold(LEVEL), 0.0)
-    fits = _leaders(study, current, scores, chance, first_step, map_fn)
-    for share, iterations in RUNNING:
-        fits |= _further(study, current, fits, share, iterations, map_fn)
-    fits |= _from_many_starts(study, current, fits, map_fn)
-    possible = [trial for trial in fits.values() if not drag_drives(trial.model, study.fastest)]
-    ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
-    current = _from_elsewhere(study, current, ranking[:3])
-    # a law that may not stand does not keep another law of its effect from it
-    standing = _best_law(t for t in possible if is_admissible(study, t, current))
-    ranking = [standing.get(trial.added[-1], trial) for trial in ranking]
-    return SearchStep(current, scores, tuple(sorted(ranking, key=lambda trial: trial.evidence)), chance)
-
-
-def _leaders(
-    study: DiagnosisProblem, current: CandidateFit, scores: Scores, chance: float, first_step: bool, map_fn: Each
-) -> Fits:
-    """Fit the first candidates briefly: twice as many while nothing has been added, a third where no score is beyond
-    `chance`; and what is mistaken for the best, as scores miss what begins with a threshold and a tie must be seen."""
-    best = scores.ranked[0].penalised if scores.ranked else 0.0
-    leaders = (2 * LEADERS if first_step else LEADERS) if best > chance else LEADERS // (1 if first_step else 3)
-    least = max(LIKELY * best, chance)
-    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > least]
-    fits, tried = Fits(), set[str]()
-    while ranked:
-        work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
-        trials = map_fn(partial(add_effect, study, current, iterations=SEARCH_BRIEF), work, "trying effects")
-        fits |= {trial.law: trial for trial in trials if trial is not None}
-        tried |= {s.effect for s in ranked}
-        leader = min(fits.values(), key=lambda trial: trial.evidence, default=current)
-        if current.evidence - leader.evidence <= chance:
-            break
-        alike = effects.look_alikes(leader.added[-1])
-        ranked = [s for s in scores.ranked if s.effect in alike - tried]
-    return fits
-
-
-def _further(
-    study: DiagnosisProblem, current: CandidateFit, fits: Fits, share: float, iterations: int, map_fn: Each
-) -> Fits:
-    """Fit those further that have this share of the best gain, or are within RIVAL_RANGE of it; another law of an
-    effect not from so far behind its best."""
-    best = min((trial.evidence for trial in fits.values()), default=0.0)
-    least = best + max(RIVAL_RANGE, (1.0 - share) * (current.evidence - best))
-    running = []
-    for first in _best_law(fits.values()).values():
-        behind = first.evidence + max(RIVAL_RANGE, LAWS * (current.evidence - first.evidence))
-        laws = [trial for trial in fits.values() if trial.added[-1] == first.added[-1] and not trial.fit.converged]
-        running += [trial for trial in laws if trial.evidence < min(least, behind)]
-    again = map_fn(partial(go_on, study, iterations=iterations), running, "fitting")
-    return {trial.law: trial for trial in again if trial is not None}
-
-
-def _from_many_starts(study: DiagnosisProblem, current: CandidateFit, done: Fits, map_fn: Each) -> Fits:
-    """Better fits of the best candidate's laws, if one may stand in a valley: from every shape, and from where its best
-    law ended."""
-    best = min(done.values(), key=lambda trial: trial.evidence, default=current)
-    gained = current.evidence - best.evidence
-    if study.driven or gained < VALLEY or best.fit.noise <= STANDS * study.sensor_floor:
-        return {}
-    name, term = best.added[-1], best.model.terms[-1]
-    shapes = [probe.values[-1] for probe in candidate_shapes(study, name)]
-    by_law = {law_of(name, shape): shape for shape in shapes}
-    of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
-    models = [with_values(best.model, term, np.where(of_law, shape, term.values)) for shape in by_law.values()]
-    begin = partial(add_effect, study, current, iterations=SEARCH_BRIEF)
-    fits = [
-        *map_fn(begin, [(name, shape) for shape in shapes], "more starts"),
-        *map_fn(partial(go_on, study, best, SEARCH_BRIEF), models, "more starts"),
-    ]
-    climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
-    climbers += [best] if not best.fit.converged else []
-    ended = map_fn(partial(go_on, study, iterations=2 * ITERATIONS), climbers, "fitting")
-    ranked = sorted((trial for trial in ended if trial is not None), key=lambda trial: -trial.evidence)
-    better = {trial.law: trial for trial in ranked}
-    return {law: t for law, t in better.items() if law not in done or t.evidence < done[law].evidence}
-
-
 def _best_law(trials: Iterable[CandidateFit]) -> dict[str, CandidateFit]:
     best: dict[str, CandidateFit] = {}
     for trial in sorted(trials, key=lambda trial: trial.evidence):
         best.setdefault(trial.added[-1], trial)
     return best
-
-
-def _from_elsewhere(study: DiagnosisProblem, current: CandidateFit, trials: Sequence[CandidateFit]) -> CandidateFit:
-    """The current model fitted again from where the best trials ended, if that is better: a candidate must not win by
-    leading the base out of a valley in which its own fit had stopped."""
-    for trial in trials if study.driven else trials[:1]:
-        values = trial.fit.of_model[: len(current.model.theta)]
-        again = refitted(study, current.model, current.added, values, trial.fit)
-        if again is not None and again.evidence < current.evidence - SETTLED_EVIDENCE:
-            current = again
-    return current
-
-
-def is_admissible(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit) -> bool:
-    return not obstacle(study, trial, current)
 
 
 def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit) -> str:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from automarine_cli.diagnosis import diagnose as rules
-from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, Gap, NamedEffect
-from automarine_cli.diagnosis.residual_regions import Column, ResidualGrid, ResidualRegions, find_regions
+from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, NamedEffect
+from automarine_cli.diagnosis.residual_regions import Column, Gap, ResidualGrid, ResidualRegions, find_regions, stretch
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.fits.stepwise import NamedRival
@@ -197,7 +197,7 @@ def _verdict(
     if names and held_out is not None and held_out.after > rules.ASTRAY * max(held_out.before, floor):
         return UNEXPLAINED, f"What explains the fitted levels ({names}) makes the held-out levels worse."
     if not names and where.regions and base.rmse > MATERIAL * scale:
-        return UNEXPLAINED, f"The error is beyond chance {rules.stretch(where.regions[0])}."
+        return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}."
     if not names:
         return rules.NOTHING, ""
     tied = next((effect for effect in effects if effect.confidence < rules.EVEN), None)

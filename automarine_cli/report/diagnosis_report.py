@@ -2,23 +2,22 @@
 the page for a person, figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from automarine_cli import effects as library
-from automarine_cli.diagnosis import diagnose
+from automarine_cli.diagnosis import diagnose as words
 from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
-from automarine_cli.diagnosis.planar import PlanarDiagnosis
-from automarine_cli.diagnosis.residual_regions import Region, ResidualRegions
-from automarine_cli.diagnosis.search import LEVEL
+from automarine_cli.diagnosis.residual_regions import Region
+from automarine_cli.diagnosis.search import DRAG, LEVEL
 from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
-from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
-from automarine_cli.fits.linear_mixed import GAIN
+from automarine_cli.fits.innovations import sensors_of, sentences_of
 from automarine_cli.report.sections import Drawing, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, number, with_band
 from automarine_cli.report.thruster_tables import cells, parameter_cell
@@ -30,6 +29,10 @@ from automarine_cli.thrusters.selection import ALPHA
 MORE = {"p_value": "p", "cv_rmse_N": "cross-validated error [N]"}  # of candidates
 OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}  # kinds of learned curves in words
 PLANNED = "`automarine plan MODEL --diagnosis diagnosis.json` plans the runs that separate them."
+PROMISED = (
+    " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than others, "
+    "or less than the threshold."
+)
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
 MAX_CANDIDATES, MAX_RIVALS = 5, 3
 OWN, ALONE = ", own thrust and start", ", from the commands alone"  # how whole runs are simulated
@@ -40,50 +43,48 @@ WHY = "Evidence that each effect gains, beside the threshold that chance hardly 
 
 
 def _sections(
-    result: Diagnosis | PlanarDiagnosis | ThrusterDiagnosis, extended: Mapping[str, object], before_after: Drawing,
-    title: str, verdict: str, effects: Sequence[NamedEffect], where: ResidualRegions, *,
-    notes: tuple[str, str], unit: str = "deg", key: str = "deg", dof: Dof | None = None,
-    above: Sequence[str] = (), below: Sequence[str] = (), appendix: Sequence[Table | str] = (),
-    caption: str = "",
+    result: Diagnosis | ThrusterDiagnosis, extended: Mapping[str, object], title: str, verdict: str,
+    before_after: Drawing, *, notes: tuple[str, str], unit: str = "deg", dof: Dof | None = None,
+    above: Sequence[str] = (), below: Sequence[str] = (), appendix: Sequence[Table | str] = (), caption: str = "",
 ) -> Sections:  # fmt: skip
     """Lay out a diagnosis of any kind, whose JSON has one shape: `above` and `below` the verdict stand lines, `notes`
     explain error and threshold; `appendix` is on the page alone; the `caption` goes on from before and after."""
     data: dict[str, Any] = result.to_json()
-    lines, rows, page = [*above, verdict], list[dict[str, Any]](), list[Table | str]()
-    for effect in effects:
-        name = effect.label or effect.name
-        lines += [f"{name}: {effect.says}", *_rivals(effect)]
-        parameters = list(parameter_rows(effect, dof))
-        page += _effect(effect, dof, parameters)
-        for row in parameters:
-            columns = {head: value for head, value in row.items() if head != "meaning"}
-            rows.append({"effect": name, **columns, "confidence": f"{100 * effect.confidence:.0f} %"})
-    tried, gaps = candidates(data, effects), gap_tables(data, unit, key, notes[0])
+    effects, regions = result.effects, regions_table(result.where.regions, unit)
+    tried, gaps = candidates(data, effects), gap_tables(data, unit, notes[0])
     threshold = f"Significance threshold: {number(data['threshold'], 3)}{notes[1]}"
     fitted = [row for row in tried if row["is"] != "not fitted"][:MAX_CANDIDATES]
     table = Table.of("Candidates", fitted, [threshold], header=("effect", "evidence gained", "is"))
-    drawings: dict[str, Drawing] = {
-        "where": Drawing("diagnosis.where_figure", where),
+    drawings = {
+        "where": Drawing("diagnosis.where_figure", result.where),
         "why": Drawing("diagnosis.why_figure", tried, data["threshold"], f"threshold{notes[1].partition('.')[0]}"),
         "before_after": before_after,
     }
+    lines, rows, page = [*above, verdict], list[dict[str, Any]](), list[Table | str]()
     for effect in effects:
+        name = effect.title
+        lines += [f"{name}: {effect.says}", *_rivals(effect)]
+        parameters = list(parameter_rows(effect, dof))
+        page += _effect(effect, dof, parameters)
         if effect.learned is not None:
             drawings["learned"] = Drawing("diagnosis.learned_figure", effect.learned, dof or YAW)
+        for row in parameters:
+            columns = {head: value for head, value in row.items() if head != "meaning"}
+            rows.append({"effect": name, **columns, "confidence": f"{100 * effect.confidence:.0f} %"})
     change: list[Table | str] = ["## The error before and after", *gaps, f"![{ERRORS}{caption}](before_after.png)"]
-    change += _moves(data) if "base" in data and data["verdict"] == diagnose.NAMED else []
-    if data["verdict"] == diagnose.NOTHING:  # nothing changes: what would have shown stands in its place
+    change += _moves(data) if "base" in data and data["verdict"] == words.NAMED else []
+    if data["verdict"] == words.NOTHING:  # nothing changes: what would have shown stands in its place
         gaps, change, appendix = [part for part in appendix if isinstance(part, Table)], [*appendix], ()
     text = document(
         f"# {title}", escape(verdict), *map(escape, below), *page, *change,
-        "## Where the gap is", *regions_table(where.regions, unit), f"![{WHERE}](where.png)",
+        "## Where the gap is", *regions, f"![{WHERE}](where.png)",
         "## Why", table, f"![{WHY}](why.png)", *appendix,
     )  # fmt: skip
     return Sections(
         [*lines, *below, *([Table.of("Effects", rows)] if rows else []), *gaps, table],
         {"diagnosis.json": data, "extended_model.json": extended, "diagnosis.md": text}, drawings,
         rows=[
-            {"effect": effect.label or effect.name, "confidence": effect.confidence, "parameter": name, **cells(value)}
+            {"effect": effect.title, "confidence": effect.confidence, "parameter": name, **cells(value)}
             for effect in effects
             for name, value in effect.parameters.items()
         ],
@@ -103,7 +104,7 @@ def _rivals(effect: NamedEffect) -> list[str]:
 def _effect(effect: NamedEffect, dof: Dof | None, parameters: Sequence[Mapping[str, Any]]) -> Iterator[Table | str]:
     """Give an effect's part of the page, with its law where it is one of a motion."""
     law = dof and library.get(effect.name).law_at([estimate.value for estimate in effect.parameters.values()])
-    yield from (f"## {effect.label or effect.name}", effect.says)
+    yield from (f"## {effect.title}", effect.says)
     if dof and law:
         yield f"`{dof.fill(law.equation)}`"
     yield Table.of("", parameters)
@@ -138,7 +139,7 @@ def parameter_rows(effect: NamedEffect, dof: Dof | None) -> Iterator[dict[str, A
 def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[dict[str, Any]]:
     """Rows of the candidates of the first look of a `diagnosis.json`, with what became of each, best first."""
     status = dict.fromkeys((rival.label or rival.name for effect in effects for rival in effect.rivals), "rival")
-    status |= dict.fromkeys((effect.label or effect.name for effect in effects), data["verdict"])
+    status |= dict.fromkeys((effect.title for effect in effects), data["verdict"])
     rows = []
     for entry in data["candidates"]:
         added = ", ".join(name.rpartition(".")[2] for name in entry.get("parameters", ()))
@@ -150,13 +151,13 @@ def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[
     return rows
 
 
-def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[Table]:
+def gap_tables(data: Mapping[str, Any], unit: str, note: str) -> list[Table]:
     """Root mean squares before and after of a `diagnosis.json`, on data fitted and held out: of predictions by horizon
     where runs are driven, else of whole runs, each with what is fitted to it and without; none where there is none."""
     rows = []
     for name, outlook in data.get("prediction", {}).items():
         for errors in outlook["horizons"] if outlook else ():
-            heads = {head: head.removesuffix(f"_{key}").replace("_", " ") for head in errors if head != "horizon_s"}
+            heads = {head: head.removesuffix(f"_{unit}").replace("_", " ") for head in errors if head != "horizon_s"}
             row = {f"{word} [{unit}]": f"{errors[head]:.2f}" for head, word in heads.items()}
             rows.append({"predicted": f"{name.replace('_', ' ')}, {errors['horizon_s']:g} s ahead", **row})
     if rows:
@@ -167,11 +168,11 @@ def gap_tables(data: Mapping[str, Any], unit: str, key: str, note: str) -> list[
     free = data.get("from_commands", {})
     for how, gaps in ((OWN * bool(free), data["gap"]), (ALONE, free)):
         for name, sizes in ((name, sizes) for name, sizes in gaps.items() if sizes is not None):
-            before, after, floor = (sizes[f"{word}_{key}"] for word in ("before", "after", "noise_floor"))
+            before, after, floor = (sizes[f"{word}_{unit}"] for word in ("before", "after", "noise_floor"))
             closed = MISSING
             if before and after and (above := before**2 - floor**2) > 0.02 * floor**2:
                 closed = f"{100 * np.clip((before**2 - after**2) / above, 0.0, 1.0):.0f} %"
-            columns = dict(zip((f"before [{unit}]", f"after [{unit}]"), errors_of(sizes, key)))
+            columns = dict(zip((f"before [{unit}]", f"after [{unit}]"), errors_of(sizes, unit)))
             label = name.replace("_", " ").replace("runs", "levels" if "levels" in data else "runs") + how
             noise = {f"noise [{unit}]": number(floor, 3), "closed above the noise": closed}
             rows.append({"error": label, **columns, **noise})
@@ -214,64 +215,81 @@ def _verdict(
     """The verdict in words, of motions, the plane and maps alike; the `quantity` has these `sizes`, before and after,
     and from the commands `alone` those."""
     beside = f". {reference[0].upper()}{reference[1:]}." if reference.startswith("a constant") else f" ({reference})."
-    goes = "{0} goes from {1} to {2} {3}" if word == diagnose.NAMED else "{0} is {1} {3}"
+    goes = "{0} goes from {1} to {2} {3}" if word == words.NAMED else "{0} is {1} {3}"
     errors = {f"The {quantity}": sizes} | ({"From the commands alone it": alone} if alone else {})
     gap = ". ".join(goes.format(what, *pair, unit) for what, pair in errors.items()) + beside
     return {
-        diagnose.NAMED: f"Named: {names}. {gap} {remaining}",
-        diagnose.SUSPECTED: f"Suspected, not named: {names}. {why}",
-        diagnose.UNEXPLAINED: f"Unexplained. {gap} {why}",
-        diagnose.NOTHING: f"Nothing missing that these {data}. {gap}",
+        words.NAMED: f"Named: {names}. {gap} {remaining}",
+        words.SUSPECTED: f"Suspected, not named: {names}. {why}",
+        words.UNEXPLAINED: f"Unexplained. {gap} {why}",
+        words.NOTHING: f"Nothing missing that these {data}. {gap}",
     }[word].rstrip()
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
-    study, verdict, counted = diagnosis.study, diagnosis.conclusion, diagnosis.result.final.counted
-    dof, gap, outlook, of = study.base.dof, diagnosis.gap, diagnosis.outlook, " of the fitted runs"
-    if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
-        gap, outlook, count = diagnosis.held_out_gap, diagnosis.held_out_outlook, len(diagnosis.held_out.runs)
-        of = f" of the {plural(count, 'run')} held out"
-    unit, free = dof.units.shown, diagnosis.from_commands
-    sizes, alone = errors_of(gap.to_json(unit, dof.shown), unit), errors_of(free.to_json(unit), unit) if free else []
-    level = f"noise of the {dof.words.position} {number(dof.shown(gap.floor), 3)} {unit}"
-    if judged := outlook and outlook.judged:
-        sizes, misses = _forecast(judged, dof)
-        level = f"{misses}, {level}"
-    names = " and ".join(effect.name for effect in diagnosis.effects if effect.name in counted)
-    if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
+    dof, part, plane, effects = diagnosis.dof, diagnosis.decisive, diagnosis.motion.turns, diagnosis.effects
+    unit, free, data = dof.units.shown, diagnosis.from_commands, "runs could show"
+    sizes, alone = (
+        errors_of(part.gap.to_json(unit, dof.shown), unit),
+        errors_of(free.to_json(unit), unit) if free else [],
+    )
+    of = " of the fitted runs" if part is diagnosis.fitted else f" of the {plural(len(part.runs), 'run')} held out"
+    drag = [effect.name for effect in effects if effect.name in DRAG and not plane]
+    counted = [effect.title for effect in effects if effect.title not in drag]
+    names = " and ".join(counted or drag)
+    if counted and drag:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    error = f"error of predictions {HORIZON:g} s ahead{of}" if study.driven else f"error{of}, with each run's{OWN[1:]},"
-    data = "runs could show" + " beside their disturbances" * study.driven
-    return _verdict(verdict.word, names, verdict.why, error, sizes, unit, level, data, verdict.remainder, alone)
+    if plane:
+        error, level = "error of the heading", "no run is long enough for predictions"
+        if part.outlook is None:
+            sizes = [MISSING, MISSING]
+        else:
+            sizes, level = _forecast(part.outlook.longest, dof)
+            of = "" if part is diagnosis.fitted else " of the runs held out"
+            error = f"error of headings predicted {part.outlook.longest[0].horizon:g} s ahead{of}"
+    else:
+        level = f"noise of the {dof.words.position} {number(dof.shown(part.gap.floor), 3)} {unit}"
+        if judged := part.outlook and part.outlook.judged:
+            sizes, misses = _forecast(judged, dof)
+            level = f"{misses}, {level}"
+        error = f"error{of}, with each run's{OWN[1:]},"
+        if diagnosis.driven:
+            error, data = f"error of predictions {HORIZON:g} s ahead{of}", f"{data} beside their disturbances"
+    return _verdict(
+        diagnosis.verdict, names, diagnosis.why, error, sizes, unit, level, data, diagnosis.remainder, alone
+    )
 
 
 @sections.register
 def _(diagnosis: Diagnosis) -> Sections:
-    study, search, dof = diagnosis.study, diagnosis.result, diagnosis.study.base.dof
-    below = [PLANNED] * any(effect.rivals for effect in diagnosis.effects)
-    below += [study.cycle.sentence(dof)] if study.cycle is not None else []
-    before, after = (100.0 * trial.fit.factor(GAIN) for trial in (search.base, search.final))
-    unit, free = dof.units.shown, diagnosis.from_commands
-    sizes = errors_of(free.to_json(unit), unit) if free else []
-    alone = "From the commands alone: {0} {2} before, {1} {2} after".format(*sizes, unit) if sizes else ""
-    caption = f", with each run's own thrust and start. {alone}." * bool(sizes)
+    title = f"Diagnosis of the {diagnosis.motion.name} model"
+    show = partial(_sections, diagnosis, diagnosis.extended_model(), title, verdict_sentence(diagnosis))
+    if diagnosis.motion.turns:
+        return show(Drawing("diagnosis.before_after", diagnosis), notes=("", PROMISED))
+    dof, free = diagnosis.dof, diagnosis.from_commands
+    below = [PLANNED] if any(effect.rivals for effect in diagnosis.effects) else []
+    below += [diagnosis.cycle.sentence(dof)] if diagnosis.cycle is not None else []
+    unit, alone = dof.units.shown, ""
+    if free:
+        sizes = errors_of(free.to_json(unit), unit)
+        alone = f"From the commands alone: {sizes[0]} {unit} before, {sizes[1]} {unit} after"
+    before, after = (100.0 * scatter for scatter in diagnosis.gain_scatter)
     gap = (
         "Root mean squares over whole runs simulated from their start. Before: the base refitted to the fitted runs. "
         f"Own: each run's thrust, start {dof.words.position} and switch instants are fitted to it. "
-        f"{HELD_OUT * bool(sizes)}"
+        f"{HELD_OUT if free else ''}"
         f"Thrust differs from run to run by {before:.1f} % before and {after:.1f} % after."
     )
     chance = f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns."
     better = bullets(library.get(effect.name).card(dof).better for effect in diagnosis.effects)
     appendix: list[Table | str] = ["## What to run next", better] if better else []
-    if diagnosis.verdict != diagnose.NAMED:
+    if diagnosis.verdict != words.NAMED:
         appendix.append(detectable_table(diagnosis))
-    return _sections(
-        diagnosis, diagnosis.extended_model(), Drawing("diagnosis.motion_before_after", diagnosis, alone),
-        f"Diagnosis of the {dof.name} model", verdict_sentence(diagnosis), diagnosis.effects, diagnosis.where,
-        notes=(gap, chance), unit=unit, key=unit, dof=dof,
-        above=[f"Warning: {warning}" for warning in command_warnings(study.runs)],
-        below=[*below, *sentences_of(sensors_of(diagnosis.channels, channel_noises(search.final.fit, dof)), dof)],
+    caption = f", with each run's own thrust and start. {alone}." if free else ""
+    return show(
+        Drawing("diagnosis.before_after", diagnosis, alone), notes=(gap, chance), unit=unit, dof=dof,
+        above=[f"Warning: {warning}" for warning in command_warnings(diagnosis.fitted.runs)],
+        below=[*below, *sentences_of(sensors_of(diagnosis.channels, diagnosis.noises), dof)],
         appendix=appendix, caption=caption.translate({ord("["): "(", ord("]"): ")"}),  # brackets would end it
     )  # fmt: skip
 
@@ -295,41 +313,16 @@ def _moves(data: Mapping[str, Any]) -> list[Table | str]:
 
 def detectable_table(diagnosis: Diagnosis) -> Table:
     """Lay out the smallest size of each effect that would have been named four times in five."""
-    rows, base = [], diagnosis.study.base
+    rows = []
     for name, size in sorted(diagnosis.detectable.items()):
         parameters = library.get(name).parameters
         sized = next((i for i, p in enumerate(parameters) if not p.scan and not p.held), 0)  # no shape, and fitted
-        card = library.get(name).card(base.dof, base.moment_unit).parameters[sized]
+        card = library.get(name).card(diagnosis.dof, diagnosis.moment_unit).parameters[sized]
         unit = card.unit or MISSING
         rows.append({"effect": name, "parameter": card.name, "smallest size seen": number(size, 2), "unit": unit})
     note = "Sizes that these runs detect with 80 % power, measured from the value at which the effect is off."
     header = ("effect", "parameter", "smallest size seen", "unit")
     return Table.of("Smallest effects that these runs would have shown", rows, [note], header=header)
-
-
-@sections.register
-def _(result: PlanarDiagnosis) -> Sections:
-    return _sections(
-        result, result.extended_model(), Drawing("diagnosis.planar_before_after", result),
-        "Diagnosis of the planar model", planar_verdict(result), result.effects, result.where,
-        notes=("", (
-            " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than "
-            "others, or less than the threshold."
-        )),
-    )  # fmt: skip
-
-
-def planar_verdict(search: PlanarDiagnosis) -> str:
-    sizes, quantity, reference = [MISSING, MISSING], "error of the heading", "no run is long enough for predictions"
-    for held_out in (False, True):
-        if (outlook := search.outlook(held_out)) is not None:
-            pair, of = outlook.longest, " of the runs held out" * held_out
-            sizes, reference = _forecast(pair, YAW)
-            quantity = f"error of headings predicted {pair[0].horizon:g} s ahead{of}"
-    return _verdict(
-        search.verdict, " and ".join(trial.candidate.label for trial in search.named or search.suspected), search.why,
-        quantity, sizes, YAW.units.shown, reference,
-    )  # fmt: skip
 
 
 @sections.register
@@ -345,8 +338,8 @@ def _(result: ThrusterDiagnosis) -> Sections:
         "of candidates."
     )
     return _sections(
-        result, result.extended_map, Drawing("diagnosis.thruster_before_after", result), "Diagnosis of a thruster map",
-        map_verdict(result), result.effects, result.where, notes=(gap, chance), unit="N", key="N",
+        result, result.extended_map, "Diagnosis of a thruster map", map_verdict(result),
+        Drawing("diagnosis.thruster_before_after", result), notes=(gap, chance), unit="N",
         below=[fault["says"] for fault in result.faults],
     )  # fmt: skip
 

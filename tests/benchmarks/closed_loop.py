@@ -38,7 +38,7 @@ def run_case(kind: str, seed: int, gyro: bool) -> Row:
     try:
         result = diagnose_runs(campaign.fitted, campaign.base, hold_out=campaign.held_out, seed=seed)
         named = {effect.name: [rival.name for rival in effect.rivals] for effect in result.effects}
-        gap = result.held_out_gap
+        gap = result.held_out and result.held_out.gap
         row |= {
             "outcome": judge(KINDS[kind].right, result.verdict, named), "named": named,
             "parameters": {e.name: {key: x.value for key, x in e.parameters.items()} for e in result.effects},

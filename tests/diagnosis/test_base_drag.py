@@ -31,8 +31,8 @@ def test_an_effect_beside_a_wrong_drag_is_named_and_the_drag_counts_for_nothing(
         alone = diagnose_runs(campaign(), LINEAR, hold_out=[])
     assert found.verdict == "named"
     assert {effect.name for effect in found.effects} == {"tether-spring", "quadratic-drag"}
-    assert found.result.final.counted == ("tether-spring",)
-    assert found.gap.after < 1.05 * found.gap.floor
+    assert found.search.final.counted == ("tether-spring",)
+    assert found.fitted.gap.after < 1.05 * found.fitted.gap.floor
     assert "drag of the base" in verdict_sentence(found)
     assert alone.verdict == "named" and [effect.name for effect in alone.effects] == ["quadratic-drag"]
 
@@ -79,6 +79,6 @@ def test_runs_held_out_place_an_edge_that_no_fitted_command_lies_near() -> None:
     with few_candidates({"dead-band", "coulomb-drag"}, curves=False):
         found = diagnose_runs(runs, base_for(""), hold_out=kept)
     assert found.verdict == "named" and [one.name for one in found.effects] == ["dead-band"]
-    assert found.held_out_gap is not None and found.held_out_gap.after < 1.1 * found.held_out_gap.floor
+    assert found.held_out is not None and found.held_out.gap.after < 1.1 * found.held_out.gap.floor
     assert 0.2 < found.effects[0].parameters["width"].value < 0.3
-    assert "runs held out" in found.conclusion.remainder and not np.isnan(found.gap.after)
+    assert "runs held out" in found.remainder and not np.isnan(found.fitted.gap.after)

@@ -56,7 +56,7 @@ def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str) -> None
     found = judge(campaign(name), base_for(name), look_alikes(name))
     assert found.verdict == "named"
     assert [name in tie for tie in held(found)] == [True], held(found)
-    assert found.gap.after < found.gap.before and found.gap.after < 1.05 * found.gap.floor
+    assert found.fitted.gap.after < found.fitted.gap.before and found.fitted.gap.after < 1.05 * found.fitted.gap.floor
 
 
 @pytest.mark.slow
@@ -76,7 +76,10 @@ def test_a_tether_that_snags_is_not_in_the_library() -> None:
     runs = [unmeasured(plan, i) for i, plan in enumerate(plans)]
     snagged = measured(base_for(""), runs, seed=5, snag=lambda shape: -0.25 * (random.uniform(size=shape) < 0.3))
     found = judge(snagged, base_for(""))
-    assert (found.verdict, found.effects) == ("unexplained", ()) and found.gap.after > 1.5 * found.gap.floor
+    assert (found.verdict, found.effects) == (
+        "unexplained",
+        (),
+    ) and found.fitted.gap.after > 1.5 * found.fitted.gap.floor
 
 
 @cache
@@ -101,6 +104,6 @@ def test_the_same_data_told_otherwise_give_the_same(units: bool) -> None:
         here, other = (found.effects[0].parameters[parameter.name] for found in (there, back))
         assert other.value == pytest.approx(sign * parameter.scaled(here.value, ten), rel=1e-6)
         assert other.stderr == pytest.approx(parameter.scaled(here.stderr, ten), rel=1e-4)
-    models = [found.result.final.model.theta[:2] for found in (there, back)]
+    models = [found.search.final.model.theta[:2] for found in (there, back)]
     np.testing.assert_allclose(models[1], ten * models[0], rtol=1e-6)
     assert back.effects[0].confidence == pytest.approx(there.effects[0].confidence, abs=1e-3)

@@ -64,7 +64,7 @@ def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str) -> None:
     assert abs(size.value - LAGS[lag]) < 4.0 * size.stderr
     shared = 0.05 * PERIOD if lag == "input-delay" else 0.0  # with the common instant in its sample interval
     assert size.stderr < 0.05 * LAGS[lag] + shared
-    assert found.gap.before > found.gap.after and found.gap.after < 1.05 * found.gap.floor
+    assert found.fitted.gap.before > found.fitted.gap.after and found.fitted.gap.after < 1.05 * found.fitted.gap.floor
 
 
 @pytest.mark.slow
@@ -86,7 +86,7 @@ def test_runs_held_out_may_lack_the_gyro() -> None:
     runs = steps("thruster-lag")
     found = format_value(runs[:14], hold_out=[replace(run, extras={}) for run in runs[14:]])
     assert [named.name for named in found.effects] == ["thruster-lag"]
-    assert found.held_out_gap is not None and found.held_out_gap.after < found.held_out_gap.before
+    assert found.held_out is not None and found.held_out.gap.after < found.held_out.gap.before
 
 
 @pytest.mark.slow

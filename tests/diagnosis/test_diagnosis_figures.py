@@ -10,7 +10,7 @@ from few_candidates import few_candidates
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.residual_regions import ResidualRegions
 from automarine_cli.report import diagnosis_report  # noqa: F401  registers what a diagnosis shows
-from automarine_cli.report.figures.diagnosis import motion_before_after, where_figure
+from automarine_cli.report.figures.diagnosis import before_after, where_figure
 from automarine_cli.report.sections import sections
 
 BASE = base_for("")
@@ -57,12 +57,12 @@ def test_where_draws_what_stands_out_and_lists_the_rest(lag: Diagnosis, nothing:
 
 
 def test_before_and_after_share_their_axes_and_do_without_held_out_runs(lag: Diagnosis) -> None:
-    alone = replace(lag, held_out=None, held_out_gap=None, from_commands=None)
-    for diagnosis, study in ((lag, lag.held_out), (alone, lag.study)):
-        assert study is not None
-        sizes, *errors = sorted(motion_before_after(diagnosis).axes, key=lambda axes: bool(axes.get_title()))
-        assert len(errors) == min(len(study.runs), 3) and len({axes.get_ylim() for axes in errors}) == 1
+    alone = replace(lag, held_out=None, from_commands=None)
+    for diagnosis, part in ((lag, lag.held_out), (alone, lag.fitted)):
+        assert part is not None
+        sizes, *errors = sorted(before_after(diagnosis).axes, key=lambda axes: bool(axes.get_title()))
+        assert len(errors) == min(len(part.runs), 3) and len({axes.get_ylim() for axes in errors}) == 1
         before, after = (np.asarray(line.get_xdata(), float) for line in sizes.lines[:2])
-        assert len(before) == len(study.runs) and list(before) == sorted(before, reverse=True)
+        assert len(before) == len(part.runs) and list(before) == sorted(before, reverse=True)
         assert after.mean() < before.mean()
     assert "held out" not in page(alone)

@@ -64,7 +64,7 @@ def test_the_numbers_are_those_of_validate(found: Mapping[float, Diagnosis]) -> 
     assert diagnosis.held_out is not None
     free, base = errors(diagnosis)[1], diagnosis.to_json()["base"]
     inertia, drag = (base[name]["before"]["value"] for name in ("I_r", "k_rr"))  # type: ignore[index]
-    delay = diagnosis.study.command_delay(diagnosis.result.base.fit)
+    delay = diagnosis.search.study.command_delay(diagnosis.search.base.fit)
     first = Model.base("3", inertia, (drag,), BASE.moment_unit, YAW).delayed(delay)
     files = {
         "before": StoredModels({"3": first}, "3", 0.0, ""),

@@ -127,9 +127,9 @@ def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
 def test_the_right_variable_is_named_and_the_band_holds_the_truth(found: tuple[str, Diagnosis]) -> None:
     name, diagnosis = found
     variable, kind, _ = LAWS[name]
-    assert (diagnosis.verdict, diagnosis.result.final.added) == ("named", (f"learned:{variable}",))
-    assert diagnosis.held_out_gap is not None and not any(diagnosis.result.rivals.values())
-    assert diagnosis.held_out_gap.after < 1.1 * true_gap(name, diagnosis)
+    assert (diagnosis.verdict, diagnosis.search.final.added) == ("named", (f"learned:{variable}",))
+    assert diagnosis.held_out is not None and not any(diagnosis.search.rivals.values())
+    assert diagnosis.held_out.gap.after < 1.1 * true_gap(name, diagnosis)
     curve, truth = diagnosis.effects[0].learned, true_curve(name, diagnosis)
     assert curve.kind == kind and kind.replace("gain", "thrust") in diagnosis.effects[0].says
     assert np.mean((truth > curve.low) & (truth < curve.high)) > 0.85
@@ -139,7 +139,7 @@ def test_the_right_variable_is_named_and_the_band_holds_the_truth(found: tuple[s
 def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few: None) -> None:
     runs = steered(6, sea=Sea(warmth=0.4), length=40.0)
     diagnosis = diagnose_runs(runs, Model.base("3", 1.0, (1.2,), "nu", YAW))
-    assert diagnosis.study.driven and diagnosis.result.final.added == ("learned:water_temp_C",)
+    assert diagnosis.driven and diagnosis.search.final.added == ("learned:water_temp_C",)
     curve = diagnosis.effects[0].learned
     truth = 0.2 * np.tanh((curve.x - 14.0) / 4.0)
     miss = truth - truth.mean() - (curve.y - curve.y.mean())

@@ -17,7 +17,6 @@ from automarine_cli.diagnosis import diagnose, search
 from automarine_cli.diagnosis.diagnose import (
     CONFIRMED,
     Diagnosis,
-    Gap,
     Share,
     confirmed,
     diagnose_runs,
@@ -25,18 +24,9 @@ from automarine_cli.diagnosis.diagnose import (
     split_by,
     support,
 )
-from automarine_cli.diagnosis.residual_regions import Region
+from automarine_cli.diagnosis.residual_regions import Gap, Region
 from automarine_cli.diagnosis.scores import Scores, score
-from automarine_cli.diagnosis.search import (
-    WEAK,
-    CandidateFit,
-    SearchResult,
-    SearchStep,
-    add_effect,
-    candidate_fit,
-    compensating,
-    single_effect_alternative,
-)
+from automarine_cli.diagnosis.search import CandidateFit, SearchResult, SearchStep, candidate_fit, compensating
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
@@ -74,35 +64,33 @@ def test_a_name_that_changes_nothing_is_only_suspected(diagnosed: Judge, monkeyp
 
 def test_what_chance_reaches_now_and_then_is_only_suspected(diagnosed: Judge, monkeypatch: pytest.MonkeyPatch) -> None:
     bar = Scores.threshold
-    monkeypatch.setattr(Scores, "threshold", lambda self, at: bar(self, at) if at >= WEAK else np.inf)
+    monkeypatch.setattr(Scores, "threshold", lambda self, at: bar(self, at) if at >= search.WEAK else np.inf)
     found = diagnosed(campaign(SMALL))
     assert found.verdict == "suspected" and [effect.name for effect in found.effects] == [SMALL]
-    assert found.conclusion.leaves is found.result.base and "Chance would gain as much" in found.conclusion.why
-    assert found.conclusion.why in verdict_sentence(found)
+    assert not found.extended["effects"] and "Chance would gain as much" in found.why
+    assert found.why in verdict_sentence(found)
 
 
 def test_runs_that_contradict_a_name_take_it_back(diagnosed: Judge) -> None:
     kept = [turned(run) for run in campaign(NAME, seed=2)[:6]]  # of a vehicle with the other side the weaker one
     found = diagnosed(campaign(NAME), kept)
-    assert found.verdict == "unexplained" and found.effects == () and found.result.final is found.result.base
-    assert "makes the held-out runs worse" in found.conclusion.why and NAME in found.conclusion.why
-    assert found.gap.after == found.gap.before and found.conclusion.why in verdict_sentence(found)
+    assert found.verdict == "unexplained" and found.effects == () and found.search.final is found.search.base
+    assert "makes the held-out runs worse" in found.why and NAME in found.why
+    assert found.fitted.gap.after == found.fitted.gap.before and found.why in verdict_sentence(found)
 
 
 def test_runs_that_agree_let_it_stand_and_what_stays_beside_it_is_said(diagnosed: Judge) -> None:
     found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6])
-    assert found.verdict == "named" and found.conclusion.why == found.conclusion.remainder == ""
-    assert found.conclusion.leaves is found.result.final
+    assert found.verdict == "named" and found.why == found.remainder == "" and found.extended["effects"]
     found = diagnosed(campaign(NAME), campaign(NAME, seed=2, wave=(1.2, 0.9))[:6])
-    assert found.verdict == "named" and "A residual remains" in found.conclusion.remainder
-    assert f"{found.held_out_gap.after / found.held_out_gap.floor:.1f} times" in verdict_sentence(found)  # type: ignore[union-attr]
+    assert found.verdict == "named" and "A residual remains" in found.remainder
+    assert f"{found.held_out.gap.after / found.held_out.gap.floor:.1f} times" in verdict_sentence(found)
 
 
 def test_a_variable_that_stands_out_is_named_where_no_effect_gains(diagnosed: Judge) -> None:
     found = diagnosed(campaign(seed=3, wave=(1.5, 2.0)))
     assert found.verdict == "unexplained" and found.where.regions
-    assert found.where.regions[0].variable in found.conclusion.why
-    assert "No effect of the library" in found.conclusion.why
+    assert found.where.regions[0].variable in found.why and "No effect of the library" in found.why
 
 
 @pytest.mark.parametrize("followed", [False, pytest.param(True, marks=pytest.mark.slow)])
@@ -111,11 +99,8 @@ def test_effects_that_undo_each_other_keep_their_names_only_where_runs_held_out_
 ) -> None:
     monkeypatch.setattr(search, "compensating", lambda *of: {(NAME, SMALL): "They undo each other."})
     found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6] if followed else [])
-    if followed:
-        assert found.verdict == "named" and found.conclusion.leaves is found.result.final
-    else:
-        assert found.verdict == "suspected" and found.conclusion.why == "They undo each other."
-        assert found.conclusion.leaves is found.result.base
+    assert (found.verdict, found.why) == (("named", "") if followed else ("suspected", "They undo each other."))
+    assert bool(found.extended["effects"]) == followed
 
 
 def test_nothing_is_missing_only_where_nothing_stands_out(diagnosed: Judge, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,7 +109,7 @@ def test_nothing_is_missing_only_where_nothing_stands_out(diagnosed: Judge, monk
     region = Region("voltage", 12.0, 13.0, "V", 0.01, 0.009, ("run_00",), 0.2, "thrust")
     monkeypatch.setattr(diagnose, "find_where", lambda *of: replace(look(*of), regions=(region,)))
     found = diagnosed(runs)
-    assert found.verdict == "unexplained" and "voltage is 12 to 13 V" in found.conclusion.why
+    assert found.verdict == "unexplained" and "voltage is 12 to 13 V" in found.why
 
 
 @pytest.mark.parametrize(("behind", "tied"), [((0.5, 1.0), True), ((3.0, 8.0), False)])
@@ -135,13 +120,10 @@ def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tie
     assert ("A tie" in why) == tied and all((rival in why) == tied for rival in rivals[NAME])
 
 
-@pytest.mark.parametrize(
-    ("name", "rival", "text_of"),
-    [
-        ("dead-band", "coulomb-drag", "dead-band"),  # lists its rival among its look-alikes
-        ("water-swirl", "wall", "wall"),
-    ],
-)
+@pytest.mark.parametrize(("name", "rival", "text_of"), [
+    ("dead-band", "coulomb-drag", "dead-band"),  # lists its rival among its look-alikes
+    ("water-swirl", "wall", "wall"),
+])  # fmt: skip
 def test_the_card_of_the_look_alike_says_what_tells_two_effects_apart(name: str, rival: str, text_of: str) -> None:
     assert (rival in effects.get(name).mistaken_for) == (text_of == name)
     assert split_by(name, rival, YAW) == effects.get(text_of).card(YAW).separated_by
@@ -232,10 +214,10 @@ def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkey
     monkeypatch.setattr(diagnose, "log_density", lambda _, __, fit: fit.density)
     monkeypatch.setattr(diagnose, "gap", lambda *_: Gap(1.0, 1.0, 1.0))
     found = SearchResult(blank, trial(), trial(*lost), (), dict.fromkeys(lost, 0.0045), {NAME: {"wall": 1.0}})
-    assert list(shares(blank, found, None)) == ["dead-band", SMALL, NAME]
-    result, parts, suspected = confirmed(blank, found, blank)
+    assert list(shares(found, None)) == ["dead-band", SMALL, NAME]
+    result, parts, suspected = confirmed(found, blank)
     assert result.final.added == ("dead-band", SMALL) and list(parts) == ["dead-band", SMALL]
-    assert suspected == (NAME,) and NAME not in result.rivals
+    assert suspected == [NAME] and NAME not in result.rivals
 
 
 # Several effects that are one in disguise, and effects that undo each other
@@ -262,7 +244,7 @@ def grown(study: DiagnosisProblem, base: CandidateFit, *added: tuple[str, tuple[
     trial: CandidateFit | None = base
     for name, start in added:
         assert trial is not None
-        trial = add_effect(study, trial, (name, np.array(start)))
+        trial = search.add_effect(study, trial, (name, np.array(start)))
     assert trial is not None
     return trial
 
@@ -274,10 +256,10 @@ def test_a_lag_of_the_thrust_takes_the_place_of_what_imitates_it() -> None:
     delay, slow = ("input-delay", (0.2, 0.0, 0.1)), ("sensor-lag", (0.2,))
     several, trials = grown(study, base, delay, slow), (grown(study, base, delay), grown(study, base, slow))
     first = first_step(study, base, ["input-delay", "sensor-lag", "thruster-lag"], *trials)
-    found = single_effect_alternative(study, several, first, each)
+    found = search.single_effect_alternative(study, several, first, each)
     assert found.added == ("thruster-lag",) and found.model.terms[-1].values[1] == 1.0
     assert found.model.terms[-1].values[0] == pytest.approx(0.4, abs=0.05)
-    assert single_effect_alternative(study, found, first, each) is found
+    assert search.single_effect_alternative(study, found, first, each) is found
 
 
 @pytest.mark.slow
@@ -287,7 +269,7 @@ def test_two_that_are_both_there_stay() -> None:
     lag, bias = ("thruster-lag", (0.2, 0.0, 1.2, 1.0)), ("bias-moment", (0.03,))
     both, trials = grown(study, base, lag, bias), (grown(study, base, lag), grown(study, base, bias))
     first = first_step(study, base, ["bias-moment", "thruster-lag", "input-delay"], *trials)
-    assert single_effect_alternative(study, both, first, each) is both
+    assert search.single_effect_alternative(study, both, first, each) is both
     assert compensating(study, base, both) == {}
 
 

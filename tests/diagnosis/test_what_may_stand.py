@@ -9,10 +9,11 @@ import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
 from automarine_cli.diagnosis import diagnose
-from automarine_cli.diagnosis.diagnose import ForecastGain
+from automarine_cli.diagnosis.diagnose import ForecastGain, JudgedRuns
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
+from automarine_cli.diagnosis.residual_regions import Gap
 from automarine_cli.diagnosis.scores import drag_drives
-from automarine_cli.diagnosis.search import CandidateFit, is_admissible, may_be_nothing, obstacle
+from automarine_cli.diagnosis.search import CandidateFit, may_be_nothing, obstacle
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.driven import ForecastScore
@@ -41,7 +42,7 @@ def test_a_lag_of_less_than_a_sample_is_a_shift_of_the_switches(name: str, value
     gained: Any = SimpleNamespace(predictive=np.ones(3), at_bound=(), driven=False)
     before = CandidateFit((), BASE, fit, 0.0)
     trial = CandidateFit((name,), BASE.with_effect(name, values), gained, -50.0)
-    assert is_admissible(study, trial, before) == stands
+    assert bool(obstacle(study, trial, before)) != stands
     assert ("less than a sample" in obstacle(study, trial, before)) != stands
     assert "predicted better" in obstacle(study, replace(trial, fit=fit), before)
 
@@ -130,11 +131,11 @@ def test_what_leaves_much_unexplained_has_to_predict_held_out_runs_better(
     errors = {2.0: after, 5.0: after, 15.0: 0.2}
     scores = [tuple(ForecastScore(h, x, 0.3, 0.3, 10) for x in (0.1, error)) for h, error in errors.items()]
     driven: Any = SimpleNamespace(driven=True, base=BASE)
-    result: Any = SimpleNamespace(base=None, final=None)
+    result: Any = SimpleNamespace(study=driven, base=None, final=None)
     monkeypatch.setattr(diagnose, "gained_density", lambda *_: np.array([gained]))
     monkeypatch.setattr(diagnose, "unexplained_density", lambda *_: unexplained)
     outlook: Any = ForecastGain(tuple(scores), gained)  # type: ignore[arg-type]
-    says = diagnose._borne_out(driven, result, driven, diagnose.Gap(0.1, after, 0.0), outlook)
+    says = diagnose._borne_out(result, driven, JudgedRuns((), Gap(0.1, after, 0.0), outlook))
     assert doubt in says and bool(doubt) == bool(says)
 
 

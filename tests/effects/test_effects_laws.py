@@ -274,8 +274,8 @@ def test_such_waves_are_named() -> None:
     assert fitted_parameters("periodic-disturbance", (0.0, 0.0, 3.0, 1.0)) == 2
     with few_candidates(among, curves=False):
         found = diagnose_runs(wavy(4), BASE, hold_out=[])
-        again = diagnose_runs(wavy(4), found.conclusion.leaves.model, hold_out=[])  # of a base that has them
+        again = diagnose_runs(wavy(4), found.search.final.model, hold_out=[])  # of a base that has them
     assert again.verdict == "nothing-missing"
     assert found.verdict == "named" and [one.name for one in found.effects] == ["periodic-disturbance"]
     assert found.effects[0].parameters["phase"].value == 1.0
-    assert np.rad2deg(found.gap.after) == pytest.approx(0.5, rel=0.1)
+    assert np.rad2deg(found.fitted.gap.after) == pytest.approx(0.5, rel=0.1)

@@ -10,7 +10,8 @@ from effect_contract import long_plans, unmeasured
 from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.diagnose import Diagnosis, gap
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.residual_regions import gap
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import elsewhere, learned_term
 from automarine_cli.dofs import YAW
@@ -79,7 +80,7 @@ def true_model(name: str) -> Truth:
 
 def true_curve(name: str, diagnosis: Diagnosis) -> Floats:
     """The curve of a law where the learned one has points, less what inertia and drag have of it."""
-    model, x = diagnosis.result.final.model, diagnosis.effects[0].learned.x
+    model, x = diagnosis.search.final.model, diagnosis.effects[0].learned.x
     at = learned_term(model)
     assert at is not None
     other = elsewhere(model, model.terms[at])
@@ -89,11 +90,11 @@ def true_curve(name: str, diagnosis: Diagnosis) -> Floats:
 
 def true_gap(name: str, diagnosis: Diagnosis) -> float:
     """The gap [rad] on the runs held out of a diagnosis that the true model leaves, refitted to the same runs."""
-    study, held_out = replace(diagnosis.study, signals=COLUMNS), diagnosis.held_out
+    study, held_out = replace(diagnosis.search.study, signals=COLUMNS), diagnosis.held_out
     assert held_out is not None
     fit = study.fit(true_model(name))
     trial = CandidateFit((), true_model(name).with_theta(fit.of_model), fit, 0.0)
-    return gap(replace(held_out, signals=COLUMNS), trial, trial).after
+    return gap(replace(study, runs=held_out.runs), trial, trial).after
 
 
 def campaign(name: str, seed: int = 0, *, repeats: int = 2, gain: float = GAIN) -> list[Run]:

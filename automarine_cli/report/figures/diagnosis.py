@@ -10,11 +10,10 @@ from matplotlib.figure import Figure
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
-from automarine_cli.diagnosis.planar import PlanarDiagnosis, judged
 from automarine_cli.diagnosis.residual_regions import ResidualRegions, Variable
 from automarine_cli.diagnosis.study import HORIZON
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.report.figures import style
 from automarine_cli.report.tables import number
 
@@ -76,31 +75,19 @@ def why_figure(rows: Sequence[Mapping[str, Any]], threshold: float, line: str) -
     return figure
 
 
-def motion_before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
+def before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
     """Draw what both models leave of the runs; `alone` says what they leave from the commands alone."""
-    study, gap, word = diagnosis.study, diagnosis.gap, "fitted"
-    if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
-        study, gap, word = diagnosis.held_out, diagnosis.held_out_gap, "held out"
-    dof, residuals = study.base.dof, list[style.Residuals]()
-    for run, *errors in zip(study.runs, *gap.residuals):
-        seen = [np.flatnonzero(error) for error in errors]  # what is padded, or was not predicted, is zero
-        lines = [(run.time[at] - run.time[0], np.asarray(dof.shown(error[at]))) for at, error in zip(seen, errors)]
-        residuals.append((run.name, lines))
-    how = f"predicted {HORIZON:g} s ahead from filtered states" if study.driven else "with their own thrust and start"
-    title, floor = f"Runs {word}, {how}", float(dof.shown(gap.floor))
+    part, dof, plane, residuals = diagnosis.decisive, diagnosis.dof, diagnosis.motion.turns, list[style.Residuals]()
+    gap = part.gap
+    for r, run in enumerate(part.runs):
+        clock = run.time - run.time[0] if gap.time is None else gap.time[r]
+        seen = [(np.flatnonzero(left[r]), left[r]) for left in gap.residuals]  # padded, or not predicted, is zero
+        residuals.append((run.name, [(clock[at], np.asarray(dof.shown(errors[at]))) for at, errors in seen]))
+    horizon, state = gap.horizon or HORIZON, "" if plane else " from filtered states"
+    how = f"predicted {horizon:g} s ahead{state}" if diagnosis.driven else "with their own thrust and start"
+    title = f"{'Headings of runs' if plane else 'Runs'} {'fitted' if part is diagnosis.fitted else 'held out'}, {how}"
+    floor = float(dof.shown(gap.floor))
     return style.residuals_figure(residuals, BEFORE_AFTER, dof.units.shown, floor, title, beneath=alone)
-
-
-def planar_before_after(search: PlanarDiagnosis) -> Figure:
-    """Draw errors of the heading as both models predict it some seconds ahead."""
-    held_out, time = search.outlook(held_out=True) is not None, search.every.course.time
-    ahead, residuals = [judged(forecast) for forecast in search.forecasts], list[style.Residuals]()
-    for r, run in list(enumerate(search.every.runs))[search.fitted * held_out :]:
-        lines = [(time[r, p.target[p.run == r]], np.asarray(YAW.shown(p.error[p.run == r]))) for p in ahead]
-        residuals.append((run.name, lines))
-    title = f"Headings of runs {'held out' if held_out else 'fitted'}, predicted {ahead[0].horizon:g} s ahead"
-    floor = float(YAW.shown(search.after.fit.noise_of[YAW.position]))
-    return style.residuals_figure(residuals, BEFORE_AFTER, YAW.units.shown, floor, title)
 
 
 def thruster_before_after(result: ThrusterDiagnosis) -> Figure:
