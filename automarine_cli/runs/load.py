@@ -381,37 +381,28 @@ def load_runs(
         runs += good
         aside += bad
     require_usable(runs, aside, len(files), strict)
-    _refuse_other_units(aside, files, columns, dof)
+    _refuse_other_units(aside, runs, {file.name: (columns or ColumnMap()).of(file.path).columns for file in files})
     runs = named_apart(runs)
     _refuse_two_units(runs)
     limited, limits = checks.within_limits(runs)
     return LoadedRuns(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
 
 
-def _refuse_other_units(
-    aside: Sequence[ExcludedRun], files: Sequence[LogFile], columns: ColumnMap | None, dof: Dof
-) -> None:
-    """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and other logs
-    that were read alike look so too: they are as wrong, and only smoother."""
+def _refuse_other_units(aside: Sequence[ExcludedRun], runs: Sequence[Run], maps: Mapping[str, object]) -> None:
+    """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and the runs of
+    other logs that were read alike look so too: they are as wrong, and only smoother. `maps` are rules by file."""
     proof = next((run for run in aside if run.why.startswith(checks.IN_OTHER_UNITS)), None)
     if proof is None:
         return
-    maps = {file.name: (columns or ColumnMap()).of(file.path).columns for file in files}
-    bad = {run.file for run in aside}
-    others = [file for file in files if file.name not in bad and maps[file.name] == maps[proof.file]]
-    spans = []
-    for file in others:
-        with contextlib.suppress(LogError):
-            position = read_log(file, columns, dof=dof).columns.get(dof.position)
-            spans += [] if position is None else [float(np.nanmax(position) - np.nanmin(position))]
+    others = [run for run in runs if maps[run.source] == maps[proof.file]]
     radians = "wraps at 2 pi where" in proof.why  # that are called degrees; the other proofs are of the contrary
-    turn = checks.RADIANS_AS_DEGREES if radians else dof.turn
-    alike = sum(0.5 * turn < span <= ANGLE_SLACK * turn if radians else span > ANGLE_SLACK * turn for span in spans)
-    if alike > 0.5 * len(spans):
-        many = f"{plural(alike, 'other log')}"
+    turn = checks.RADIANS_AS_DEGREES if radians else 2 * np.pi
+    turns = {run.source: float(np.ptp(run.position)) / turn for run in others}
+    alike = sum(0.5 < turn <= ANGLE_SLACK if radians else turn > ANGLE_SLACK for turn in turns.values())
+    if alike > 0.5 * len(turns):
         raise RunError(
-            f"{proof.file}, run {proof.run!r}: {proof.why}. The same column of {many} looks so too, and nothing "
-            "was used; where only one log differs, give it a map of its own under [[columns_of]]"
+            f"{proof.file}, run {proof.run!r}: {proof.why}. The same column of {plural(alike, 'other log')} looks so "
+            "too, and nothing was used; where only one log differs, give it a map of its own under [[columns_of]]"
         )
 
 
@@ -589,39 +580,13 @@ def _on_the_water(run: Run) -> Run:
 
 def _with_fresh_readings(run: Run) -> Run:
     for names in SENSORS:
-        again = repeats(*(run.extras[name] for name in names)) if run.extras.keys() >= {*names} else np.zeros(1)
-        if again.any():
-            fresh = {name: np.where(again, np.nan, run.extras[name]) for name in names}
+        if not run.extras.keys() >= {*names}:
+            continue
+        columns = {name: run.extras[name] for name in names}
+        fresh = fresh_readings(*columns.values())
+        if (again := np.isfinite(columns[names[0]]) & ~fresh).any():
             share = f"{' and '.join(names).replace('_', ' ')}: {100 * float(again.mean()):.0f} % of the rows"
             note = f"{share} repeat the reading before them, as of a slow sensor, and do not count"
-            run = replace(run, extras={**run.extras, **fresh}).noted(note)
+            readings = {name: np.where(again, np.nan, column) for name, column in columns.items()}
+            run = replace(run, extras={**run.extras, **readings}).noted(note)
     return run
-
-
-MIN_CHANGES = 8  # Changes of a value that tell anything of its sensor
-FINE_STEP_RATIO = 5.0  # Of the median step to the smallest: two readings in a row are then hardly ever equal
-COARSE_STEP_RATIO = 2.0  # The same below which a value that stands may as well be one that creeps
-CHANCE_REPEATS = 0.1  # Share of repeats below which they are chance, and cost nothing
-MAX_ADJACENT_CHANGES = 0.1
-"""Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
-
-
-def repeats(*columns: Floats) -> Mask:
-    """Which rows (N,) repeat the reading before them; `columns` (N,) come out of one sensor, NaN where it is silent.
-
-    None where the sensor is read in every row: a coarse one may give the same number twice. Of a held one the first
-    row is a repeat too, for nobody knows how old its reading is.
-    """
-    values = np.stack(columns)
-    sound = np.all(np.isfinite(values), axis=0)
-    repeated = np.zeros(values.shape[1], dtype=bool)
-    steps = np.abs(np.diff(values[:, sound], axis=1))
-    changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
-    if np.count_nonzero(changed) < MIN_CHANGES or changed.mean() > 1 - CHANCE_REPEATS:
-        return repeated
-    coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
-    often = np.median(spans) >= 2 and np.mean(spans == 1) <= MAX_ADJACENT_CHANGES
-    if coarseness < COARSE_STEP_RATIO or (coarseness < FINE_STEP_RATIO and not often):
-        return repeated
-    repeated[sound] = np.concatenate([[True], ~changed])
-    return repeated

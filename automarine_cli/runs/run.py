@@ -19,8 +19,6 @@ from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 SAME_POSITION = 1e-9  # rad or m; positions closer than this are one
-HELD_SHARE = 0.2  # Of exact repeats, from which on a sensor is slower than the log: its repeats are no readings
-QUANTISED_RATIO = 3.0  # Smallest steps of a quantised sensor in its usual steps, from which on repeats are held values
 
 
 def position_noise(time: Floats, position: Floats) -> float:
@@ -69,20 +67,29 @@ def summed(time: Floats, velocity: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
 
 
-def fresh_readings(read: Floats) -> NDArray[np.bool_]:
-    """The samples (N,) whose readings do not only hold the one before, because the sensor is slower than the log.
+MIN_CHANGES = 8  # Changes of a value that tell anything of its sensor
+FINE_STEP_RATIO = 5.0  # Of the median step to the smallest: two readings in a row are then hardly ever equal
+COARSE_STEP_RATIO = 2.0  # The same below which a value that stands may as well be one that creeps
+CHANCE_REPEATS = 0.1  # Share of repeats below which they are chance, and cost nothing
+MAX_ADJACENT_CHANGES = 0.1
+"""Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
 
-    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
+
+def fresh_readings(*columns: Floats) -> NDArray[np.bool_]:
+    """Tell which rows (N,) hold a reading of their own of one sensor, whose `columns` (N,) are NaN where it is silent.
+
+    All readings where the sensor is read in every row: a coarse one may give the same number twice.
     """
-    fresh = np.isfinite(read)
-    at = np.flatnonzero(fresh)
-    moved = np.abs(np.diff(read[at]))
-    same = moved < 1e-9
-    if len(at) < 3 or same.mean() < HELD_SHARE or same.all():
+    values = np.stack(columns)
+    fresh = np.all(np.isfinite(values), axis=0)
+    steps = np.abs(np.diff(values[:, fresh], axis=1))
+    changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
+    if np.count_nonzero(changed) < MIN_CHANGES or changed.mean() > 1 - CHANCE_REPEATS:
         return fresh
-    if median(moved[~same]) < QUANTISED_RATIO * moved[~same].min():
-        return fresh
-    fresh[at[1:][same]] = False
+    coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
+    often = np.median(spans) >= 2 and np.mean(spans == 1) <= MAX_ADJACENT_CHANGES
+    if coarseness >= FINE_STEP_RATIO or (coarseness >= COARSE_STEP_RATIO and often):
+        fresh[fresh] = np.concatenate([[True], changed])
     return fresh
 
 
