@@ -35,8 +35,7 @@ UNKNOWN_ERROR_SHARE = 0.1  # standard error, as a share, of a parameter of which
 EXTENDED = "extended_model.json"
 SUPPLY_SHARES = (0.88, 1.08)
 """Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
-OUTPUT_TOLERANCE = 1.02
-"""How far beyond the whole output moments of a log may seem to go."""
+OUTPUT_TOLERANCE = 1.02  # how far beyond the whole output moments of a log may seem to go
 UNKNOWN_DELAY = (
     "How late the vehicle answers is not known: the model's file has no command_delay_s. Fit its logs again, or give "
     "--delay."

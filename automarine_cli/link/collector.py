@@ -22,10 +22,8 @@ from automarine_cli.pipeline.records import Codec, Document, json_text, read_pla
 from automarine_cli.pipeline.results_folder import sha256, write_whole
 from automarine_cli.text import printable
 
-CONNECT_S, STALL_S = 1.0, 10.0
-"""To connect, and without a byte once connected."""
-LOG_PIECE_BYTES = 1 << 18
-"""So much of a log is asked for at once: what lies in buffers when the link is cut is little."""
+CONNECT_S, STALL_S = 1.0, 10.0  # to connect, and without a byte once connected
+LOG_PIECE_BYTES = 1 << 18  # so much of a log is asked for at once: what lies in buffers when the link is cut is little
 MAX_ANSWER = 64_000_000
 
 
@@ -150,8 +148,7 @@ def _whole_or_part(answer: http.client.HTTPResponse) -> bytes:
 
 LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"
 STATE_POLL_S = 1.0
-SAME_HASH_TRIES = 3
-"""A log that comes so often with the same wrong hash is damaged where it comes from."""
+SAME_HASH_TRIES = 3  # A log that comes so often with the same wrong hash is damaged where it comes from
 
 Answer = TypeVar("Answer")
 

@@ -12,8 +12,7 @@ from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampai
 from automarine_cli.link.store import HeldElsewhereError, Store, held
 from automarine_cli.link.vehicles.base import StuckError, Vehicle
 
-LEASE_S = 3.0
-"""A server that has not been heard of for so long is gone."""
+LEASE_S = 3.0  # A server that has not been heard of for so long is gone
 TICK_S = 0.1
 GONE = "its server is gone"
 

@@ -31,8 +31,7 @@ from automarine_cli.pipeline.parallel import deaf_to_interrupts
 from automarine_cli.pipeline.results_folder import write_whole
 
 LEASE_BEAT_S = 0.5
-QUIET_S = 5.0
-"""A request to stop is answered when the vehicle is silent, after this at the latest."""
+QUIET_S = 5.0  # A request to stop is answered when the vehicle is silent, after this at the latest
 REQUEST_PATIENCE_S = 30.0
 HEADER_S, MAX_STRANGERS = 10.0, 64
 """So long, and so many at a time, may who has not shown the token yet stay; the first who came goes first."""

@@ -184,8 +184,7 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATE_WORDS = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
-NOT_COVERED = ("roll", "pitch")
-"""How words in names of columns begin that are of other axes."""
+NOT_COVERED = ("roll", "pitch")  # how words in names of columns begin that are of other axes
 
 
 def other_axis(name: str) -> bool:

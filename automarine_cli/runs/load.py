@@ -1,14 +1,14 @@
 """`load_runs`: all logs of a campaign become runs (the clock rises, the position is unwrapped, everything dropped is
 counted); what is unusable is set aside with its reason.
 
-Runs of motion in the plane (`read_planar`) hold heading and moment as in yaw, and as `extras`, where logged, `north`
+Runs of motion in the plane hold heading and moment as in yaw, and as `extras`, where logged, `north`
 and `east` [m], `surge` and `sway` [m/s], `yaw_rate` [rad/s], `force_X` and `force_Y` [N]; NaN where a sensor has no
 reading of its own.
 """
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -49,7 +49,7 @@ MIN_PART_S = 5.0  # s; what is left between two jumps has to be worth fitting a 
 
 
 class NotUsable(RunError):
-    """An unusable run."""
+    pass
 
 
 def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
@@ -77,14 +77,14 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
     _refuse(checks.clock_trouble(columns["time"]))
-    if not summed:
-        _refuse(checks.position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
         if (largest := float(np.abs(columns[key]).max(initial=0.0))) > MAX_COMMAND:
             what = dof.words.force if key == dof.command else "thruster command"
             _refuse(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
     if not summed:
-        glitch = find_glitches(columns["time"], columns[dof.position], dof) | checks.beyond(columns[dof.position], dof)
+        time, position = columns["time"], columns[dof.position]
+        _refuse(checks.position_trouble(time, position, dof))
+        glitch = find_glitches(time, position, dof) | checks.beyond(position, dof)
         counts["glitches"] = int(np.count_nonzero(glitch))
         columns = _only(columns, ~glitch)
         _refuse(checks.clock_trouble(columns["time"]))
@@ -345,7 +345,6 @@ def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices)
 
 OfOneLog = tuple[list[Run], list[ExcludedRun]]
 ANGLE_SLACK = 1.001
-Reading = Callable[..., OfOneLog]
 
 MAX_REASONS = 3  # reasons shown when nothing is left
 PARALLEL_FROM_LOGS = 3000  # logs; to start processes takes longer than to read fewer
@@ -363,17 +362,14 @@ class LoadedRuns:
 
 
 def load_runs(
-    logs: Logs, columns: ColumnMap | None = None, *, dof: Dof, strict: bool = False, progress: Progress = silent,
-    jobs: int = 1, read: Reading | None = None,
+    logs: Logs, columns: ColumnMap | None = None, *, dof: Dof, planar: bool = False, strict: bool = False,
+    progress: Progress = silent, jobs: int = 1,
 ) -> LoadedRuns:  # fmt: skip
-    """Read and clean the logs of a motion meant by files, directories and globs, on `jobs` processes.
-
-    `read` is what makes runs of logs, by default `read_runs`. Raises LogError or RunError for a log named
-    on the command line that cannot be read right, for anything that would be set aside if `strict`, and if no run is
-    left.
-    """
+    """Read and clean the logs of a motion (`planar`: in the plane) meant by files, directories and globs, on `jobs`
+    processes. Raises LogError or RunError for a log named on the command line that cannot be read right, for anything
+    that would be set aside if `strict`, and if no run is left."""
     files = find_logs(logs)
-    work = partial(read or read_runs, columns=columns, dof=dof)
+    work = partial(read_runs, columns=columns, dof=dof, planar=planar)
     runs: list[Run] = []
     aside: list[ExcludedRun] = []
     jobs = jobs if len(files) > PARALLEL_FROM_LOGS else 1
@@ -439,14 +435,15 @@ def append_exclusions(aside: Sequence[ExcludedRun]) -> Iterator[None]:
         raise type(refusal)(f"{refusal} ({before})") from None
 
 
-def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> OfOneLog:
-    """Read the runs of a log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
-    RunError if the log was named and is unreadable.
-    """
+def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof, planar: bool = False) -> OfOneLog:
+    """Read the runs of a log of a motion, and those set aside. Raises LogError or RunError if the log was named and is
+    unreadable, or, of motion in the plane, drives nothing but the heading."""
     try:
-        return runs_of_table(file, read_log(file, columns, dof=dof))
+        table = read_log(file, columns, dof=dof, motion=PLANAR if planar else None)
+        runs, aside = runs_of_table(file, _with_forces(table) if planar else table)
     except LogError as error:
         return [], [unreadable(file, error)]
+    return [_on_the_water(run) for run in runs] if planar else runs, aside
 
 
 def unreadable(file: LogFile, error: Exception, run: str | None = None) -> ExcludedRun:
@@ -507,18 +504,6 @@ EQUATORIAL_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257223563  # m; World Geode
 SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))  # Quantities that come out of one sensor each
 
 
-def read_planar(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = YAW) -> OfOneLog:
-    """Read the runs of a log of motion in the plane, and those set aside. Raises LogError or RunError if the log was
-    named and is unreadable, or drives nothing but the heading."""
-    try:
-        table = read_log(file, columns, dof=dof, motion=PLANAR)
-        _require_forces(table)
-        runs, aside = runs_of_table(file, _with_forces(table))
-    except LogError as error:
-        return [], [unreadable(file, error)]
-    return [_with_fresh_readings(_on_the_water(run)) for run in runs], aside
-
-
 def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
     """Metres north and east of the first fix, of latitudes and longitudes [rad] (N,) of which some may be NaN.
 
@@ -539,9 +524,9 @@ def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
     return np.where(none, np.nan, north), np.where(none, np.nan, east)
 
 
-def _require_forces(table: LogTable) -> None:
-    """Refuse a table that drives nothing but the heading, or in normalised units, of which each has a scale of its
-    own."""
+def _with_forces(table: LogTable) -> LogTable:
+    """The table without headings where a force is missing: `clean` drops these rows, and counts them. Raises LogError
+    for one that drives nothing but the heading, or in normalised units, of which each has a scale of its own."""
     for dof in PLANAR.dofs:
         newtons = dof.units.forces[1]
         if (unit := table.units.get(dof.command, newtons)) != newtons:
@@ -551,42 +536,32 @@ def _require_forces(table: LogTable) -> None:
                 f"need newtons and newton metres. Map it with a scale, such as {dof.column(dof.command, newtons)} = "
                 f'{{ from = "{name}", scale = 40 }}, in a --columns file'
             )
-    pushed = any(dof.command in table.columns for dof in (SURGE, SWAY))
-    if not pushed and not driven(YAW, table.columns.keys()):
-        forces = " or ".join(dof.column(dof.command, "N") for dof in (SURGE, SWAY))
+    forces = [table.columns[dof.command] for dof in (SURGE, SWAY) if dof.command in table.columns]
+    if not forces and not driven(YAW, table.columns.keys()):
+        names = " or ".join(dof.column(dof.command, "N") for dof in (SURGE, SWAY))
         raise LogError(
-            f"{table.source}: no force in the log ({forces}), by which surge and sway are driven; name its column "
+            f"{table.source}: no force in the log ({names}), by which surge and sway are driven; name its column "
             "with --columns, or give the log to automarine fit-yaw"
         )
-
-
-def _with_forces(table: LogTable) -> LogTable:
-    """The table without headings where a force is missing: `clean` drops these rows, and counts them."""
     heading = table.columns.get(YAW.position)
     if heading is None:
         return table
-    for dof in (SURGE, SWAY):
-        heading = np.where(np.isnan(table.columns.get(dof.command, heading)), np.nan, heading)
-    return replace(table, columns={**table.columns, YAW.position: heading})
+    lacking = np.any([np.zeros(len(table), dtype=bool), *map(np.isnan, forces)], axis=0)
+    return replace(table, columns={**table.columns, YAW.position: np.where(lacking, np.nan, heading)})
 
 
 def _on_the_water(run: Run) -> Run:
+    """A run of motion in the plane with places in metres, and without what a slow sensor repeats."""
     extras = dict(run.extras)
-    if not {"lat", "lon"} <= extras.keys() or {"north", "east"} <= extras.keys():
-        return run
-    north, east = local_plane(extras.pop("lat"), extras.pop("lon"))
-    return replace(run, extras={**extras, "north": north, "east": east})
-
-
-def _with_fresh_readings(run: Run) -> Run:
+    if {"lat", "lon"} <= extras.keys() and not {"north", "east"} <= extras.keys():
+        extras["north"], extras["east"] = local_plane(extras.pop("lat"), extras.pop("lon"))
+    notes = []
     for names in SENSORS:
-        if not run.extras.keys() >= {*names}:
+        if not extras.keys() >= {*names}:
             continue
-        columns = {name: run.extras[name] for name in names}
-        fresh = fresh_readings(*columns.values())
-        if (again := np.isfinite(columns[names[0]]) & ~fresh).any():
+        fresh = fresh_readings(*(extras[name] for name in names))
+        if (again := np.isfinite(extras[names[0]]) & ~fresh).any():
             share = f"{' and '.join(names).replace('_', ' ')}: {100 * float(again.mean()):.0f} % of the rows"
-            note = f"{share} repeat the reading before them, as of a slow sensor, and do not count"
-            readings = {name: np.where(again, np.nan, column) for name, column in columns.items()}
-            run = replace(run, extras={**run.extras, **readings}).noted(note)
-    return run
+            notes.append(f"{share} repeat the reading before them, as of a slow sensor, and do not count")
+            extras |= {name: np.where(again, np.nan, extras[name]) for name in names}
+    return replace(run, extras=extras).noted(*notes)

@@ -186,8 +186,7 @@ HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit 
 VALIDATION_SUFFIX = "_validation"  # and how they may end
 MIN_TURNED_SHARE = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
 
-Placed = Mapping[str, tuple[LogFile, ...]]
-"""Logs by the kind of test that they are."""
+Placed = Mapping[str, tuple[LogFile, ...]]  # logs by the kind of test that they are
 
 
 @dataclass(frozen=True)

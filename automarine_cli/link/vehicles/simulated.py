@@ -24,8 +24,7 @@ from automarine_cli.simulation.rollout import Start, simulate, step_for
 from automarine_cli.simulation.specification import normal
 from automarine_cli.text import listed, printable
 
-COMPASS_NOISE_DEG = 1.0
-"""Of the simulated compass, as the paper's."""
+COMPASS_NOISE_DEG = 1.0  # of the simulated compass, as the paper's
 
 
 @dataclass(frozen=True)
