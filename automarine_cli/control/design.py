@@ -1,20 +1,16 @@
-"""Flights of vehicles under a controller, how far its loops are from oscillating, and gains as fast and as stiff as the
-margin allows to all vehicles that a model allows.
+"""Flights under a controller, margins of its loops, and gains as fast and stiff as the margin allows to all vehicles
+that a model allows.
 
-A formula for margins is satisfied by loops that are unstable already: what is unstable is found first, by counting how
-often 1 + L goes round the origin along a line slightly to the left of the imaginary axis (Nyquist's criterion, which
-thus calls what rings on and on unstable too), and has no margin.
+Margins mean nothing for unstable loops, which are found first: by counting how often 1 + L goes round the origin along
+a line slightly to the left of the imaginary axis (Nyquist), so that what rings on and on is unstable too.
 
-First design numbers are spread over the space of gains and their disk margins worked out on some vehicles of every
-explanation; all that keep the margin are flown, for no figure of a linear loop says how soon a step settles. The best
-are looked at again nearby, ever nearer, and the last few are judged on the whole crowd.
-
-The best are the quickest of those that bring the vehicle back from a load that stays, within a time; where none does,
-settling and what is left of the load weigh equally.
+Design numbers are spread over the space of gains; all that keep the disk margin on some vehicles of every explanation
+are flown, for no linear figure says how soon a step settles. The best are looked at again nearby, ever nearer, and the
+last few are judged on the whole crowd: the quickest of those that bring the vehicle back from a load that stays; where
+none does, settling and what is left of the load weigh equally.
 
 Sources: Seiler, Packard and Gahinet (2020), An introduction to disk margins, IEEE Control Systems 40(5):78; Nyquist
-(1932), Bell System Technical Journal 11:126.
-"""
+(1932), Bell System Technical Journal 11:126."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -88,8 +84,8 @@ def fly(
 
 @dataclass(frozen=True)
 class Scores:
-    """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (infinite where it never does), `rms`
-    from then on, `error` of the load [base units], and what is `left` of the latter after the time of recovery."""
+    """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (or infinite), `rms` from then on,
+    `error` of the load [base units], and what is `left` of it after the time of recovery."""
 
     overshoot: Floats
     settling: Floats
@@ -115,7 +111,7 @@ def step_and_load(
 
 def scores(flight: ClosedLoopRun, step: float, band: float, recovery: float = np.inf) -> Scores:
     """Score flights of a `step`, settled within a `band`, and of a load; what is left of that is the mean over the
-    second before the time of `recovery` [s] or the end, for noise moves the vehicle too."""
+    second before the time of `recovery` [s] or the end."""
     overshoot, settling, rms = step_scores(flight.time, flight.position[:, 0], step, band)
     pushed = np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6)
     last = max(10, int(np.searchsorted(flight.time, recovery)))
@@ -158,9 +154,8 @@ def frequencies(highest: float, count: int) -> Floats:
 
 
 def stable_along(ratio: Complexes, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
-    """Tell which of S closed loops are stable, by L (S, W) at frequencies times (1j - TILT).
-
-    `poles` (S or 1, n) are those of the vehicle, `integrators` how many the controller adds."""
+    """Tell which of S closed loops are stable, by L (S, W) at frequencies times (1j - MIN_DAMPING_RATIO), the `poles`
+    (S or 1, n) of the vehicle and the number of the controller's `integrators`."""
     curve = 1.0 + ratio
     turned = np.sum(np.angle(curve[:, 1:] / curve[:, :-1]), axis=1)
     origin = np.abs(poles) < MIN_RAD_S
@@ -235,9 +230,9 @@ COARSE_FREQUENCIES, FINE_FREQUENCIES = 180, 500  # frequencies of the first look
 
 @dataclass(frozen=True)
 class Task:
-    """What gains are for: `step` of the reference and `band` within which it counts as settled [base units], `load` in
-    shares of the whole output, disk `margin` to keep, how long a flight takes [s], and the time of `recovery` [s] after
-    which the load is to be within the band, infinite where nobody set it."""
+    """What gains are for: `step` of the reference, `band` within which it counts as settled [base units], `load` in
+    shares of the whole output, disk `margin`, `seconds` of a flight, and time of `recovery` [s] from the load
+    (infinite: none set)."""
 
     step: float
     band: float
@@ -258,8 +253,8 @@ def probes(vehicles: Vehicles) -> Vehicles:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a set of gains does over the whole crowd: margins and scores of every vehicle, flights of every vehicle, and
-    which of them rest in a further flight as long."""
+    """What gains do over the whole crowd: margins, scores and flights, and which vehicles rest in a further flight as
+    long."""
 
     gains: Mapping[str, float]
     margins: Margins
@@ -277,8 +272,8 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Problem:
-    """What gains are looked for: the stack, the task, what is known of the vehicle, it as the designer sees it, and the
-    crowds that are flown."""
+    """What gains are looked for: stack, task, what is known of the vehicle, the designer's view of it, the crowds
+    flown."""
 
     target: Target
     task: Task
@@ -310,8 +305,8 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
 def problem_of(
     target: Target, task: Task, knowledge: Knowledge, full: float, bend: TwinThrusters | None, seed: int
 ) -> Problem:
-    """Draw vehicles of every explanation, the same count of each: `full` is the moment or force at the whole output,
-    `bend` the map to it where that is no straight line."""
+    """Draw as many vehicles of every explanation; `full` is the moment or force at the whole output, `bend` the map to
+    it where that is no straight line."""
     rng, crowds = np.random.default_rng(seed), []
     size = max(CROWD_VEHICLES // len(knowledge.explanations), FEW_VEHICLES)
     for explanation in knowledge.explanations:
@@ -344,8 +339,7 @@ def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega
 
 
 def keepable(problem: Problem, numbers: Floats, few: int, count: int) -> Floats:
-    """Return the disk margin (C,) that all but a twentieth of the first vehicles of every crowd keep, from so many
-    frequencies."""
+    """Return the disk margin (C,) that all but a twentieth of the first `few` vehicles of every crowd keep."""
     gains, omega = problem.target.propose(numbers, problem.nominal), problem.omega(count)
     parts = (screened(problem.target, gains, part.pick(slice(0, few)), omega) for part in problem.crowds)
     return np.min([np.sort(disk)[:, int((1.0 - PASS_RATE) * disk.shape[1] + 1e-9)] for disk in parts], axis=0)
@@ -378,9 +372,9 @@ def tried(problem: Problem, numbers: Floats, disk: Floats, few: Callable[[Vehicl
 def leaders(trials: Trials, task: Task, count: int) -> Trials:
     """Return the best `count` sets, best first, then some that may lead to better ones.
 
-    The cost is log settling + log of what is left of the load beyond the band: half the time is worth as much as half
-    of what is left, until the load is rejected; and 4 for each share of the step by which it is overshot, beyond a
-    tenth. Among sets that are nearly as good, the largest margin and the least error under the load count."""
+    The cost is log settling + log of what is left of the load beyond the band, and 4 for each share of the step by
+    which it is overshot beyond a tenth. Among nearly as good sets, the largest margin and the least error under the
+    load count."""
     time = np.log(np.where(np.isfinite(trials["settling"]), trials["settling"], UNSETTLED_COST * task.seconds))
     time = time + 4.0 * np.maximum(trials["overshoot"] - 0.1, 0.0)
     excess = np.log(np.maximum(trials["left"] / (LOAD_BANDS * task.band), 1.0))
@@ -404,9 +398,8 @@ def spread_numbers(count: int, size: int) -> Floats:
 
 
 def shorten(problem: Problem) -> tuple[Problem, float]:
-    """Shorten the flights to `FLIGHT_SETTLINGS` times what the quickest gains take to settle on the first vehicle; the
-    time of recovery is `RECOVERY_SETTLINGS` times that where none is set, and no flight is shorter. Return also how
-    long flights that are promised take [s]."""
+    """Shorten the flights to `FLIGHT_SETTLINGS` times the quickest settling time on the first vehicle, and set the time
+    of recovery where none is set. Return also how long flights that are promised take [s]."""
     task = problem.task
     alone = replace(problem, crowds=(problem.crowds[0].pick(slice(0, 1)),))
     settling = searched(alone, task.margin, 3, FIRST_SETS // 5)["settling"]
@@ -420,7 +413,7 @@ def shorten(problem: Problem) -> tuple[Problem, float]:
 
 def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST_SETS) -> Trials:
     """Find, from so many `first` ones, the best sets of gains that keep the margin on some vehicles of all crowds, as
-    `leaders` ranks them; none where none does. Margins are those of the target's own loops, flights are rough."""
+    `leaders` ranks them; none where none does. Flights are rough."""
     size, task = problem.target.numbers, problem.task
     trials = _kept(problem, margin, spread_numbers(first, size))
     offsets = spread_numbers(NEIGHBOUR_SETS, size) - 0.5
@@ -452,16 +445,15 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
 
 
 def keeps(result: Outcome, problem: Problem) -> bool:
-    """Whether every explanation's vehicles keep the margin, settle and then rest, all but a twentieth: in a dead-band a
-    loop may hunt for ever, in swings with long rests between."""
+    """Tell whether all but a twentieth of every explanation's vehicles keep the margin, settle and then rest: in a
+    dead-band a loop may hunt for ever."""
     good = (result.margins.disk >= problem.task.margin) & result.scores.settles & result.rest
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= PASS_RATE for part in np.split(good, ends))
 
 
 def best_gains(problem: Problem) -> dict[str, float] | None:
-    """The best gains that all crowds can live with, as `leaders` ranks the worst of what some vehicles do; looked for
-    with more margin on the few where that fails."""
+    """Find the best gains that all crowds can live with; looked for with more margin on the few where that fails."""
     judged = slice(0, JUDGED_FEW)
     for more in (1.0, 1.12, 1.3):
         numbers = searched(problem, more * problem.task.margin, SEARCH_ROUNDS)["numbers"]

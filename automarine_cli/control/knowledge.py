@@ -54,9 +54,9 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """The stored model, every explanation (the named one first), how uncertain thrust, delay and supply are, `largest`
-    moment of the logs or None, splits by rival, notes; and what has to be `settled` before anything can be promised: a
-    sentence and the effect to be settled, or None."""
+    """The stored model, every explanation (the named one first), what is uncertain, `largest` moment of the logs or
+    None, splits by rival, notes; and what has to be `settled` before anything can be promised: a sentence and the
+    effect."""
 
     stored: StoredModels
     explanations: tuple[Explanation, ...]
@@ -74,10 +74,8 @@ class Knowledge:
 def read_knowledge(
     model: Source, diagnosis: Source | None, delay: float | None, supply: tuple[float, float]
 ) -> Knowledge:
-    """Read the files; `delay` [s] is the longest that the logs cannot show, where the user knows better.
-
-    Raises ModelError for a file that is none, for drag that drives, and for an effect that no controller can be
-    designed with."""
+    """Read the files; `delay` [s] is the longest that the logs cannot show, where the user knows better. Raises
+    ModelError for a file that is none, and for drag that drives."""
     prior = read_prior_results(model, diagnosis)
     file, judged, stored = prior.file, prior.diagnosis, prior.stored
     assert file is not None
@@ -177,8 +175,8 @@ def _covariance(prior: PriorResults, model: Model) -> Floats:
 
 
 def _faint(judged: DiagnosisFile | None) -> float:
-    """Largest standard error of the size that a diagnosis named alone, as a share of it: half of it, and less where it
-    gained far more than chance does, for a size that is off by all of itself loses all that it gained."""
+    """Largest standard error of a size that was named alone, as a share of it: less than half where it gained far more
+    than chance does, for one that is off by all of itself loses all that it gained."""
     if judged is None or judged.threshold is None:
         return MAX_STDERR
     names = [effect.name for effect in judged.effects]
@@ -234,11 +232,10 @@ def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None
 def authority(
     target: Target, knowledge: Knowledge, full: float | None, drive: tuple[ThrusterMap, float] | None
 ) -> tuple[float, TwinThrusters | None]:
-    """Return the moment or force at the whole output in the model's unit, and the map from output to it where one is
-    given.
+    """Return the moment or force at the whole output in the model's unit, and the map from output to it if there is
+    one.
 
-    Raises ModelError where the model's unit is none that the target can use, or the map contradicts the model, and
-    SettingError for a map of one direction."""
+    Raises ModelError for a unit or a map that does not fit the model, and SettingError for a map of one direction."""
     unit, source, dof = knowledge.stored.model.moment_unit, knowledge.stored.source, knowledge.model.dof
     twins = None if drive is None else turning(*drive)
     most = None if twins is None else twins.largest
@@ -272,11 +269,8 @@ def authority(
 
 
 def turning(thruster_map: ThrusterMap, arm: float) -> TwinThrusters:
-    """Return two thrusters `arm` [m] off the centre line at the same size of signal. Raises SettingError for a map that
-    cannot say how their moment grows.
-
-    The whole output is a control signal of 1, or the largest that the map tells of where that is more: pulses, percent.
-    """
+    """Return two thrusters `arm` [m] off the centre line at the same size of signal, at most 1 or the largest that the
+    map tells of. Raises SettingError for a map without thrust there."""
     twins = TwinThrusters(*thruster_map.both_ways, arm, max(thruster_map.largest or 1.0, 1.0))
     if not twins.largest > 0:
         raise SettingError(

@@ -1,5 +1,5 @@
-"""The result of `tune`: a model or a diagnosis -> gains of a controller with their margins, or why none can be
-promised; and a log flown with gains against what was promised of them."""
+"""The result of `tune`: gains of a controller with their margins, or why none can be promised; and a flown log against
+the promise."""
 
 import math
 import shlex
@@ -48,13 +48,10 @@ def set_up(
     delay: float | None = None, supply: tuple[float, float] = SUPPLY_SHARES, sample_time: float | None = None,
     beyond_range: bool = False, seed: int = 0,
 ) -> Problem:  # fmt: skip
-    """Read and check what a tuning is made of.
-
-    `model` is that of a fit, or a diagnosis whose model is `extended`; `step` in degrees or metres, `load` [%] of the
-    whole output, to be rejected in `load_recovery` [s], disk `margin` to keep; `full` moment or force of the whole
-    output; `delay` [s] that the logs cannot show, `supply` voltage in shares of that of the logs; `seed` draws the
-    vehicles. Raises ModelError or SettingError.
-    """
+    """Read and check what a tuning is made of. `model` is that of a fit, or a diagnosis whose model is `extended`;
+    `step` in degrees or metres, `load` [%] of the whole output, to be rejected in `load_recovery` [s]; `full` moment or
+    force of the whole output; `delay` [s] that the logs cannot show, `supply` voltage in shares of that of the logs.
+    Raises ModelError or SettingError."""
     if read_plain(model, "JSON", ModelError).get("schema") != DIAGNOSIS.schema:
         knowledge = read_knowledge(model, None, delay, supply)
     elif extended is None:
@@ -88,9 +85,8 @@ TUNING = ResultKind("tuning.json", "tuning", TuningFile, "tune")
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Shown, Problem):
-    """The verdict on a problem and why; `old` and `new` outcomes where there are any, and that of gains `beyond` their
-    documented ranges where these are a limit; the effect that is `open` and changes the answer, empty for none; and the
-    `settings` of `set_up`."""
+    """The verdict on a problem and why; the `old` and `new` outcomes, and that of gains `beyond` their documented
+    ranges where these limit; the effect that is `open`, or empty; and the `settings` of `set_up`."""
 
     verdict: Verdict
     why: str
@@ -174,8 +170,7 @@ class Tuning(Shown, Problem):
 
     @property
     def plan_command(self) -> str:
-        """The line that plans runs which separate what a diagnosis left tied, or narrow the effect that is not known;
-        empty where nothing is open, or nothing can be planned."""
+        """The command that plans runs which settle what is open; empty where nothing is, or nothing can be planned."""
         dof, effect = self.nominal.dof, self.open
         if not effect or not dof.wraps:
             return ""
@@ -201,18 +196,15 @@ class Tuning(Shown, Problem):
 
 
 def make_tuning(*, present: Source | None, **settings: Any) -> Tuning:
-    """Design gains by the settings of `set_up`; `present` is a file of the gains flown so far.
-
-    Raises ModelError or SettingError."""
+    """Design gains by the settings of `set_up`; `present` is a file of those flown so far. Raises ModelError or
+    SettingError."""
     problem = set_up(**settings)
     return replace(judge(problem, present_gains(problem.target, present)), settings=settings)
 
 
 def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
-    """Reach the verdict on a problem; `present` gains by name, None where there are none.
-
-    A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
-    margin and do not settle in time."""
+    """Reach the verdict on a problem; `present` gains by name, or None. Flights take seven times the shortest turn and
+    the delays many times over, and twice as long where gains do not settle in time."""
     task, nominal, settled = problem.task, problem.nominal, problem.knowledge.settled
     if settled is not None:
         return _reached(problem, "cannot-promise", *settled)
@@ -361,8 +353,8 @@ def cell(of: Estimate | None) -> str:
 
 
 def headlines(tuning: Tuning) -> list[str]:
-    """Say margin, settling, largest error under load and what is left of it, with all gains that were flown; whether
-    the load is rejected; and which documented ranges limit that."""
+    """Say margin, settling and load error with all gains that were flown, whether the load is rejected, and which
+    documented ranges limit that."""
     task, dof, new = tuning.task, tuning.nominal.dof, tuning.new
     bands = {name: margins_of(outcome) | promises(outcome, dof) for name, outcome in tuning.outcomes()}
     said = []
@@ -395,9 +387,8 @@ SMOOTHED_S, STEADY_S, MIN_STEP_BANDS = 0.5, 3.0, 5.0
 
 @dataclass(frozen=True)
 class FlownStep:
-    """A step of the reference: when it `begins` [s in the log], its size, what came of it beside the band of 95 % that
-    was promised, as in the result file (None where it never settled), and the curves: `time` (N,), `reference` (N,),
-    `position` (N,) as read, `low` and `high` (N,) of the promise, all less the position before."""
+    """A step of the reference: when it `begins` [s in the log], its size, its figures beside the band of 95 % that was
+    promised, and the curves (N,) less the position before: `position` as read, `low` and `high` of the promise."""
 
     run: str
     begins: float
@@ -438,9 +429,8 @@ def check_tuning(
     tuning: Source, logs: Sequence[LogFile], reference: str | None, columns: Source | ColumnMap | None,
     progress: Progress = silent,
 ) -> TuningCheck:  # fmt: skip
-    """Compare logs that were flown with the gains of a `tuning.json` with what was promised of them.
-
-    Raises ModelError for another file, LogError or RunError for logs without a step."""
+    """Compare logs flown with the gains of a `tuning.json` with what was promised of them. Raises ModelError for
+    another file, LogError or RunError for logs without a step."""
     problem, gains = _of_tuning(tuning)
     dof, task = problem.nominal.dof, problem.task
     runs = load_runs(logs, given_columns(columns), dof=dof, progress=progress).runs

@@ -26,12 +26,12 @@ quadratic drag is that at rest, of dry friction that of a brisk turn. Water that
 
 @dataclass(frozen=True)
 class Vehicles:
-    """S vehicles that one explanation allows, called `name`; the first of a crowd is as its model says.
+    """S vehicles that one explanation allows; the first of a crowd is as its model says.
 
-    `theta` (S, p) parameters of `model`; `full` the moment or force of the whole output; `gain` (S,) of the thrust,
-    `late` (S,) [s] a delay beyond the model's, `volts` (S,) [V] of the supply, `at` (S,) the output about which its
-    slope counts in margins; `bend` the thrusters where the moment is not in proportion to the output, `full`
-    at the whole; `noise` of the readings of position and velocity [base units]."""
+    `theta` (S, p) of `model`; `full` moment or force of the whole output; `gain` (S,) of the thrust, `late` (S,) [s]
+    beyond the model's delay, `volts` (S,) of the supply, `at` (S,) the output about which its slope counts in margins;
+    `bend` the thrusters where moment is not in proportion to output; `noise` of position and velocity read [base
+    units]."""
 
     model: Model
     theta: Floats
@@ -54,9 +54,8 @@ class Vehicles:
 
 @dataclass(frozen=True)
 class Spread:
-    """What is uncertain beside theta: `scatter` of the thrust from run to run, `late` the longest delay [s] that the
-    logs cannot show, `volts` of the logs and of the supply when it is lowest and highest, `noise` of the readings of
-    position and velocity [base units]."""
+    """What is uncertain beside theta: `scatter` of the thrust from run to run, the longest `late` [s] that the logs
+    cannot show, `volts` logged, lowest and highest, `noise` of position and velocity [base units]."""
 
     scatter: float
     late: float
@@ -81,9 +80,8 @@ def crowd(
 
 
 def _drawn(model: Model, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """Parameters (count, p) about the model's; those of the sign-definite base on the logarithm, all within bounds.
-
-    What has no variance is exactly the model's: which law acts is a number that others are compared with."""
+    """Parameters (count, p) about the model's, those of a definite sign on the logarithm, all within bounds; what has
+    no variance stays the model's."""
     theta, variance = model.theta, np.diagonal(covariance)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -1,5 +1,5 @@
-"""The surface's side: on contact state, stop, campaign, then logs, one request at a time, each on a connection of its
-own; what is cut is asked for again, and goes on where it was."""
+"""The surface's side: on contact state, stop, campaign, then logs; what is cut is asked for again, and goes on
+there."""
 
 import hashlib
 import http.client
@@ -155,9 +155,8 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Collected:
-    """The vehicle's last state, name and SHA-256 of every log that is here, how many came now, bytes and cuts; how the
-    campaign that was handed over ended, if that was before its last run; which logs could not be fetched, and why; what
-    `run` made of the logs, or why there is no analysis yet, if one was asked for."""
+    """The vehicle's last state, SHA-256 of every log that is here by name, how many are new, bytes and cuts; how the
+    campaign ended early; why logs could not be fetched; what `run` made of them, or why there is no analysis."""
 
     state: State
     logs: dict[str, str]
@@ -189,10 +188,8 @@ class Collected:
 
 @dataclass
 class Collector:
-    """Fetches the logs of a vehicle into `folder`; gives up after `wait_s` without contact (None: never).
-
-    A log that was changed here is fetched again with `overwrite`, else refused. `cuts` and `bytes_in` count what
-    crossed the link."""
+    """Fetches the logs of a vehicle into `folder`; gives up after `wait_s` without contact (None: never). A log that
+    was changed here is fetched again with `overwrite`, else refused."""
 
     client: Client
     folder: Path
@@ -212,11 +209,10 @@ class Collector:
         return Collected(state, logs, len(logs) - before, self.bytes_in, self.cuts, early, tuple(self.damaged))
 
     def collect(self, campaign: LinkCampaign | None, stop: bool) -> State:
-        """The vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
+        """Return the vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
 
-        A log that is not what it was closed as keeps no other from being fetched; `damaged` says why. Raises
-        SettingError for no contact, a wrong token, a refused campaign and an answer that makes no sense, OutputError
-        for a folder that cannot be written."""
+        A damaged log keeps no other from being fetched. Raises SettingError for no contact, a wrong token, a refused
+        campaign and an answer that makes no sense, OutputError for a folder that cannot be written."""
         with one_sentence(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
         before = self._until_done(self.client.state)
@@ -327,8 +323,8 @@ class Collector:
                 self.progress(f"fetching {name}", have + len(came), size)
 
     def _until_done(self, ask: Callable[[], Answer]) -> Answer:
-        """The answer, however often the link is cut before it comes; SettingError after `wait_s` without any, and for
-        one that makes no sense, or refuses, again and again."""
+        """The answer, however often the link is cut; SettingError after `wait_s` without any, and for senseless
+        answers."""
         ends, wrong = None if self.wait_s is None else time.monotonic() + self.wait_s, 0
         while True:
             try:

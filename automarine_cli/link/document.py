@@ -1,5 +1,5 @@
-"""What crosses the link: a campaign, one JSON document that is known by the SHA-256 of its bytes, and what the vehicle
-answers, its state and its list of logs; plain data, and checked."""
+"""What crosses the link: a campaign, one JSON document known by its SHA-256, and the vehicle's state and list of
+logs."""
 
 import hashlib
 import re
@@ -162,8 +162,8 @@ class CampaignState:
 
 @dataclass(frozen=True)
 class State:
-    """What the vehicle is at: the open log, every campaign, and sentences on what in its folder is not right, or is
-    driven without being sent anew."""
+    """The open log, every campaign, and sentences on what in the folder is wrong, or is driven without being sent
+    anew."""
 
     schema: Literal["automarine/link-state/1"]
     campaigns: tuple[CampaignState, ...]

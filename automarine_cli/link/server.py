@@ -155,10 +155,8 @@ class Handler(BaseHTTPRequestHandler):
 
 
 class LinkServer(ThreadingHTTPServer):
-    """Answers requests on one address, each in a thread; `tell` hears what it accepts and refuses.
-
-    `resumed` says which campaigns go on by themselves. Where the disk refuses to keep a stop, `silenced` says so, and
-    nothing is driven any more."""
+    """Answers requests on one address, each in a thread; `tell` hears what it accepts and refuses. `resumed` says which
+    campaigns go on by themselves, `silenced` that the disk refused a stop and nothing is driven any more."""
 
     daemon_threads = True
     request_queue_size = MAX_STRANGERS
@@ -176,9 +174,8 @@ class LinkServer(ThreadingHTTPServer):
         self._tell, self._refused = tell, ""
 
     def accept(self, content: bytes, name: str) -> bool:
-        """Keep a campaign that the vehicle can drive; False where it is here already. Raises AutomarineError.
-
-        One that waits here while all are stopped is stopped too."""
+        """Keep a campaign, stopped if all were while it waited; False where it is here already. Raises
+        AutomarineError."""
         came = time.monotonic()
         with self._one_at_a_time:
             try:
@@ -196,9 +193,7 @@ class LinkServer(ThreadingHTTPServer):
             return is_new
 
     def stop(self, only: list[str] | None = None) -> bool:
-        """Stop all campaigns, or `only` those with some ids; whether the vehicle is silent.
-
-        It waits for no campaign that is just looked at."""
+        """Stop all campaigns, or `only` those with some ids; whether the vehicle is silent."""
         if only is None:
             self._stopped = time.monotonic()
         try:
@@ -277,8 +272,8 @@ def token_of(folder: Path) -> str:
 
 
 def serve(folder: Path, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[..., object]) -> None:
-    """Serve a folder until interrupted; `tell` hears the address with the token, then a sentence when a campaign is
-    accepted, refused or over, and of what in the folder is not right. Raises SettingError, OutputError."""
+    """Serve a folder until interrupted; `tell` hears the address with the token, then sentences on campaigns and on
+    what in the folder is not right. Raises SettingError, OutputError."""
     store = Store(folder)
     store.prepare()
     try:

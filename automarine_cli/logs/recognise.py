@@ -1,10 +1,8 @@
-"""What the columns of logs may be: by their names and by their values, and how sure that is; and the column map that
-fits all logs of a folder.
+"""What the columns of logs may be, by names and values, and how sure that is; and the map that fits all logs of a
+folder.
 
-Nothing is ever read by a guess: `automarine init` writes it into a campaign file, with the range that was seen,
-and asks where name and range do not settle it. Control signal and force of a bollard test are looked at together:
-where neutral is, and what says the direction.
-"""
+Nothing is read by a guess: `automarine init` writes it into a campaign file, and asks where name and range leave it
+open. Control signal and force of a bollard test are looked at together: where neutral is, what says the direction."""
 
 import os
 import re
@@ -56,11 +54,8 @@ from automarine_cli.quantities import Floats
 
 @dataclass(frozen=True)
 class Span:
-    """What the values of one column do, over one log or many: ends, steps from one row to the next, and the median.
-
-    `made_from` names the outputs that it was worked back from, where no file holds it. Of a column of times `stamps`
-    says how they are written, and `open` that day and month may be exchanged.
-    """
+    """What a column does over one log or many: ends, steps from row to row, median. `made_from` names the outputs it
+    was worked back from; `stamps` says how times are written, `open` that day and month may be exchanged."""
 
     low: float
     high: float
@@ -85,8 +80,7 @@ class Span:
 
 
 def is_pulses(name: str, span: Span) -> bool:
-    """Whether values may be what is sent to a thruster's driver: pulse lengths [us] that change, by a name that says so
-    or about neutral, usual ones or as far to both sides."""
+    """Tell whether values may be changing pulse lengths [us] of thrusters: by name, usual range or symmetry."""
     (low, neutral, high), (shortest, longest) = PULSES, EVERY_PULSE
     usual = low <= span.low <= neutral <= span.high <= high
     centred = abs(span.low + span.high - 2 * neutral) <= NEUTRAL_TOLERANCE_US
@@ -149,12 +143,8 @@ UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "per
 
 @dataclass(frozen=True)
 class Recognised:
-    """What one column is taken for: a canonical `key`. `unit` None: the key's own; `open`: what must be asked, "" where
-    it is sure.
-
-    `more` are the other keys of its rule (subtract, sign_from, ...); `ask` is the key that is open ("" where the
-    question is which column, or whether).
-    """
+    """What a column is taken for: a canonical `key`, with `unit` (None: the key's own) and `more` keys of its rule.
+    `open` is what must be asked ("" where it is sure), `ask` the key that is open ("": which column, or whether)."""
 
     key: str
     source: str
@@ -354,8 +344,8 @@ NEUTRAL_TOLERANCE_US = 60.0  # us about the usual neutral of pulses
 def directed(
     n: Recognised, force: Recognised, signal: Floats, pull: Floats, pulses: bool
 ) -> tuple[Recognised, Recognised]:
-    """Both with the neutral that the signal needs, and with the column that tells the sign of one that has none, by the
-    numbers of the tests, (N,) each; `pulses` says whether the signal may be some."""
+    """Return both with the neutral that the signal needs, or the column that tells its sign, by the numbers of the
+    tests, (N,) each; `pulses`: the signal may be some."""
     good = np.isfinite(signal) & np.isfinite(pull)
     signal, pull = signal[good], pull[good]
     if not np.any(pull):
@@ -409,8 +399,8 @@ def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
 
 
 def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> Recognised:
-    """The force with the sign of the command where it has none itself although the command goes both ways; where it
-    goes against the command, the sign is asked for."""
+    """The force with the sign of a command that goes both ways where it has none itself; asks where it goes against
+    it."""
     if n.ask or "sign_from" in n.more or not _both_ways(signal):
         return force
     back = signal < -MIN_FORCE_SHARE * np.abs(signal).max()
@@ -435,9 +425,8 @@ MAX_LOOKED_INTO = 20  # bollard tests of one layout
 
 @dataclass(frozen=True)
 class Layout:
-    """Logs with the same columns: whether they are thruster tests, what each column does over all of them (`spans`), of
-    which motion they are (translations only by columns of those names), what their columns are taken for, which
-    quantities no column looks like, and columns of few words."""
+    """Logs with the same columns: whether they are thruster tests, their motion, what each column does over all of them
+    (`spans`) and is taken for, which quantities are `lacking`, and columns of few words."""
 
     names: tuple[str, ...]
     bollard: bool
@@ -480,8 +469,8 @@ class Layout:
 
 @dataclass(frozen=True)
 class Maps:
-    """The layouts that share the map of all logs, and those with maps of their own, each with the names by which its
-    files are told; what else stands in the map of all, such as which files are one log."""
+    """The layouts that share the map of all logs, and those with maps of their own with the names of their files; and
+    the user's map."""
 
     shared: tuple[Layout, ...] = ()
     apart: tuple[tuple[tuple[str, ...], tuple[Layout, ...]], ...] = ()
@@ -497,7 +486,7 @@ def merged(layouts: Sequence[Layout]) -> dict[str, ColumnRule]:
 
 
 def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -> Layout:
-    """The layout with what its columns are taken for: first by `user_map`, then by name and by what they do in all logs
+    """Return the layout with what its columns are taken for: by `user_map`, then by name and what they do in all logs
     of the kind (`alike`)."""
     mapped = {}
     for key, rule in user_map.of(layout.files[0].path).columns.items():
@@ -555,8 +544,7 @@ def _tests(
 
 
 def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, user_map: ColumnMap) -> Maps:
-    """The maps of layouts, of which the first to come has the map of all logs; those that would read each other's
-    columns wrong have maps of their own."""
+    """Make the maps of layouts; those that would read each other's columns wrong have maps of their own."""
     groups: list[list[Layout]] = [[]]
     for layout in layouts:
         group = next((group for group in groups if all(_fits(layout, o) and _fits(o, layout) for o in group)), None)
@@ -600,8 +588,8 @@ def together(parts: Iterable[Mapping[str, Span]]) -> dict[str, Span]:
 def layouts_of(
     folder: Path, files: Sequence[LogFile], user_map: ColumnMap, jobs: int, progress: Progress
 ) -> tuple[tuple[LogFile, ...], tuple[Layout, ...], Maps, Mapping[LogFile, LogError]]:
-    """Look at the columns of every log, by `user_map` where there is one: return whole logs, kinds of these but those
-    of no vehicle, the maps that read them, and why some cannot be read."""
+    """Look at the columns of every log: return whole logs, kinds of these but those of no vehicle, the maps that read
+    them, and why some cannot be read."""
     logs = whole_logs(files, user_map)
     layout_of = partial(_layout_of, columns=user_map)
     parts = dict(zip(logs, ordered_map(layout_of, logs, jobs, progress=progress, stage="looking at columns")))
@@ -634,8 +622,8 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
 
 
 def _recognised(parts: Iterable[Layout | LogError], user_map: ColumnMap) -> list[Layout]:
-    """Files of the same columns together, yaw first, and of yaw those with more logs; those of yaw and tests with what
-    their columns are taken for: a column of one name does what it does over all logs of the kind."""
+    """Files of the same columns together, yaw first, then those with more logs; of yaw and tests with what their
+    columns are taken for."""
     groups: dict[tuple[tuple[str, ...], bool, str], list[Layout]] = {}
     for part in parts:
         if isinstance(part, Layout):
@@ -653,8 +641,8 @@ def _recognised(parts: Iterable[Layout | LogError], user_map: ColumnMap) -> list
 
 
 def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
-    """Folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs; never the
-    folder at the top, as results that are written into it later would be taken for logs."""
+    """Return folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs; never
+    the folder at the top, where results may be written."""
     remaining, places = set(wanted), []
     folders = {parent.as_posix() for name in everywhere for parent in PurePosixPath(name).parents[:-1]}
     for folder in sorted(folders, key=lambda folder: (folder.count("/"), folder)):  # outer ones first

@@ -1,15 +1,12 @@
 """ROS 1 bags, ROS 2 bags (sqlite, MCAP), and MCAP files with JSON channels as BlueOS records them.
 
-ROS says where a vehicle points as an angle from east, counter-clockwise, on axes forward, left and up (REP 103); here
-the heading counts clockwise from north, and yaw rate and sway are positive to starboard. The signs are turned, and
-that is told. A field is named TOPIC.FIELD: `/thruster/port.data`, `/thrusters.data[0]`, `/imu/data.heading`.
+ROS's heading counts from east, counter-clockwise, on axes forward, left and up (REP 103): it is turned, as are yaw rate
+and sway, and that is told. A field is named TOPIC.FIELD: `/thruster/port.data`, `/thrusters.data[0]`.
 
-BlueOS's recorder writes each message of the vehicle as `{"header": {...}, "message": {"type": "ATTITUDE", ...}}` on the
-topic mavlink/SYSTEM/COMPONENT/NAME, with its own clock; these are read as the telemetry log of a ground station is,
-under the same names (`ATTITUDE.yaw`). A field of any other topic is named TOPIC.FIELD. Channels of other encodings,
-such as video, are passed over. Sources: mcap.dev/spec; bluerobotics/blueos-recorder, src/service.rs;
-bluerobotics/mavlink-server, src/lib/drivers/zenoh/json.rs.
-"""
+BlueOS records each message of the vehicle as `{"header": {...}, "message": {"type": "ATTITUDE", ...}}` on the topic
+mavlink/SYSTEM/COMPONENT/NAME, with its own clock; these are read as a telemetry log is, under the same names
+(`ATTITUDE.yaw`). Channels of other encodings are passed over. Sources: mcap.dev/spec; bluerobotics/blueos-recorder,
+src/service.rs; bluerobotics/mavlink-server, src/lib/drivers/zenoh/json.rs."""
 
 import contextlib
 import json
@@ -221,8 +218,7 @@ def _named(topic: str, sources: Iterable[str]) -> list[str]:
 
 
 def _columns(messages: list[Any], paths: Iterable[str]) -> Fields:
-    """The fields of numbers and words at these paths, such as `pose.x` or `data[3]`, shape (N,): NaN where a message
-    lacks one; none that all lack."""
+    """The fields of numbers or words at paths such as `pose.x` or `data[3]`, (N,), NaN where a message lacks one."""
     fields: Fields = {}
     for path in paths:
         keys = re.findall(r"[^.\[\]]+", path)

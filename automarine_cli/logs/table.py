@@ -49,8 +49,8 @@ from automarine_cli.text import listed, printable, quoted
 
 @dataclass(frozen=True)
 class Labels:
-    """A column of words: the `names` in the order in which they first appear, and `code`, shape (N,), which of them
-    each row has (-1: none)."""
+    """A column of words: the `names` in order of appearance, and `code`, (N,), which of them each row has (-1:
+    none)."""
 
     names: tuple[str, ...]
     code: NDArray[np.int64]
@@ -58,14 +58,10 @@ class Labels:
 
 @dataclass(frozen=True)
 class LogTable:
-    """One log file, read: `columns` of canonical quantities (`CANONICAL`) in SI units, each of shape (N,), a missing
-    value NaN; positions that wrap as logged, control signals in the file's own unit.
-
-    `units` tell newtons from a normalised force. Every other numeric column is in `extras` under the file's own name.
-    `rows` are 1-based line numbers in the file (Parquet: row numbers), `names` all its columns, `notes` what a person
-    should know. `labels` are the columns of `LABELS` that there are, `words` others of few words; `holds` and `origin`
-    as in `RawLog`.
-    """
+    """One log file, read: `columns` of canonical quantities in SI units, (N,) each, NaN where missing; positions wrap
+    as logged, control signals keep the file's unit. `units` tell newtons from a normalised force; `extras` are other
+    columns of numbers under the file's names, `names` all columns, `rows` 1-based numbers in the file. `labels` are the
+    columns of `LABELS`, `words` others of few words; `holds` and `origin` as in `RawLog`."""
 
     source: str
     columns: Mapping[str, Floats]
@@ -108,11 +104,8 @@ class _Use:
 def read_log(
     file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None, motion: Motion | None = None
 ) -> LogTable:
-    """Read one log of a motion (None: that its columns show), or of a `motion` of several degrees of freedom.
-
-    Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
-    command cannot do without are asked for afterwards, with `require`.
-    """
+    """Read one log of a motion (None: that its columns show), or of a `motion` of several degrees of freedom. Raises
+    LogError with file, row, column, what was found, what was expected and what to do; see also `require`."""
     columns, source = (columns or ColumnMap()).of(file.path), file.name
     raw = whole_log(file, columns)
     if dof is None:
@@ -286,8 +279,8 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
 
 
 def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
-    """A column of calendar or clock times [s]. Raises LogError where a cell is none, and where nothing says whether
-    the day or the month comes first."""
+    """A column of calendar or clock times [s]. Raises LogError where a cell is none, or day and month cannot be
+    told."""
     array, column = raw.arrays[use.index], printable(raw.names[use.index])
     if raw.is_numeric(use.index):
         raise LogError(
@@ -311,8 +304,8 @@ def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
 
 
 def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | list[str]]:
-    """Rows `first` to `stop - 1` under the canonical names (in degrees, in the unit of the moment or force, else in SI
-    units), then every other column, then mode and arming; none that has a canonical name without being read as that."""
+    """Return rows `first` to `stop - 1` under the canonical names (in degrees, in the unit of the moment or force, else
+    in SI units), then every other column, then mode and arming."""
     rows = slice(first, stop)
     columns: dict[str, Floats | list[str]] = {}
     for quantity in dict.fromkeys(canonical.quantity for canonical in CANONICAL.values()):
@@ -345,8 +338,7 @@ PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label
 
 
 def labels_of(raw: RawLog, columns: ColumnMap, source: str) -> dict[str, Labels]:
-    """Return what the columns of `LABELS` name in each row, those that there are. Raises LogError with the row where
-    one is empty that names runs, or parts of a table such as thrusters."""
+    """Return the columns of `LABELS`. Raises LogError with the row for an empty cell of what names runs or parts."""
     labels = {}
     for label in LABELS:
         if (index := raw.place(columns.source_of(label))) is None:
@@ -362,8 +354,7 @@ def labels_of(raw: RawLog, columns: ColumnMap, source: str) -> dict[str, Labels]
 
 
 def categorical_columns(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
-    """Columns of words that may name runs or parts of a table: of MIN_ROWS rows a name and more, two to MAX_NAMES
-    names; none of those in `taken`."""
+    """Columns of words that may name runs or parts: MIN_ROWS rows a name, two to MAX_NAMES names; none in `taken`."""
     columns = {} if raw.holds else {name: c for name, c in zip(raw.names, raw.arrays) if name and name not in taken}
     return {
         printable(name): _labels(array)
@@ -374,8 +365,8 @@ def categorical_columns(raw: RawLog, taken: Container[str]) -> dict[str, Labels]
 
 
 def splitting(names: Iterable[str], bollard: bool) -> dict[str, str]:
-    """The line of a column map for the first of columns of few words that is called like what it names, if one is: the
-    thrusters of a bollard test, or runs."""
+    """Return the line of a column map for the first column of few words whose name says what it splits by, if one
+    is."""
     key, called = (BY, PART_WORDS) if bollard else (RUN, RUN_WORDS)
     return next(({key: name} for name in names if set(re.findall("[a-z]+", name.lower())) & called), {})
 
@@ -397,8 +388,8 @@ def _word(value: object) -> str | None:
 
 
 def require(table: LogTable, quantities: Sequence[str]) -> None:
-    """Raise LogError for a table that lacks one of the quantities (names as in `LogTable.columns`), with the columns
-    that it has and what to write in the `--columns` file."""
+    """Raise LogError for a table that lacks one of the quantities, with its columns and what to write in a column
+    map."""
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
     if not lacking:
         return
@@ -418,8 +409,8 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
 
 
 def require_motion(table: LogTable) -> None:
-    """Refuse a table that is no log of its motion: time, position (or velocity, which can be summed up), and a moment
-    or force or every thruster command."""
+    """Refuse a table without time, position (or velocity), or a moment or force or every thruster command of its
+    motion."""
     dof, free = table.dof, _free(table.names)
     by_name = likely_column(dof.position, free) is None and likely_column(dof.velocity, free) is not None
     velocity = dof.position not in table.columns and (dof.velocity in table.columns or by_name)
@@ -437,8 +428,7 @@ def is_thruster_test(table: LogTable) -> bool:
 
 
 def means_thruster_test(held: Set[str], names: Sequence[str], dof: Dof) -> bool:
-    """Whether a log of these quantities, in columns of these names, is or seems meant as a thruster test rather than
-    as a log of a motion."""
+    """Tell whether a log of these quantities, in columns of these names, is or seems meant as a thruster test."""
     commanded = dof.command in held or driven(dof, held)
     if dof.position in held or (dof.velocity in held and commanded):
         return False

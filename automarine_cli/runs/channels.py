@@ -1,11 +1,8 @@
-"""Which of the sensors in the logs count as evidence: those that agree, unless somebody says otherwise.
+"""Which sensors count as evidence: those that agree, unless the user says otherwise.
 
-Over a stretch of a run the position is  x(t) = c + b t + s V(t + d) + noise, with V the sum of the velocities read, b
-the sensor's bias, s its scale and d how late it is. c and b are each stretch's own; s and d are the sensor's, and are
-told robustly: a stretch with a slipping compass has no more say than another. Where the position is nothing but noise,
-its noise and that of a sensor of its own have nothing in common; a velocity that was computed from it, or with it by
-one estimator, follows it.
-"""
+Over a stretch of a run the position is x(t) = c + b t + s V(t + d) + noise, with V the sum of the velocities read, bias
+b of the stretch, and scale s and delay d of the sensor, estimated robustly. A velocity that was computed from the
+position follows its noise where the position is nothing but noise."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,8 +20,8 @@ MIN_VELOCITIES = 8  # Readings of a velocity that is compared
 
 
 def unbiased_velocity(run: Run) -> Floats | None:
-    """The velocity logged, (N,), less its bias, by which its sum runs away from the position; NaN where there is no
-    reading, None where there are hardly any."""
+    """Return the velocity logged, (N,), less its bias against the position; NaN without a reading, None for hardly
+    any."""
     velocity = run.extras.get(run.dof.velocity)
     if velocity is None or np.isfinite(velocity).sum() < MIN_VELOCITIES:
         return None
@@ -51,13 +48,11 @@ ARITHMETIC_NOISE = 1e-6  # Of positions [rad or m]; what is less is arithmetic
 
 
 def noise_followed(pairs: Sequence[tuple[Floats, Floats]]) -> float | None:
-    """Share of a velocity's power that the position's noise explains through any linear filter, in the octave where it
-    explains most among the frequencies where the position is nothing but noise; None where too little is logged, or
-    nothing there is noise.
+    """Return the share of a velocity's power that the position's noise explains through any linear filter, in the
+    octave where it is largest among the frequencies where the position is only noise; None where that cannot be told.
 
-    Spectra of third differences of the position and second ones of the velocity, which take smooth motion off, over
-    the quieter half of the segments: where a command changed both see the same kink.
-    """
+    Spectra of third differences of the position and second ones of the velocity, over the quieter half of the
+    segments."""
     rough = [(np.diff(position, 3), np.diff(velocity, 2)) for position, velocity in pairs]
     return max((share for size in SEGMENT_LENGTHS if (share := _coherence(rough, size)) is not None), default=None)
 
@@ -108,8 +103,8 @@ MIN_BEND = 0.04  # Share of all its way by which a position then leaves a straig
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples of a run in which both sensors read: arrays (n,), times since the first [s]. The velocity's noise is its
-    `way_noise` in one sample [rad or m], of which the sum is a random walk."""
+    """Samples of a run in which both sensors read, (n,) each; time since the first [s]. `way_noise` is the velocity's
+    noise in one sample [rad or m], whose sum is a random walk."""
 
     time: Floats
     position: Floats
@@ -122,11 +117,9 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Agreement:
-    """What `moving` stretches say of a velocity sensor: `correlation` of its sum with the position, both less a line;
-    `scale` and `late` [s] by which it reads too small and too late, with standard errors, and whether the `clock`
-    explains more of what is left than the scale; `period` [s] of the slower of the two sensors; `follows` the share of
-    its power, where the position is noise, that is this noise filtered (None: not to be told); `stuck` the runs in
-    which it repeats one value while the vehicle moves, with this value."""
+    """What `moving` stretches say of a velocity sensor: `correlation` of its sum with the position; `scale` and `late`
+    [s] with standard errors, and whether the `clock` explains more than the scale; `period` [s] of the slower sensor;
+    `follows`: see `noise_followed`; `stuck`: runs in which it repeats this value while the vehicle moves."""
 
     moving: int = 0
     correlation: float = 0.0
@@ -184,8 +177,7 @@ def stretches(run: Run, quantity: str) -> list[Stretch]:
 
 
 def _stuck_at(run: Run, quantity: str) -> float | None:
-    """The one value that the sensor repeats while the position goes elsewhere, and bends, as a steady turn repeats a
-    coarse reading rightly; or None."""
+    """The value that the sensor repeats while the position leaves a straight line; or None."""
     readings = run.channel(quantity)
     assert readings is not None
     good, way = readings[np.isfinite(readings)], float(np.ptp(run.position))
@@ -234,8 +226,8 @@ def _ahead(part: Stretch, delays: Floats) -> Floats:
 
 
 def _misfit(moving: Sequence[Stretch], delays: Floats, scale: float | None) -> Floats:
-    """What each delay leaves of each stretch's positions, as half its log likelihood (stretches, delays); the scale is
-    the stretch's own where it is None."""
+    """Minus log likelihood of each stretch's positions at each delay (stretches, delays); `scale` None: the stretch's
+    own."""
     rows = []
     for part in moving:
         position, summed = _freed(part.time, part.position), _freed(part.time, _ahead(part, delays))
@@ -270,8 +262,8 @@ def _lowest(at: Floats, values: Floats) -> float:
 
 
 def _scale(parts: Sequence[Stretch], late: float, *, line: bool = True) -> tuple[float, float, float]:
-    """Correlation of positions with sums, the correlation that four of five stretches reach, to the side of most (sums
-    of anything look alike in one); median scale and its standard error. Without `line` only means are taken off."""
+    """Correlation that four of five stretches reach; median scale and its standard error. Without `line` only means are
+    taken off."""
     products = []
     for part in parts:
         position = _freed(part.time, part.position, line=line)
@@ -329,8 +321,8 @@ class ChannelVerdict:
 
 @dataclass(frozen=True)
 class ChannelChoice:
-    """The sensors of a campaign. `names` are those that count, None where only positions are logged and nothing was
-    to be chosen; `stuck` are the runs whose velocity is left out."""
+    """The sensors of a campaign: `names` that count (None: there was no choice), `stuck` runs whose velocity is left
+    out."""
 
     verdicts: tuple[ChannelVerdict, ...] = ()
     names: tuple[str, ...] | None = None
@@ -367,12 +359,9 @@ def parse_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
 
 
 def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_position: bool = False) -> ChannelChoice:
-    """Judge the sensors of all runs and choose, as `which` says.
-
-    "auto" takes every sensor that does not contradict the position and tells something of its own, "position" that
-    alone, "all" every one; else they are named, with commas between. With `late_position` a position that is read late
-    is no contradiction: who asks has a name for that. Raises SettingError for a sensor that no log holds.
-    """
+    """Judge the sensors of all runs and choose: "auto" every one that agrees with the position and adds information,
+    "position", "all", or names with commas between. With `late_position` a late position is no contradiction. Raises
+    SettingError for a sensor that no log holds."""
     names = parse_channels(which, dof)
     has_velocity = any((x := run.channel(dof.velocity)) is not None and np.isfinite(x).any() for run in runs)
     logged = {dof.position: any(not run.summed_up for run in runs), dof.velocity: has_velocity}

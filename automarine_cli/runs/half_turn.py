@@ -1,11 +1,8 @@
-"""Steps (where a run holds one constant moment or force, from when, from rest or not) and the first half-turn of each:
-|psi - psi0| <= pi, both directions alike; what was kept, what cut it, why not used.
+"""Steps of one constant moment or force, and the first half-turn of each: |psi - psi0| <= pi.
 
-Walls, tether and the vehicle's own wake spoil what comes after half a turn (the source paper's section 3.2),
-so each run is trimmed to it. Ending at the first noisy sample beyond pi would let the noise choose the last
-sample, which biases the drag by about 0.1 %: the samples within three standard deviations before pi are
-dropped as well.
-"""
+Walls, tether and the vehicle's own wake spoil what comes after half a turn (the source paper's section 3.2). To end at
+the first noisy sample beyond pi biases the drag by about 0.1 %: the samples within three standard deviations before pi
+are dropped as well."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -31,13 +28,10 @@ REST_STDERRS = 4.0  # standard errors
 class Step:
     """Samples `first` to `stop - 1` of `run` hold the constant `moment` [the run's unit].
 
-    The command switched somewhere in (`switch_from`, `switch_to`] [s, campaign clock]: after the last sample
-    that does not show the moment, at the latest with the first that does. If the log begins with the moment
-    already on (`begins_log`), `switch_from` is one sample period before. `rest` are the samples before the
-    step at zero moment during which the vehicle stood still, `start_position` [rad or m] the mean position over
-    them; both None where there are none. `from_rest` says whether the step starts from standstill,
-    `start_rate` [rad/s or m/s] what rate it seems to start with. `ends_log`: the log ends with the moment still on.
-    """
+    The command switched somewhere in (`switch_from`, `switch_to`] [s, campaign clock]: after the sample before, or one
+    sample period before a log that begins with the moment on. `rest` are the samples at zero moment before it during
+    which the vehicle stood still, `start_position` [rad or m] their mean (None: there are none). `start_rate` [rad/s or
+    m/s] is what rate it seems to start with."""
 
     run: Run
     first: int
@@ -63,8 +57,8 @@ ALREADY_ON = "the log begins with the {force} already on: its switch is taken wi
 
 
 def find_steps(run: Run) -> tuple[Step, ...]:
-    """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time. Raises
-    RunError where the run has no moment."""
+    """Find the stretches of one constant moment other than 0, in the order of time. Raises RunError without a
+    moment."""
     least = _least_change(run.command)
     stretches = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= MIN_STEP_SAMPLES)
     return tuple(_step(run, first, stop, moment, least) for first, stop, moment in stretches)
@@ -103,11 +97,9 @@ def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
 
 
 def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
-    """The first sample of the longest stretch of zero moment right before the samples `first` to `stop` - 1 over which
-    the position shows no slope, `first` where there is none; and the mean rate of these samples [rad/s or m/s].
-
-    Where a constant force acts, the stretch is one of any one command: that may be the one that balances it.
-    """
+    """First sample of the longest stretch of zero moment (under a constant force: of any one) before the samples
+    `first` to `stop` - 1 without a slope of the position, `first` for none; and the mean rate of these samples [rad/s
+    or m/s]."""
     far = np.abs(run.position[first:stop] - run.position[first]) > run.dof.limits.trim
     last = first + int(np.argmax(far)) if far.any() else stop - 1  # as far as a step is followed at most
     pace = 0.0
@@ -136,8 +128,8 @@ def released(run: Run) -> int:
 
 
 def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:
-    """Rate at the first sample [rad/s or m/s] and its standard error, from a parabola through the start of a step: what
-    moved less than `way` [rad or m], at least 6 samples. `sigma` [rad or m] is the noise."""
+    """Estimate the rate at the first sample [rad/s or m/s] and its standard error, by a parabola through what moved
+    less than `way` [rad or m], at least 6 samples. `sigma` [rad or m] is the noise."""
     count = start_length(position, way)
     since, position = time[:count] - time[0], position[:count]
     coefficients, covariance = np.polyfit(since, position, min(2, count - 1), cov="unscaled")
@@ -156,8 +148,8 @@ def start_length(position: Floats, way: float) -> int:
 
 
 def start_position(step: Step) -> float:
-    """Position at the step [rad or m]: the mean over the rest before it, else a parabola through the start of the step,
-    read at the middle of the switch interval (from a standstill without slope there)."""
+    """Estimate the position at the step [rad or m]: the mean over the rest before it, else a parabola through its start
+    at the middle of the switch interval (from a standstill without slope there)."""
     if step.start_position is not None:
         return step.start_position
     position = step.run.position[step.first : step.stop]
@@ -183,9 +175,8 @@ MAX_REST_SAMPLES = 200
 
 @dataclass(frozen=True)
 class Trim:
-    """How far a step is followed [rad or m]: `reach` from its start (None: as its motion has it, half a turn in yaw),
-    and only while the position is between `low` and `high`.
-    """
+    """How far a step is followed [rad or m]: `reach` from its start (None: half a turn, or as its motion has it), and
+    only between the positions `low` and `high`."""
 
     reach: float | None = None
     low: float = -math.inf
@@ -211,13 +202,9 @@ UNTRIMMED = Trim()
 
 @dataclass(frozen=True)
 class HalfTurn:
-    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `position` [rad or m]
-    theirs.
-
-    `start_position` [rad or m] is psi0; `cut_by` is what ended it, in words; `turned` [rad or m] the signed way from
-    psi0 to the end; `steady` whether the rate had settled; `why` the sentence for which the half-turn is set aside, or
-    empty.
-    """
+    """The samples `kept` of a step, their `time` [s, campaign clock] and `position` [rad or m]; `start_position` psi0;
+    `cut_by` what ended it, `turned` the signed way from psi0 to the end, `steady` whether the rate had settled; `why`
+    it is set aside, or empty."""
 
     step: Step
     time: Floats
@@ -349,7 +336,7 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
 
 def without_contrary(runs: Sequence[Run]) -> tuple[list[Run], tuple[ExcludedRun, ...]]:
     """Return the runs that may be modelled, and those whose first step drove them far against it though another run,
-    pushed by no more to that side, went with it: a constant moment may turn small steps round, but not those alone."""
+    pushed by no more to that side, went with it."""
     firsts = [None if run.dof.has_constant else next(iter(find_steps(run)), None) for run in runs]
     turns = {i: _half_turn(step, UNTRIMMED) for i, step in enumerate(firsts) if step is not None and step.from_rest}
     turns = {i: turn for i, turn in turns.items() if abs(turn.turned) >= turn.step.run.dof.limits.least}

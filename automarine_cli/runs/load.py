@@ -1,10 +1,8 @@
-"""`load_runs`: all logs of a campaign become runs (the clock rises, the position is unwrapped, everything dropped is
-counted); what is unusable is set aside with its reason.
+"""Logs of a campaign become runs: the clock rises, the position is unwrapped, what is dropped is counted, what is
+unusable is set aside with its reason.
 
-Runs of motion in the plane hold heading and moment as in yaw, and as `extras`, where logged, `north`
-and `east` [m], `surge` and `sway` [m/s], `yaw_rate` [rad/s], `force_X` and `force_Y` [N]; NaN where a sensor has no
-reading of its own.
-"""
+Runs of motion in the plane hold heading and moment as in yaw, and as `extras`, where logged, `north` and `east` [m],
+`surge` and `sway` [m/s], `yaw_rate` [rad/s], `force_X` and `force_Y` [N]; NaN without a reading of its own."""
 
 import contextlib
 import os
@@ -53,11 +51,9 @@ class NotUsable(RunError):
 
 
 def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
-    """Clean the rows `chosen` of one run (indices into the table, shape (N,)); a wide gap may split it into several.
-
-    Rows without time, position or command are dropped and counted, as are repeated stamps and spikes of the position.
-    Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
-    """
+    """Clean the rows `chosen` (N,) of a run: drop and count rows without time, position or command, repeated stamps and
+    spikes; split it at wide gaps. Raises RunError with the row for a clock that steps back, NotUsable for an unusable
+    run."""
     dof = table.dof
     summed = dof.position not in table.columns  # of a velocity
     commands = (dof.command,) if dof.command in table.columns else dof.thrusters
@@ -178,8 +174,7 @@ TREND_STDERRS = 4.0  # Standard errors within which the readings of a standstill
 
 
 def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> float:
-    """What the sensor reads before the first command, if the vehicle stands still there (no trend, and no more than a
-    bias may be); else zero."""
+    """Return what the sensor reads before the first command if the vehicle stands still there; else zero."""
     acting = command != (command[0] if dof.has_constant else 0.0)
     first = int(np.argmax(acting)) if acting.any() else 0
     if first < MIN_STANDSTILL:
@@ -205,8 +200,7 @@ def wrapped(angle: Floats, turn: float) -> Floats:
 
 
 def _scatter(steps: Floats) -> float:
-    """Robust standard deviation of steps (N - 1,), by their second differences: those of white noise are root three
-    times as wide; 0 for fewer than two steps."""
+    """Robust standard deviation of steps (N - 1,), by their second differences; 0 for fewer than two steps."""
     return NORMAL * median(np.abs(np.diff(steps))) / np.sqrt(3.0) if len(steps) > 1 else 0.0
 
 
@@ -214,9 +208,7 @@ def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
     """Find spikes of one or two samples in a position (N,) [rad or m]: far off both neighbours, which agree.
 
     A spike stands out against the local rate by eight robust standard deviations and the motion's least spike, and by
-    half as much again as the vehicle moves from sample to sample around it; the samples on either side of it continue
-    each other. A jump that stays (a stale sensor that catches up) is no spike, nor is a sharp reversal.
-    """
+    half as much again as the vehicle moves around it. A jump that stays is no spike, nor is a sharp reversal."""
     bad = np.zeros(len(time), dtype=bool)
     if len(time) < MIN_SPIKE_SAMPLES:
         return bad
@@ -239,8 +231,7 @@ def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
 
 
 def _median_beside(steps: Floats, before: Indices, after: Indices) -> Floats:
-    """The median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,), as far
-    as the first and last step."""
+    """Median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,)."""
     places = np.array([before - 3, before - 2, before - 1, after, after + 1, after + 2])
     values = np.sort(steps[np.clip(places, 0, len(steps) - 1)], axis=0)
     return np.asarray((values[2] + values[3]) / 2)
@@ -276,11 +267,9 @@ JUMP_IN_SIGMA = 5.0  # Of steps that are noise
 def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
     """Find the samples, of a position (N,) [rad or m] without spikes, after which a jump follows that stays.
 
-    A jump is a step beyond noise that is several times faster than every step beside it, on both sides, and that a
-    vehicle would need more than the motion's largest acceleration to begin and to end within its span (two parabolas:
-    four times the step by the square of the span). A sensor that had stopped catches up over the span since its last
-    change. What comes back is no jump, nor is a move, whose rate has to grow and to fall.
-    """
+    A jump is a step beyond noise, several times faster than every step on both sides, for which a vehicle would need
+    more than the motion's largest acceleration (two parabolas: four times the step by the square of the span). A sensor
+    that had stopped catches up over the span since its last change."""
     most = dof.limits.acceleration
     steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
     sizes, moved = np.abs(steps), np.flatnonzero(steps)
@@ -300,14 +289,9 @@ def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
 
 
 def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> tuple[Floats, tuple[int, ...]]:
-    """Unwrap a heading (N,) [rad]; `gaps` are the samples after which the log has a hole. Return it, and after which
-    samples the turn count is unknown. What never wraps is whole as it is.
-
-    Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
-    turned; if they leave it open by more than a quarter of a turn, and the vehicle was seen fast enough to turn as far
-    in that time, the run breaks there. A log that counts turns itself (more than a turn wide, without jumps) is taken
-    as it is.
-    """
+    """Unwrap a heading (N,) [rad] with holes after the samples `gaps`. Return it, and the gaps at which the turn count
+    is unknown: where the rates on both sides leave it open by more than a quarter of a turn, and the vehicle was seen
+    fast enough to turn as far. A log that counts turns itself, and what never wraps, stays as it is."""
     turn, raw = dof.turn, np.diff(position)
     inside = np.ones(len(raw), dtype=bool)
     inside[gaps] = False
@@ -352,8 +336,8 @@ PARALLEL_FROM_LOGS = 3000  # logs; to start processes takes longer than to read 
 
 @dataclass(frozen=True)
 class LoadedRuns:
-    """The runs of one campaign on one clock, in file order; what was set aside; the files read (no links that lead
-    nowhere); what was commanded beyond the limits of the thrusters."""
+    """The runs of a campaign on one clock, in file order; what was set aside; the files read; what was commanded beyond
+    the limits of the thrusters."""
 
     runs: tuple[Run, ...]
     set_aside: tuple[ExcludedRun, ...]
@@ -385,8 +369,8 @@ def load_runs(
 
 
 def _refuse_other_units(aside: Sequence[ExcludedRun], runs: Sequence[Run], maps: Mapping[str, object]) -> None:
-    """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and the runs of
-    other logs that were read alike look so too: they are as wrong, and only smoother. `maps` are rules by file."""
+    """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and most runs
+    of other logs with the same rules (`maps` by file) look so too: they are as wrong, and only smoother."""
     proof = next((run for run in aside if run.why.startswith(checks.IN_OTHER_UNITS)), None)
     if proof is None:
         return
@@ -408,8 +392,8 @@ def has_bytes(file: LogFile) -> bool:
 
 
 def require_usable(usable: Sized, aside: Sequence[ExcludedRun], logs: int, strict: bool) -> None:
-    """Raise RunError for the first of those set aside if `strict`; with the first reasons, if of so many logs nothing
-    is usable."""
+    """Raise RunError for the first set aside if `strict`; with the first reasons, if of so many logs nothing is
+    usable."""
     if strict and aside:
         first = aside[0]
         raise RunError(f"{first.file}, run {first.run!r}: {first.why} (refused because of --strict)")
@@ -455,8 +439,7 @@ def unreadable(file: LogFile, error: Exception, run: str | None = None) -> Exclu
 
 
 def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
-    """The runs of a table, and those set aside. Raises LogError or RunError if the log was named and is unusable, or
-    is none of its motion."""
+    """Return the runs of a table, and those set aside. Raises LogError or RunError for a named log that is unusable."""
     require_motion(table)
     runs: list[Run] = []
     aside: list[ExcludedRun] = []
@@ -505,11 +488,9 @@ SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))  # Quantitie
 
 
 def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
-    """Metres north and east of the first fix, of latitudes and longitudes [rad] (N,) of which some may be NaN.
+    """Convert latitudes and longitudes [rad] (N,), some NaN, to metres north and east of the first fix; 0, 0 is none.
 
-    Radii of curvature of the meridian and the prime vertical at the first fix (WGS 84); Fossen (2021), chapter 2. A
-    kilometre away the error is below 0.2 m at the latitudes where ships go. A fix of exactly 0, 0 is none.
-    """
+    Radii of curvature at the first fix (WGS 84; Fossen 2021, chapter 2): within 0.2 m a kilometre away."""
     none = ~(np.isfinite(latitude) & np.isfinite(longitude)) | ((latitude == 0) & (longitude == 0))
     if none.all():
         return np.full(len(none), np.nan), np.full(len(none), np.nan)
@@ -525,8 +506,8 @@ def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
 
 
 def _with_forces(table: LogTable) -> LogTable:
-    """The table without headings where a force is missing: `clean` drops these rows, and counts them. Raises LogError
-    for one that drives nothing but the heading, or in normalised units, of which each has a scale of its own."""
+    """The table without headings where a force is missing, so that `clean` drops these rows. Raises LogError for one
+    that drives only the heading, or in normalised units."""
     for dof in PLANAR.dofs:
         newtons = dof.units.forces[1]
         if (unit := table.units.get(dof.command, newtons)) != newtons:

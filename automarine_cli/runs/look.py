@@ -1,5 +1,5 @@
-"""What can be said of logs without fitting anything: their runs and thruster tests, as `check` lists them; of a folder,
-for `init`, what its columns are taken for, and what kind of test each log is."""
+"""What logs hold, without fitting anything: runs and thruster tests for `check`; columns and kinds of tests for
+`init`."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -27,8 +27,8 @@ MAX_LOGGED_LEVELS = 64  # more different values than this are a signal, not leve
 
 @dataclass(frozen=True)
 class RunSeen:
-    """One run of a log. `noise` of its position is as people see it, `extent` how far it went in all [turns, or m];
-    `levels` are its moments or forces (None: they never stay), `why` says why no step serves."""
+    """One run of a log: `noise` of its position as people see it, `extent` how far it went in all [turns, or m],
+    `levels` its moments or forces (None: they never stay), `why` no step serves."""
 
     dof: Dof
     file: str
@@ -105,8 +105,7 @@ def look_at_log(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[
 
 
 def look_at_run(run: Run) -> RunSeen:
-    """Describe a run. Thruster commands without a moment or force are seen as they add up: in yaw port less
-    starboard."""
+    """Describe a run. Thruster commands without a moment or force are seen as they add up."""
     driven = run.as_commanded()
     turns = all_half_turns(driven)
     spans = np.diff(run.time)
@@ -128,8 +127,8 @@ def look_at_run(run: Run) -> RunSeen:
 
 
 def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
-    """Tell of each run of a campaign what it asks of its thrusters beyond their limits, as all runs of its motion show
-    these."""
+    """Add to each run of a campaign what it asks of its thrusters beyond the limits that all runs of its motion
+    show."""
     runs = list(runs)
     for motion in dict.fromkeys(run.dof for run in runs):
         for law, commands in laws_of([run.commanded if run.dof is motion else [] for run in runs]):
@@ -191,10 +190,9 @@ Placed = Mapping[str, tuple[LogFile, ...]]  # logs by the kind of test that they
 
 @dataclass(frozen=True)
 class Survey:
-    """What a folder of logs holds: kinds of files with what their columns are taken for, the map of all columns, the
-    runs of each log, what could not be read; the logs of yaw and the bollard tests by kind, and those of other motions.
-    `unread` are logs that show what they are only once a question is answered, `strangers` are files of no vehicle.
-    """
+    """What a folder of logs holds: kinds of files with their columns, the map of all columns, the runs of each log;
+    logs of yaw and bollard tests by kind, and those of other motions. `unread` logs wait for an answer, `strangers` are
+    of no vehicle."""
 
     folder: Path
     layouts: tuple[Layout, ...]
@@ -238,8 +236,7 @@ class Survey:
 
     @property
     def misfit(self) -> str:
-        """How the commands of the logs do not fit those of the bollard tests, which would make their map; "" where
-        they do."""
+        """Say how commands of the logs do not fit those of the bollard tests; "" where they do."""
         ends = {column.key: end for layout in self.layouts for column in layout.columns
                 if (end := layout.ends(column)) is not None}  # fmt: skip
         if not {"n", *YAW.thrusters} <= ends.keys():
@@ -267,8 +264,7 @@ TEST_KINDS = ("thrusters", "steps", "manoeuvres", "validation")
 
 
 def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int, progress: Progress) -> Survey:
-    """Look at every log: its columns first (by the map `columns` where the user has one), then which files are one log,
-    then its runs by what the columns are taken for, then its kind."""
+    """Look at every log: its columns (by the user's map where there is one), then its runs, then its kind."""
     logs, layouts, maps, errors = layouts_of(folder, files, columns, jobs, progress)
     layout_of = {file: layout for layout in layouts for file in layout.files}
     readable = [file for file in logs if file in layout_of]

@@ -1,5 +1,4 @@
-"""`Run`: one log of one test, cleaned and frozen; its noise, and whether its commands fit the map that makes moments
-of them. What becomes of an unusable run."""
+"""`Run`: one log of one test, cleaned and frozen; its noise, and whether its commands fit the map of the thrusters."""
 
 import math
 from collections import Counter
@@ -24,10 +23,8 @@ SAME_POSITION = 1e-9  # rad or m; positions closer than this are one
 def position_noise(time: Floats, position: Floats) -> float:
     """Estimate the standard deviation [rad or m] of the white noise on a position of shape (N,); 0 if N < 7.
 
-    Each sample is compared with the cubic through two neighbours on either side at their true times, which
-    removes any smooth motion and any clock jitter; the median makes glitches harmless. A quantised position that
-    often repeats itself has at least its quantum / sqrt(12).
-    """
+    Each sample is compared with the cubic through two neighbours on either side, which removes smooth motion and clock
+    jitter; the median makes glitches harmless. A quantised position has at least its quantum / sqrt(12)."""
     if len(time) < 7:
         return 0.0
     last = len(time) - 2
@@ -54,9 +51,7 @@ def median(values: Floats) -> float:
 
 
 def slope(time: Floats, position: Floats) -> tuple[float, float]:
-    """Least-squares slope [rad/s or m/s] and its standard error for a noise of 1 rad or m a sample; (0, inf) for one
-    sample.
-    """
+    """Fit a slope [rad/s or m/s]; its standard error is for a noise of 1 rad or m. (0, inf) for one sample."""
     centred = time - time.mean()
     square = float(centred @ centred)
     return (float(centred @ (position - position.mean())) / square, square**-0.5) if square else (0.0, math.inf)
@@ -76,10 +71,8 @@ MAX_ADJACENT_CHANGES = 0.1
 
 
 def fresh_readings(*columns: Floats) -> NDArray[np.bool_]:
-    """Tell which rows (N,) hold a reading of their own of one sensor, whose `columns` (N,) are NaN where it is silent.
-
-    All readings where the sensor is read in every row: a coarse one may give the same number twice.
-    """
+    """Tell which rows (N,) hold a reading of their own of one sensor, whose `columns` (N,) are NaN where it is silent:
+    all where the sensor is read in every row, for a coarse one may give the same number twice."""
     values = np.stack(columns)
     fresh = np.all(np.isfinite(values), axis=0)
     steps = np.abs(np.diff(values[:, fresh], axis=1))
@@ -200,12 +193,10 @@ class Run:
     """One test of one vehicle, checked once: arrays of shape (N,), SI units.
 
     `time` [s] rises strictly on the campaign's clock; `position` of the motion `dof` [rad or m] is unwrapped; `moment`
-    [`moment_unit`] is the commanded moment or force, held until the next sample, or None where the log has thruster
-    commands instead. `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `voltage` [V], ...).
-    `counts` says what cleaning did (name -> number), `notes` what a person should know, of which `reading` tell how the
-    log was read. Where `summed_up` the log has no position: it is that of the velocity, added up to trim runs by and
-    to look at, and no evidence. `commanded` is the range of the thruster commands of which a map made the moment.
-    """
+    [`moment_unit`] is the command, held until the next sample (None: the log has thruster commands instead); `extras`
+    are all other numeric columns. `counts` say what cleaning did, `notes` what a person should know, of which `reading`
+    tell how the log was read. Where `summed_up` the position is the sum of the velocity, and no evidence. `commanded`
+    is the range of the thruster commands of which a map made the moment."""
 
     name: str
     source: str
@@ -247,8 +238,8 @@ class Run:
         return self.position if quantity == self.dof.position else self.extras.get(quantity)
 
     def signal(self, name: str) -> Floats | None:
-        """What effects may need of a log, (N,): a column, the campaign's clock, or the time since the command last
-        changed [s], both by their names; None where there is no such column."""
+        """Return a column (N,), the campaign's clock, or the time since the command last changed [s], by their names;
+        or None."""
         if name == CLOCK:
             return self.time
         return self.since_change if name == SINCE else self.extras.get(name)
@@ -266,8 +257,7 @@ class Run:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation [rad or m] of the white noise on the position at the start of the run, see
-        `position_noise`."""
+        """Estimate the white noise on the position [rad or m] at the start of the run, see `position_noise`."""
         return position_noise(self.time[:NOISE_SAMPLES], self.position[:NOISE_SAMPLES])
 
     def noted(self, *notes: str) -> "Run":
@@ -287,8 +277,8 @@ class Run:
         self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None,
         commanded: CommandRange | None = None,
     ) -> "Run":  # fmt: skip
-        """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
-        of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays as LOGGED_COMMAND."""
+        """Return the run driven by another moment, of which `parts` are those of single thrusters
+        (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays as LOGGED_COMMAND."""
         beside = parts is not None and self.moment is not None and unit == self.moment_unit
         logged = {LOGGED_COMMAND: self.command} if beside else {}
         return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **logged, **(parts or {})},
@@ -348,7 +338,7 @@ def named_apart(runs: Sequence[Run]) -> list[Run]:
 
 
 def make_unique(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Names for runs (name, file): those of one name get their file's name in front, without its ending where that is
+    """Name runs (name, file): those of one name get their file's name in front, without its ending if that is
     enough."""
     names = [name for name, _ in runs]
     for prefix in (stem_of, str):

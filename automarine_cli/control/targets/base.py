@@ -1,12 +1,10 @@
 """What a target of `tune` is, and the recipe for the next one.
 
-Recipe: one file in this folder with one subclass of `Target` that says what it is called (`name`), its `parameters` in
-its own names and units, and does five things: `propose` makes gains of design numbers, `start` and `controller` are the
-stack as it runs, loop by loop, `paths` the same stack in frequency, `text` its file. `__init__.py` lists the targets.
-All arrays are over sets (S) by flights (R): a set is one vehicle with one set of gains.
-
-Outputs are from -1 to 1, positions and velocities in base units [rad or m].
-"""
+Recipe: one file in this folder with one subclass of `Target`, listed in `__init__.py`. It has a `name`, its
+`parameters` in its own names and units, and does five things: `propose` makes gains of design numbers, `start` and
+`controller` are the stack as it runs, `paths` the same stack in frequency, `text` its file. Arrays are over sets (S) by
+flights (R): a set is one vehicle with one set of gains. Outputs are from -1 to 1, positions and velocities in base
+units [rad or m]."""
 
 import re
 from abc import ABC, abstractmethod
@@ -32,8 +30,8 @@ LINE = re.compile(r"^\s*(?:\d+[\s,]+\d+[\s,]+)?([A-Z][A-Z0-9_]*)\s*[,\s]\s*(\S+)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a stack: what it is in `unit`, its default (None where there is none), and the range that its
-    maker documents; `searched` if a design moves it."""
+    """One parameter of a stack: its default (None: there is none), the documented range; `searched` if a design moves
+    it."""
 
     name: str
     meaning: str
@@ -46,8 +44,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class NominalPlant:
-    """The vehicle as a designer sees it: `inertia` per moment at the whole output, which is `full`, all lags and delays
-    of the vehicle together [s], the `fastest` steady velocity, and the step of the reference."""
+    """The vehicle as a designer sees it: `inertia` per moment of the whole output `full`, all its lags and delays [s],
+    the `fastest` steady velocity, and the step of the reference."""
 
     dof: Dof
     inertia: float
@@ -139,10 +137,8 @@ class Target(ABC):
 
 
 def present_gains(target: Target, source: Source | None) -> Mapping[str, float] | None:
-    """Read what a target flies with now: its defaults with the values of a file; None where it has neither.
-
-    Lines are those of ground stations, NAME,VALUE or NAME VALUE. Raises SettingError with the line for a value that is
-    no number or lies outside the documented range."""
+    """Read what a target flies with now: its defaults with the values of a ground station's file (NAME,VALUE or NAME
+    VALUE); None where it has neither. Raises SettingError with the line for a value that is wrong."""
     if source is None:
         return target.defaults if target.has_defaults else None
     name = printable(source.name)

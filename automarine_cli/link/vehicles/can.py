@@ -1,8 +1,6 @@
 """A vehicle on a CAN bus: commands go out as frames of its DBC at a steady rate, the compass comes in the same way.
 
-The column map that reads captures of the bus drives it as well: `[can] dbc` describes the frames, `[columns]` says
-which signal is which column of ours.
-"""
+The column map that reads captures of the bus drives it: `[can] dbc` describes frames, `[columns]` names signals."""
 
 import contextlib
 import time
@@ -43,8 +41,8 @@ class Step:
 
 @dataclass(frozen=True)
 class CanBus:
-    """The bus `place` (python-can's INTERFACE:CHANNEL, with @BITRATE where the interface wants it), with the signals
-    that `names` gives, sent and received; a `drive` makes commands of two thrusters of the moments."""
+    """The bus `place` (python-can's INTERFACE:CHANNEL, with @BITRATE where needed), with the signals that `names`
+    gives; `drive_by` makes commands of two thrusters of the moments."""
 
     place: str
     names: ColumnMap

@@ -35,9 +35,7 @@ class Simulated:
 
     @classmethod
     def of(cls, path: Path, speed: float, full: float | None = None) -> "Simulated":
-        """The preferred model of a file; it takes moments up to `full` in its unit, or where that is None up to what
-        the model was fitted to, and 1 nu.
-
+        """Read the preferred model; it takes moments up to `full` in its unit (None: up to those fitted, and 1 nu).
         Raises ModelError, and SettingError where nothing says how large moments may be."""
         file, stored = file_and_models(read_plain(path, "JSON", ModelError), printable(path.name))
         if stored.dof is not YAW:
@@ -93,9 +91,8 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What a campaign would be, run by run: its `name`, when its log begins (`begins_s`), how long it is driven
-    (`driven_s`), how far the simulated vehicle turns (`turned_deg`, None without a model), and what is left in the
-    battery (`left_Ah`)."""
+    """What a campaign would be, run by run: `name`, `begins_s` of its log, `driven_s`, `turned_deg` of the simulated
+    vehicle (None without a model), and `left_Ah` of the battery."""
 
     campaign: LinkCampaign
     planned: tuple[dict[str, Any], ...]

@@ -28,8 +28,8 @@ ADDRESS = re.compile(r"(?P<way>udpin|udpout|tcp):(?P<where>[^:]+:\d{1,5})|serial
 
 @dataclass(frozen=True)
 class Attitude:
-    """A reading: `time` [s] since the autopilot started, `heading` [deg, unwrapped], `rate` [deg/s], and what else was
-    known then: `pulses` [us] by number of the output, supply [V], `depth` [m], and the yaw `stick` last sent."""
+    """`time` [s] since the autopilot started, `heading` [deg, unwrapped], `rate` [deg/s]; `pulses` [us] by output,
+    supply [V], `depth` [m] and the yaw `stick` sent, as they were then."""
 
     time: float
     heading: float

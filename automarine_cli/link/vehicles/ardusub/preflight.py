@@ -110,8 +110,8 @@ PREFLIGHT_PARAMETERS = (
 def preflight(
     link: Link, campaign: LinkCampaign, number: int, authority: TwinThrusters, depth_limit: float
 ) -> tuple[Stick, Part]:
-    """How the sticks work, and how the outputs are read, of a vehicle that may be armed for a campaign from the run of
-    a `number` on, down to `depth_limit` [m]. Raises SettingError."""
+    """Return how sticks work and outputs are read, of a vehicle that may be armed for a campaign from the run of a
+    `number` on, down to `depth_limit` [m]. Raises SettingError."""
     if not link.wait(FIRST_S, lambda: "HEARTBEAT" in link.heard.last):
         remedy = "check --mavlink, and where the vehicle sends"
         raise SettingError(f"no autopilot was heard on {link.address} in {FIRST_S:g} s; {remedy}")
@@ -135,9 +135,7 @@ def preflight(
 
 
 def _complaints(heard: Heard, output: float, seconds: float) -> Iterator[str]:
-    """Yield a sentence for each rule broken in so many seconds by a vehicle that has to reach an `output`.
-
-    Raises SettingError where its frame is unclear."""
+    """Yield a sentence for each rule broken in so many seconds by a vehicle that has to reach an `output`."""
     parameters, ours = heard.parameters, STATION_ID[0]
     if heard.armed:
         yield "the vehicle is armed already, so somebody else drives it; make them disarm it"
@@ -197,9 +195,8 @@ def _battery_and_depth(heard: Heard, campaign: LinkCampaign, number: int, depth_
 
 
 def another_pilot(heard: Heard) -> str:
-    """Return a sentence where somebody else sends sticks, or is a ground station under our number; else nothing.
-
-    The last stick wins, and such a station's heartbeat would keep the vehicle from noticing that ours is gone."""
+    """Return a sentence where somebody else sends sticks (the last wins), or is a ground station under our number,
+    whose heartbeat would hide that ours is gone; else nothing."""
     for (system, component), packet in heard.senders.items():
         return (
             f"somebody else sends {packet} (system {system}, component {component}), and the last one wins; switch off "

@@ -211,10 +211,10 @@ class ArduSub(Settings):
             preflight(link, campaign, 0, self._authority(campaign), self.limits.depth)
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
-        """The lines of a run's log: the moment as the vehicle's outputs made it, and the outputs.
+        """Yield the lines of a run's log: the moment as the vehicle's outputs made it, and the outputs.
 
-        Each run is a whole: the vehicle is checked, armed, driven, turned back and disarmed, then there is silence.
-        Raises SettingError where the vehicle must not be driven, or not any further."""
+        The vehicle is checked, armed, driven, turned back and disarmed, then there is silence. Raises SettingError
+        where it must not be driven (any further)."""
         run, yaw_authority = campaign.runs[number], self._authority(campaign)
         after = campaign.runs[min(number + 1, len(campaign.runs) - 1)]
         with closing(Link(self.address, halted, self.clock)) as link, suppress(Halt):
