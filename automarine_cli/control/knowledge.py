@@ -24,17 +24,13 @@ LATE_EFFECTS = (DELAY, "thruster-lag", "sensor-lag")  # effects that make a vehi
 WILD_SCATTER, MIN_GAIN_EXPONENT = 0.25, 0.1
 """Scatter of the thrust from run to run, and power of the command's size that it goes with, from which on the thrust is
 not known: fits take no more than 0.3 for scatter."""
-MAX_DEAD_BAND_SHARE = 0.1
-"""Share of the whole output below which thrusters may give nothing: Blue Robotics T200 data (2019), 7 to 10 %."""
+MAX_DEAD_BAND_SHARE = 0.1  # of the whole output: Blue Robotics T200 data (2019), 7 to 10 %
 CURVE_EFFECTS = ("dead-band", "thrust-exponent")  # what the curve of the thrust against its command is made of
-LAW_ERROR_SHARE = 0.03
-"""Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
-MAX_STDERR = 0.5
-"""Largest standard error of an effect, as a share of its size: of what is less sure a diagnosis says nothing."""
+LAW_ERROR_SHARE = 0.03  # of parameters beyond their errors: no vehicle follows a law to the letter
+MAX_STDERR = 0.5  # of an effect, as a share of its size: of what is less sure a diagnosis says nothing
 UNKNOWN_ERROR_SHARE = 0.1  # standard error, as a share, of a parameter of which the file tells none
 EXTENDED = "extended_model.json"
-SUPPLY_SHARES = (0.88, 1.08)
-"""Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
+SUPPLY_SHARES = (0.88, 1.08)  # lowest and highest voltage in shares of that of the logs: four lithium cells about 15 V
 OUTPUT_TOLERANCE = 1.02  # how far beyond the whole output moments of a log may seem to go
 UNKNOWN_DELAY = (
     "How late the vehicle answers is not known: the model's file has no command_delay_s. Fit its logs again, or give "

@@ -32,8 +32,7 @@ BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field'
 STEP_DEG, STEP_M = 90.0, 1.0
 QUANTILES = (0.025, 0.5, 0.975)
 MAX_SETTLING_RATIO = 2.0  # how much longer gains for all explanations may take to settle than for the right one alone
-MIN_DELAY_SPREAD_S = 0.14
-"""Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
+MIN_DELAY_SPREAD_S = 0.14  # of delays between quarters, from which on it is asked what knowing them is worth
 Verdict = Literal["gains", "leave", "cannot-promise"]
 RECORDED = (
     "target", "step", "load", "load_recovery", "margin", "full", "arm", "delay", "supply", "sample_time",
@@ -381,8 +380,7 @@ def _json(estimate: Estimate | None) -> dict[str, Any] | None:
 
 
 REFERENCES = ("target", "reference", "desired", "DesYaw", "YDes")  # parts of the names of columns that hold a reference
-SMOOTHED_S, STEADY_S, MIN_STEP_BANDS = 0.5, 3.0, 5.0
-"""Readings are averaged over so long, a reference stays for so long at least, and a step is so many bands large."""
+SMOOTHED_S, STEADY_S, MIN_STEP_BANDS = 0.5, 3.0, 5.0  # of readings, of a reference, of a step
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from automarine_cli.quantities import Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
 from automarine_cli.thrusters.map import TwinThrusters
 
-THRUST_BY_VOLTAGE = 1.2
-"""Exponent of thrust against supply voltage at a fixed command: Blue Robotics, T200 performance data (2019)."""
+THRUST_BY_VOLTAGE = 1.2  # exponent at a fixed command: Blue Robotics, T200 performance data (2019)
 MIN_LAG_MOMENT_SHARE = 0.1  # share of the reference moment at which a lag that depends on the speed counts in margins
 REST_SWING, SLOW_SWING, BRISK_SWING = 1e-6, 0.02, 0.3
 """Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of all counts, which of

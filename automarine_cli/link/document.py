@@ -25,8 +25,7 @@ MAX_CAMPAIGN_RUNS, MAX_COMMANDS, MAX_RUN_S = 500, 1000, 3600.0
 SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
 WHOLE, STOPPED, INTERRUPTED = "", "_stopped", "_interrupted"
 LOG_ENDS = (WHOLE, STOPPED, INTERRUPTED)  # what the names of logs end with, by how their runs ended
-MAX_LOG_HZ, MAX_LINE_BYTES, MAX_HEAD_BYTES = 100.0, 200, 4096
-"""Lines of a log in a second, and bytes of one line and of its head, at most."""
+MAX_LOG_HZ, MAX_LINE_BYTES, MAX_HEAD_BYTES = 100.0, 200, 4096  # lines a second, bytes of a line, of the head
 ID_LETTERS = 8  # so many letters of a campaign's id begin the names of its logs
 
 

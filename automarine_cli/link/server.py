@@ -33,8 +33,7 @@ from automarine_cli.pipeline.results_folder import write_whole
 LEASE_BEAT_S = 0.5
 QUIET_S = 5.0  # A request to stop is answered when the vehicle is silent, after this at the latest
 REQUEST_PATIENCE_S = 30.0
-HEADER_S, MAX_STRANGERS = 10.0, 64
-"""So long, and so many at a time, may who has not shown the token yet stay; the first who came goes first."""
+HEADER_S, MAX_STRANGERS = 10.0, 64  # so long, and so many, may stay without the token; the first goes first
 SEND_BUFFER = 1 << 16  # what lies in it when the link is cut has crossed for nothing
 SEND_BLOCK_B = 1 << 15
 RANGE = re.compile(r"bytes=(\d+)-(\d*)")

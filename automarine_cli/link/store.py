@@ -23,14 +23,10 @@ from automarine_cli.pipeline.results_folder import put_whole, write_whole
 from automarine_cli.text import printable
 
 ASKED_TO_STOP = "asked to stop"
-LONGEST_WHY = 1000
-"""Bytes of a campaign's record that its reason to stop has room for; a mark for each run follows them."""
-MAX_DEATHS = 3
-"""So often may the player's process end before a run's log has a line; after that the run is not begun again."""
-NEW, DRIVEN = "0123456789"[: MAX_DEATHS + 1], "d"
-"""Marks of a run that was never commanded, by its deaths, and of one from before its first command until it ends."""
-MARKS = {wire.WHOLE: "w", wire.STOPPED: "s", wire.INTERRUPTED: "i"}
-"""Marks of runs that ended, by what the names of their logs end with."""
+LONGEST_WHY = 1000  # bytes in a campaign's record for its reason to stop; a mark for each run follows them
+MAX_DEATHS = 3  # ends of the player's process before a run's log has a line; then the run is not begun again
+NEW, DRIVEN = "0123456789"[: MAX_DEATHS + 1], "d"  # marks: never commanded, by its deaths; first command sent
+MARKS = {wire.WHOLE: "w", wire.STOPPED: "s", wire.INTERRUPTED: "i"}  # of runs that ended
 END_OF_MARK = {mark: end for end, mark in MARKS.items()} | {DRIVEN: wire.INTERRUPTED}
 NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
 KEEP_SIZE = 1  # Linux, linux/falloc.h

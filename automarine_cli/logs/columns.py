@@ -46,16 +46,16 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     },
 }
 MAX_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, in which one may be guessed
+# control signals keep the file's own unit
 COMMANDS = ("n", *dict.fromkeys(name for dof in DOFS.values() for name in dof.thrusters))
-"""Control signals keep the file's own unit, whatever it is called."""
 
+# Units of control signals, and the words in names of columns that tell them
 SIGNAL_UNITS = {
     "us": ("us", "usec", "microseconds", "pwm", "pulse"),
     "rpm": ("rpm",),
     "rev/s": ("rps", "rev_s", "hz"),
     "%": ("percent", "pct", "perc", "%"),
 }
-"""Units of control signals, and the words in names of columns that tell them."""
 
 
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster

@@ -26,8 +26,8 @@ from automarine_cli.logs.streams import Recording, Stream, taken
 from automarine_cli.quantities import Floats
 from automarine_cli.text import listed
 
+# what is made, -1 to 1: moment clockwise from above, forces ahead, to starboard and down (SNAME)
 CONTROL_AXES = tuple(dof.column(dof.command, NORMALISED) for dof in (YAW, SURGE, SWAY, HEAVE))
-"""The columns that are made, -1 to 1: moment clockwise from above, forces ahead, to starboard and down (SNAME)."""
 SIGNS = {"tau": "clockwise from above", "X": "ahead", "Y": "to starboard", "Z": "down"}
 WISH_ERROR = 1e-6  # by which a wish may be found wrong that the motors tell: PX4's parameters have 32 bits
 ELSE = "name the commands in a column map (tau, or n_port and n_stbd) and give it with --columns FILE.toml"

@@ -102,8 +102,8 @@ class NoHeading(LogError):
 
 
 PAUSE_S = 5.0  # s without a heading: the recorder stood still
+# what moves on between two messages: no position that wraps
 MOTION = {*VELOCITIES, *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps)}
-"""What moves on between two messages: no position that wraps."""
 
 
 @dataclass(frozen=True)

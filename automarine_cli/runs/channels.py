@@ -39,8 +39,7 @@ def velocity_noise(run: Run) -> float:
 
 SEGMENT_LENGTHS = (16, 32, 128)  # Samples of a segment of the spectra: filters of different length show in each
 MIN_SEGMENTS, MIN_SEGMENTS_OF_OCTAVES = 10, 24  # Segments of a spectrum, and from which on single octaves can be told
-CHANCE_COHERENCE = 9.0
-"""Coherence in a bin, times the segments, that chance exceeds in one of a thousand: these overlap by half."""
+CHANCE_COHERENCE = 9.0  # coherence in a bin, times the overlapping segments, that chance exceeds in one of a thousand
 NOISE_BAND_RATIO = (
     1.6  # The position is noise at frequencies where its spectrum is no more than so many times the lowest
 )
@@ -90,9 +89,7 @@ MAX_STRETCH_S = 20.0  # Longer runs are cut up, for biases wander
 MIN_STRETCH_SAMPLES = 12
 MIN_STRETCHES, MAX_COMPARED = 3, 200  # Stretches whose scatter tells anything, and that are looked at, evenly
 STRETCH_GAP = 3.0  # Sample periods; a longer hole parts two stretches
-MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0
-"""A stretch tells of scale and clock if its motion, less a line, is so many times what noise makes of the summed
-velocities, and of the position: the former would bias the scale, the latter only blurs it."""
+MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0  # times what noise makes of sums and positions
 MAX_DELAY_S = 5.0  # Clocks are not looked at further apart
 COARSE_DELAYS, FINE_DELAYS = 60, 40  # Tried to either side: first over all, then between neighbours of the best
 MAX_LOG_SCALE = np.log(1.5)  # Scales this near to one, as a logarithm, may be those of a sensor whose clock is off

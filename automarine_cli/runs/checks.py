@@ -28,8 +28,8 @@ MIN_PERIOD_S = 2e-4  # s between samples
 WAY_S = 1.0  # s over which a way is measured: it is longer than its noise
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
 DEGREES_AS_RADIANS = 360.0
+# how the reasons begin that prove the unit of a column
 IN_OTHER_UNITS = tuple(f"units look wrong: the {dof.position} " for dof in DOFS.values() if dof.wraps)
-"""How the reasons begin that prove the unit of a column, and so of that column in all logs."""
 
 
 def clock_trouble(time: Floats) -> str | None:
@@ -228,8 +228,7 @@ def _times(true: NDArray[np.bool_]) -> int:
 
 Mask = NDArray[np.bool_]
 
-THRUSTER_COLUMN = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")
-"""Names of columns that hold the command or speed of one thruster."""
+THRUSTER_COLUMN = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")  # command or speed of one thruster
 EXPONENTS = (2.0, 1.5, 1.0)  # Of thrust against speed, of normalised commands against thrust, and between
 MAX_LAW_RESIDUAL = 0.01  # Share of the commands' root mean square that a law leaves of them; more is no law
 MIN_SHORTFALL = 0.01  # Share of the largest command from which on what was given is not what was asked

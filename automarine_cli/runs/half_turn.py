@@ -37,20 +37,31 @@ class Step:
     first: int
     stop: int
     moment: float
-    switch_from: float
-    switch_to: float
-    start_position: float | None
     rest: slice | None
     from_rest: bool
     start_rate: float
-    begins_log: bool
-    ends_log: bool
-    notes: tuple[str, ...] = ()
+
+    @property
+    def switch_from(self) -> float:
+        run = self.run
+        return float(run.time[self.first - 1] if self.first else run.time[0] - run.sample_period)
+
+    @property
+    def switch_to(self) -> float:
+        return float(self.run.time[self.first])
 
     @property
     def switch_mid(self) -> float:
         """Middle of the interval in which the command switched [s]."""
         return (self.switch_from + self.switch_to) / 2
+
+    @property
+    def start_position(self) -> float | None:
+        return None if self.rest is None else float(self.run.position[self.rest].mean())
+
+    @property
+    def begins_log(self) -> bool:
+        return self.first == 0
 
 
 ALREADY_ON = "the log begins with the {force} already on: its switch is taken within the sample period before"
@@ -87,13 +98,7 @@ def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
         rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], run.noise, limit)
         # too little before the step to tell: its own start decides
         from_rest = first < SHORT_REST_SAMPLES and abs(rate) <= SLOW_RATE_SHARE * abs(pace) + REST_STDERRS * doubt
-    before = run.time[first - 1] if first else run.time[0] - run.sample_period
-    return Step(
-        run, first, stop, moment, switch_from=float(before), switch_to=float(run.time[first]),
-        start_position=float(run.position[rest_from:first].mean()) if rest_from < first else None,
-        rest=slice(rest_from, first) if rest_from < first else None, from_rest=from_rest, start_rate=rate,
-        begins_log=first == 0, ends_log=stop == len(run), notes=() if first else (run.dof.fill(ALREADY_ON),),
-    )  # fmt: skip
+    return Step(run, first, stop, moment, slice(rest_from, first) if rest_from < first else None, from_rest, rate)
 
 
 def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
@@ -169,8 +174,7 @@ MIN_HALF_TURN_SAMPLES = 8
 MARGIN_IN_SIGMA = 3.0
 MIN_STUCK_STEP_SAMPLES = 10  # samples of one exact position
 MAX_RATE_CHANGE = 0.1  # of the last third's rate
-MAX_REST_SAMPLES = 200
-"""Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
+MAX_REST_SAMPLES = 200  # of rest before a step that are used; more would say much of slow drifts
 
 
 @dataclass(frozen=True)
@@ -267,7 +271,7 @@ def _half_turn(step: Step, trim: Trim) -> HalfTurn:
     end = position[-6:].mean() + rate * (time[-1] - time[-6:].mean())
     turn = HalfTurn(
         step, time, position, slice(first, stop), zero, step.moment,
-        cut_by=trim.ended(dof) if crossed else LOG_ENDS if step.ends_log else dof.fill(COMMAND_ENDS),
+        cut_by=trim.ended(dof) if crossed else LOG_ENDS if step.stop == len(run) else dof.fill(COMMAND_ENDS),
         turned=float(end - zero), steady=_is_steady(time, position, noise), why="",
     )  # fmt: skip
     return replace(turn, why=_why_not(turn, crossed))
@@ -330,7 +334,7 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     if not dof.wraps and steady:
         return f"ended too soon: {after}. {longer}"
     settled = f"its {words.speed} was still changing" if not steady else f"{words.reach} was not near"
-    ended = "ended before steady" if step.ends_log else f"{force} changed before steady"
+    ended = "ended before steady" if step.stop == len(run) else f"{force} changed before steady"
     return f"{ended}: {after}, and {settled}. {longer}"
 
 

@@ -16,24 +16,14 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import FitError, LogError, RunError
+from automarine_cli.errors import ExcludedRun, FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.columns import RUN, driven, names_of
 from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs import checks
-from automarine_cli.runs.run import (
-    NORMAL,
-    ExcludedRun,
-    Run,
-    fresh_readings,
-    median,
-    named_apart,
-    own_name,
-    slope,
-    summed,
-)
+from automarine_cli.runs.run import NORMAL, Run, fresh_readings, median, named_apart, own_name, slope, summed
 from automarine_cli.text import plural
 
 Indices = NDArray[np.int64]

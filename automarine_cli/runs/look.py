@@ -18,7 +18,7 @@ from automarine_cli.logs.columns import CANONICAL, driven, names_of, quantities_
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
-from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, segments, why_none
+from automarine_cli.runs.half_turn import ALREADY_ON, HalfTurn, all_half_turns, segments, why_none
 from automarine_cli.runs.load import rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run, misfit_of, position_noise, undirected
 
@@ -122,7 +122,8 @@ def look_at_run(run: Run) -> RunSeen:
         levels=levels if len(levels) <= min(MAX_LOGGED_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns], half_turn=None if best is None else _step_seen(best),
         why=None if best is not None else why_none(driven, turns), columns=sorted(run.extras),
-        notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)], commanded=commanded(run),
+        notes=[*run.notes, *(run.dof.fill(ALREADY_ON) for turn in turns if turn.step.begins_log)],
+        commanded=commanded(run),
     )  # fmt: skip
 
 

@@ -66,8 +66,7 @@ MIN_CHANGES = 8  # Changes of a value that tell anything of its sensor
 FINE_STEP_RATIO = 5.0  # Of the median step to the smallest: two readings in a row are then hardly ever equal
 COARSE_STEP_RATIO = 2.0  # The same below which a value that stands may as well be one that creeps
 CHANCE_REPEATS = 0.1  # Share of repeats below which they are chance, and cost nothing
-MAX_ADJACENT_CHANGES = 0.1
-"""Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
+MAX_ADJACENT_CHANGES = 0.1  # share of changes next to each other, up to which a coarse sensor counts as held
 
 
 def fresh_readings(*columns: Floats) -> NDArray[np.bool_]:
@@ -86,14 +85,10 @@ def fresh_readings(*columns: Floats) -> NDArray[np.bool_]:
     return fresh
 
 
-MAX_EXTRAPOLATION, IMPOSSIBLE_EXTRAPOLATION = 1.05, 3.0
-"""Times the range of the map from which a thrust is extrapolated, and from which the commands are not of this map."""
+MAX_EXTRAPOLATION, IMPOSSIBLE_EXTRAPOLATION = 1.05, 3.0  # times the range of the map: a guess; of another map
 SMALL_COMMANDS, IMPOSSIBLE_COMMANDS, HALF_RANGE = 0.1, 0.02, 0.5
 """The same towards zero, shares of the range; below half of it the largest command must not be exactly 1 or 100."""
-FULL_SCALES = {
-    1.0: "normalised (-1 to 1)",
-    100.0: "like percent",
-}  # What commands are whose largest value comes near these
+FULL_SCALES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}  # by the largest value that comes near these
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,9 @@ from automarine_cli.pipeline.records import Document, Source
 from automarine_cli.planning.candidates import CommandTable, command_table, drive_of
 from automarine_cli.thrusters.map import TwinThrusters, map_and_arm
 
-BUS_LISTEN_S = 0.5
-"""So long a run listens before it sends, to a compass that speaks; to one that does not, `MAX_MUTE_S`."""
+BUS_LISTEN_S = 0.5  # before a run sends; `MAX_MUTE_S` to a compass that does not speak
 MAX_MUTE_S = 2.0  # A compass that has not been heard of for so long is gone
-NEUTRAL_FRAMES, NEUTRAL_PAUSE_S = 5, 0.1
-"""How often, and after what time, neutral is sent at the end of a run: a plug may be loose for a moment."""
+NEUTRAL_FRAMES, NEUTRAL_PAUSE_S = 5, 0.1  # at the end of a run: a plug may be loose for a moment
 SEND_S = 0.5  # A command that has not left after this is none any more
 HEADINGS = tuple(name for name, column in CANONICAL.items() if column.quantity == YAW.position)
 

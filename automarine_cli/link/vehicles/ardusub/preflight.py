@@ -17,8 +17,7 @@ from automarine_cli.logs.mixing import Part, Unclear, part_of
 from automarine_cli.thrusters.curves import PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
-STICK_CENTRE, STICK_SPAN = 1500.0, 0.4
-"""Of the pulse that a stick becomes [us]: its middle, and what each thousandth adds at a gain of 1."""
+STICK_CENTRE, STICK_SPAN = 1500.0, 0.4  # us: a stick in the middle, and what each thousandth adds at a gain of 1
 USUAL = 3.375  # the ACRO_YAW_P at which a whole pulse is the whole output in MANUAL
 ANGLE_DEG = 45.0  # A whole pulse in STABILIZE; times ACRO_YAW_P it is a turn rate [deg/s]
 FULL_STICK = 1000

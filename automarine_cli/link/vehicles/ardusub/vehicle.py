@@ -25,8 +25,7 @@ DO_SET_MODE, ARM_DISARM = 176, 400
 NEUTRAL_STICKS = 10  # so many sticks in the middle come before silence
 MAX_SILENT_S, STALE_S = 3.0, 1.0  # so long may the vehicle, and its attitude, not be heard
 MAX_OUTPUT_ERROR, MAX_OUTPUT_ERROR_S = 0.1, 1.0  # how far, and for how long, the outputs may be from what was sent
-TURN_DEG_S, SLOWEST_DEG_S, PER_S = 20.0, 4.0, 0.5
-"""Turning to a heading: fastest, slowest, and how fast for each degree that is left."""
+TURN_DEG_S, SLOWEST_DEG_S, PER_S = 20.0, 4.0, 0.5  # turning to a heading: fastest, slowest, for each degree left
 NEAR_DEG, STILL_DEG_S, STILL_S = 3.0, 1.0, 1.0
 TURN_PATIENCE_S = 30.0
 
