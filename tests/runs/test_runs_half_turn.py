@@ -17,7 +17,6 @@ MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
 
 
 def trimmed(run: Run) -> HalfTurn:
-    """The half-turn of a run with one step."""
     (turn,) = all_half_turns(run)
     return turn
 
@@ -78,7 +77,6 @@ def test_trimmed_twice_mirrored_or_shifted_it_is_the_same_turn(
 
 
 def reason(run: Run) -> str:
-    """The sentence for which a run is set aside."""
     good, aside = half_turns([run])
     assert not good and len(aside) == 1 and (aside[0].file, aside[0].run) == ("run.csv", "run")
     return aside[0].why

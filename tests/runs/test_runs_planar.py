@@ -26,7 +26,6 @@ def columns(**more: object) -> dict[str, object]:
 
 
 def loaded(folder: Path, table: Mapping[str, object], suffix: str = "csv", map: str = "") -> Run:
-    """The one run of a log with these columns."""
     path, frame = folder / f"log.{suffix}", pd.DataFrame(table)
     _ = frame.to_parquet(path) if suffix == "parquet" else frame.to_csv(path, index=False)
     (folder / "map.toml").write_text(map)
