@@ -217,11 +217,8 @@ def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
     return _reached(problem, "cannot-promise", f"{why} of the vehicles that the model allows. {_more(problem.target)}")
 
 
-def _reached(
-    problem: Problem, verdict: Verdict, why: str, effect: str = "", *, old: Outcome | None = None,
-    new: Outcome | None = None, beyond: Outcome | None = None,
-) -> Tuning:  # fmt: skip
-    return Tuning(**vars(problem), verdict=verdict, why=why, open=effect, old=old, new=new, beyond=beyond)
+def _reached(problem: Problem, verdict: Verdict, why: str, effect: str = "", **outcomes: Any) -> Tuning:
+    return Tuning(**vars(problem), verdict=verdict, why=why, open=effect, **outcomes)
 
 
 def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | None:

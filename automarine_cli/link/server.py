@@ -34,7 +34,6 @@ LEASE_BEAT_S = 0.5
 QUIET_S = 5.0  # A request to stop is answered when the vehicle is silent, after this at the latest
 REQUEST_PATIENCE_S = 30.0
 HEADER_S, MAX_STRANGERS = 10.0, 64  # so long, and so many, may stay without the token; the first goes first
-SEND_BUFFER = 1 << 16  # what lies in it when the link is cut has crossed for nothing
 SEND_BLOCK_B = 1 << 15
 RANGE = re.compile(r"bytes=(\d+)-(\d*)")
 STOP = re.compile(r"/stop(?:/([0-9a-f]{64}(?:,[0-9a-f]{64})*))?")
@@ -46,12 +45,6 @@ class Handler(BaseHTTPRequestHandler):
     sys_version = ""
     timeout = REQUEST_PATIENCE_S
     server: "LinkServer"
-
-    def setup(self) -> None:
-        """Keep little of what is sent in the system's own buffers."""
-        super().setup()
-        with contextlib.suppress(OSError):
-            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
 
     def do_GET(self) -> None:
         if not self._is_allowed():

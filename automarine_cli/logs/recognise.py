@@ -17,32 +17,8 @@ import pyarrow as pa
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
-from automarine_cli.logs.columns import (
-    BY,
-    CANONICAL,
-    COMMANDS,
-    EVERY_PULSE,
-    LABELS,
-    NORMALISED,
-    PULSES,
-    ROTATIONS,
-    RUN,
-    TIMESTAMP,
-    UNITS,
-    VELOCITIES,
-    WORDS,
-    ColumnMap,
-    ColumnRule,
-    ColumnsOf,
-    called,
-    column_rules,
-    likely_column,
-    matches,
-    motion_of,
-    names_of,
-    quantities_of,
-    unit_in,
-)
+from automarine_cli.logs import columns as naming
+from automarine_cli.logs.columns import CANONICAL, COMMANDS, LABELS, PULSES, UNITS, ColumnMap, ColumnRule, ColumnsOf
 from automarine_cli.logs.find import stem_of, whole_logs
 from automarine_cli.logs.formats import LogFile, RawLog, read_stamps
 from automarine_cli.logs.mixing import CONTROL_AXES
@@ -81,10 +57,10 @@ class Span:
 
 def is_pulses(name: str, span: Span) -> bool:
     """Tell whether values may be changing pulse lengths [us] of thrusters: by name, usual range or symmetry."""
-    (low, neutral, high), (shortest, longest) = PULSES, EVERY_PULSE
+    (low, neutral, high), (shortest, longest) = PULSES, naming.EVERY_PULSE
     usual = low <= span.low <= neutral <= span.high <= high
     centred = abs(span.low + span.high - 2 * neutral) <= NEUTRAL_TOLERANCE_US
-    pulse = unit_in(name) == "us" or (not unit_in(name) and (usual or centred))
+    pulse = naming.unit_in(name) == "us" or (not naming.unit_in(name) and (usual or centred))
     return pulse and shortest <= span.low and span.high <= longest and span.largest_step > 0
 
 
@@ -130,7 +106,7 @@ FORCE_WORDS = {
 }  # fmt: skip
 SPEED_WORDS = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
 EXACT = {
-    **{quantity: {*WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", "voltage")},
+    **{quantity: {*naming.WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", "voltage")},
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
 THRUSTER_WORDS = {
@@ -170,7 +146,7 @@ class Recognised:
 
 def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) -> Recognised | None:
     """The column of a log that holds a quantity (as in `CANONICAL`), or None where none looks like it."""
-    canonical = next((name for name in names_of(quantity) if name in names), None)
+    canonical = next((name for name in naming.names_of(quantity) if name in names), None)
     free = [name for name in names if name in spans and name not in CANONICAL and name not in LABELS]
     free = [name for name in free if quantity == "time" or not spans[name].stamps]
     if canonical == "time" and canonical in spans and not spans[canonical].stamps:  # plain numbers: no timestamps
@@ -179,20 +155,21 @@ def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) ->
     if quantity == "force":  # a throttle may be called thrust: what tells a unit comes first
         exact.sort(key=lambda name: (_unit_in(name, FORCE_WORDS) is None, is_share(spans[name])))
     elif quantity == "n":  # what is commanded before the speed that was measured
-        signals = [name for name in free if unit_in(name) == "us" and is_pulses(name, spans[name])]
-        exact = sorted(exact, key=lambda name: unit_in(name) in ("rpm", "rev/s")) or signals * (len(signals) == 1)
-    source = canonical or next(iter(exact), None) or likely_column(quantity, free)
+        signals = [name for name in free if naming.unit_in(name) == "us" and is_pulses(name, spans[name])]
+        exact.sort(key=lambda name: naming.unit_in(name) in ("rpm", "rev/s"))
+        exact = exact or (signals if len(signals) == 1 else [])
+    source = canonical or next(iter(exact), None) or naming.likely_column(quantity, free)
     if source is None or source not in spans:
         return None
     column = _JUDGES.get(quantity, _plain)(quantity, source, spans[source])
     if canonical is None and not column.open and not exact:
-        return replace(column, open=f'is this the {called(quantity)}? Then write "{source}"')
+        return replace(column, open=f'is this the {naming.called(quantity)}? Then write "{source}"')
     return column
 
 
 def is_called(quantity: str, names: Sequence[str]) -> bool:
     """Whether a column is called by a canonical name or a word for the quantity."""
-    return any(name in names_of(quantity) or _named_exactly(quantity, name) for name in names)
+    return any(name in naming.names_of(quantity) or _named_exactly(quantity, name) for name in names)
 
 
 def in_newtons(name: str) -> bool:
@@ -212,7 +189,8 @@ def _named_exactly(quantity: str, source: str) -> bool:
         return True
     aside = UNIT_WORDS | (THRUSTER_WORDS if quantity in COMMANDS and quantity != "n" else set())
     bare = "_".join(word for word in words if word not in aside or len(words) == 1)
-    return bool({bare, "_".join(words)} & {*EXACT.get(quantity, ()), *(name.lower() for name in names_of(quantity))})
+    names = {*EXACT.get(quantity, ()), *(name.lower() for name in naming.names_of(quantity))}
+    return bool({bare, "_".join(words)} & names)
 
 
 def _time(quantity: str, source: str, span: Span) -> Recognised:
@@ -260,7 +238,7 @@ def _angle(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _moment(quantity: str, source: str, span: Span) -> Recognised:
-    words, metres, normalised = words_of(source), _name(quantity, "N m"), _name(quantity, NORMALISED)
+    words, metres, normalised = words_of(source), _name(quantity, "N m"), _name(quantity, naming.NORMALISED)
     if source in CANONICAL or "nm" in words or words[-2:] == ["n", "m"]:
         return Recognised(source if source in CANONICAL else metres, source, f"{span}")
     why = f'a {quantity} in newton metres (then {metres} = "{source}") or normalised (then {normalised} = "{source}")?'
@@ -288,7 +266,7 @@ def _voltage(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _speed(quantity: str, source: str, span: Span) -> Recognised:
-    key, words = names_of(quantity)[0], words_of(source)
+    key, words = naming.names_of(quantity)[0], words_of(source)
     unit = next((SPEED_WORDS[end] for end in (words[-1], "_".join(words[-2:])) if end in SPEED_WORDS), None)
     sure = source == key or (unit and len(words) > 1)
     why = "" if sure else f'm/s of {quantity}? Then write "{source}"'
@@ -303,23 +281,23 @@ def _signal(quantity: str, source: str, span: Span) -> Recognised:
     if low >= 0 and 0 < span.middle < high and abs(span.middle - (low + high) / 2) <= 0.02 * (high - low):
         why = f"never below 0, mostly {span.middle:.4g}: which value stops the thruster, 0 or {span.middle:.4g}?"
         return replace(plain, open=why, more={"subtract": span.middle}, ask="subtract")
-    if low >= 0 and unit_in(source) in ("rpm", "rev/s") and quantity != "n":
+    if low >= 0 and naming.unit_in(source) in ("rpm", "rev/s") and quantity != "n":
         why = "never below 0: the column whose sign says which way it turns; its own name if it never reverses"
         return replace(plain, open=why, more={"sign_from": source}, ask="sign_from")
     return plain
 
 
 def _plain(quantity: str, source: str, span: Span) -> Recognised:
-    return Recognised(source if source in CANONICAL else names_of(quantity)[0], source, f"{span}")
+    return Recognised(source if source in CANONICAL else naming.names_of(quantity)[0], source, f"{span}")
 
 
 def _name(quantity: str, unit: str) -> str:
-    return next(name for name in names_of(quantity) if CANONICAL[name].unit == unit)
+    return next(name for name in naming.names_of(quantity) if CANONICAL[name].unit == unit)
 
 
 def _unit_in(source: str, units: Mapping[str, str]) -> str | None:
     """The unit that the name of a column tells, by the last word that is one of `units`."""
-    if source in CANONICAL and CANONICAL[source].unit != TIMESTAMP:
+    if source in CANONICAL and CANONICAL[source].unit != naming.TIMESTAMP:
         return CANONICAL[source].unit
     words = words_of(source)
     return next((units[word] for word in reversed(words) if word in units and (len(words) > 1 or len(word) > 3)), None)
@@ -329,10 +307,10 @@ _JUDGES = {
     "time": _time,
     "force": _force,
     "voltage": _voltage,
-    **dict.fromkeys(VELOCITIES, _speed),
+    **dict.fromkeys(naming.VELOCITIES, _speed),
     **dict.fromkeys(COMMANDS, _signal),
-    **dict.fromkeys((dof.position for dof in ROTATIONS), _angle),
-    **dict.fromkeys((dof.command for dof in ROTATIONS), _moment),
+    **dict.fromkeys((dof.position for dof in naming.ROTATIONS), _angle),
+    **dict.fromkeys((dof.command for dof in naming.ROTATIONS), _moment),
 }
 
 
@@ -439,7 +417,7 @@ class Layout:
 
     @property
     def rules(self) -> dict[str, ColumnRule]:
-        rules = column_rules({column.key: column.rule for column in self.columns if not column.as_named}, "")
+        rules = naming.column_rules({column.key: column.rule for column in self.columns if not column.as_named}, "")
         return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
     def ends(self, column: Recognised) -> tuple[float, float, float] | None:
@@ -463,7 +441,7 @@ class Layout:
     def foreign(self) -> bool:
         """Whether nothing in it is of a vehicle."""
         of_vehicle = {YAW.position, YAW.velocity, YAW.command, *YAW.thrusters}
-        quantities = quantities_of(column.key for column in self.columns)
+        quantities = naming.quantities_of(column.key for column in self.columns)
         return not self.bollard and self.dof is YAW and not quantities & of_vehicle
 
 
@@ -556,7 +534,7 @@ def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, u
     for group in groups[1:]:
         members = [file for layout in group for file in layout.files]
         places = places_of([inner[file] for file in members], list(inner.values()))
-        stray = [any(file not in members and matches(file.path, place) for file in files) for place in places]
+        stray = [any(file not in members and naming.matches(file.path, place) for file in files) for place in places]
         above = folder.resolve().name
         named.append((tuple(f"{above}/" * far + place for place, far in zip(places, stray)), tuple(group)))
     return Maps(tuple(groups[0]), tuple(named), user_map)
@@ -612,12 +590,12 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
     except LogError as error:
         return error
     mapped = {name: rule.source for name, rule in rules.columns.items() if rule.source in raw.names}
-    dof = motion_of(raw.names, mapped)
+    dof = naming.motion_of(raw.names, mapped)
     names = tuple(name for name in raw.names if name)
     labels = categorical_columns(raw, {*LABELS, *mapped.values()})
-    split = RUN in raw.names or RUN in rules.columns or BY in rules.columns
+    split = naming.RUN in raw.names or naming.RUN in rules.columns or naming.BY in rules.columns
     words = {} if split else {key: label.names for key, label in labels.items()}
-    bollard = means_thruster_test(quantities_of([*raw.names, *mapped]), names, dof)
+    bollard = means_thruster_test(naming.quantities_of([*raw.names, *mapped]), names, dof)
     return Layout(names, bollard, (file,), spans_of(raw), dof, words=words)
 
 

@@ -15,30 +15,9 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
+from automarine_cli.logs import columns as naming
 from automarine_cli.logs import formats
-from automarine_cli.logs.columns import (
-    ARMED,
-    BY,
-    CANONICAL,
-    COMMANDS,
-    LABELS,
-    MODE,
-    RUN,
-    TIMESTAMP,
-    Canonical,
-    ColumnMap,
-    ColumnRule,
-    called,
-    driven,
-    foreign,
-    likely_canonical,
-    likely_column,
-    motion_of,
-    motions_in,
-    names_of,
-    quantities_of,
-    unit_in,
-)
+from automarine_cli.logs.columns import BY, CANONICAL, COMMANDS, LABELS, RUN, Canonical, ColumnMap, ColumnRule
 from automarine_cli.logs.find import ENDINGS, format_of
 from automarine_cli.logs.formats import LOGGED, Format, LogFile, Origin, RawLog
 from automarine_cli.logs.parquet import read_table
@@ -110,8 +89,8 @@ def read_log(
     raw = whole_log(file, columns)
     if dof is None:
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
-        dof = motion_of(raw.names, mapped)
-    uses, notes = _assigned(raw, columns, source, foreign(dof, motion))
+        dof = naming.motion_of(raw.names, mapped)
+    uses, notes = _assigned(raw, columns, source, naming.foreign(dof, motion))
     used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
     extras: dict[str, Floats] = {}
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
@@ -119,20 +98,12 @@ def read_log(
             values = array.to_numpy()
             extras[printable(name)] = np.where(np.isinf(values), np.nan, values)
     values_of = {use.canonical.quantity: _values(raw, use, source, notes) for use in uses}
+    units = {use.canonical.quantity: _unit(use, values_of[use.canonical.quantity]) for use in uses}
+    words = categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)})
     return LogTable(
-        source=source,
-        columns=values_of,
-        rows=raw.rows,
-        labels=labels_of(raw, columns, source),
-        units={use.canonical.quantity: _unit(use, values_of[use.canonical.quantity]) for use in uses},
-        extras=extras,
-        names=raw.names,
-        notes=(*raw.notes, *notes),
-        holds=raw.holds,
-        origin=raw.origin,
-        words=categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)}),
-        dof=dof,
-    )
+        source, values_of, raw.rows, labels_of(raw, columns, source), units, extras, raw.names, (*raw.notes, *notes),
+        raw.holds, raw.origin, words, dof=dof,
+    )  # fmt: skip
 
 
 def whole_log(file: LogFile, columns: ColumnMap) -> RawLog:
@@ -241,7 +212,7 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
 
 def _unit(use: _Use, values: Floats) -> str:
     """The unit of a column: for a control signal the one that its rule or its name tells; no pulse is negative."""
-    unit = use.canonical.unit or use.rule.unit or unit_in(use.rule.source)
+    unit = use.canonical.unit or use.rule.unit or naming.unit_in(use.rule.source)
     signed = use.rule.subtract == 0.0 and bool(np.any(values < 0) and np.any(values > 0))
     return "" if unit == "us" and use.rule.unit is None and signed else unit
 
@@ -255,7 +226,7 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
     """One canonical column in SI units, shape (N,); what to know of its reading goes to the notes."""
     array, rule = raw.arrays[use.index], use.rule
     unit, stamped, factor = rule.unit or use.canonical.unit, pa.types.is_timestamp(array.type), 1.0
-    if use.canonical.quantity == "time" and (unit == TIMESTAMP or stamped):
+    if use.canonical.quantity == "time" and (unit == naming.TIMESTAMP or stamped):
         values = _seconds(raw, use, source, notes)
     elif raw.is_numeric(use.index):
         values, factor = array.to_numpy(), use.canonical.factor(unit)
@@ -311,13 +282,13 @@ def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | lis
     for quantity in dict.fromkeys(canonical.quantity for canonical in CANONICAL.values()):
         if quantity in table.columns:
             command = quantity == table.dof.command
-            names = [n for n in names_of(quantity) if not command or CANONICAL[n].unit == table.moment_unit]
+            names = [n for n in naming.names_of(quantity) if not command or CANONICAL[n].unit == table.moment_unit]
             name = next((n for n in names if "_deg" in n or command), None)
             name = name or next(n for n in names if CANONICAL[n].factor() == 1)
             plain = table.columns[quantity][rows] / CANONICAL[name].factor()
             columns[name] = np.round(plain, 9) if "_deg" in name else plain  # radians and back leave rounding behind
     columns |= {name: c[rows] for name, c in table.extras.items() if name not in CANONICAL and name not in LABELS}
-    for name in (MODE, ARMED):
+    for name in (naming.MODE, naming.ARMED):
         if labels := table.labels.get(name):
             words = [*labels.names, ""]
             columns[name] = [words[code] for code in labels.code[rows]]
@@ -393,14 +364,14 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
     if not lacking:
         return
-    missing = f"{table.source}: no {' and '.join(map(called, lacking))}"
+    missing = f"{table.source}: no {' and '.join(map(naming.called, lacking))}"
     if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
         raise LogError(f"{missing}; {table.origin.why_not}")
     free = _free(table.names)
-    lines = [_line(q, guess) for q in lacking if (guess := likely_column(q, free))]
-    hint = " and ".join(lines or [f'{names_of(lacking[0])[0]} = "NAME"'])
+    lines = [_line(q, guess) for q in lacking if (guess := naming.likely_column(q, free))]
+    hint = " and ".join(lines or [f'{naming.names_of(lacking[0])[0]} = "NAME"'])
     holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
-    unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
+    unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in naming.names_of(q))]
     raise LogError(
         f"{missing}; found the columns {listed(table.names)}{holds}; expected {'; '.join(map(_expected, lacking))}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
@@ -412,7 +383,7 @@ def require_motion(table: LogTable) -> None:
     """Refuse a table without time, position (or velocity), or a moment or force or every thruster command of its
     motion."""
     dof, free = table.dof, _free(table.names)
-    by_name = likely_column(dof.position, free) is None and likely_column(dof.velocity, free) is not None
+    by_name = naming.likely_column(dof.position, free) is None and naming.likely_column(dof.velocity, free) is not None
     velocity = dof.position not in table.columns and (dof.velocity in table.columns or by_name)
     by_thrusters = dof.command not in table.columns and {*dof.thrusters} & set(table.columns)
     commands = dof.thrusters if by_thrusters else (dof.command,)
@@ -429,17 +400,19 @@ def is_thruster_test(table: LogTable) -> bool:
 
 def means_thruster_test(held: Set[str], names: Sequence[str], dof: Dof) -> bool:
     """Tell whether a log of these quantities, in columns of these names, is or seems meant as a thruster test."""
-    commanded = dof.command in held or driven(dof, held)
+    commanded = dof.command in held or naming.driven(dof, held)
     if dof.position in held or (dof.velocity in held and commanded):
         return False
     free = _free(names)
-    return "force" in held or (likely_column("force", free) is not None and likely_column(dof.position, free) is None)
+    return "force" in held or (
+        naming.likely_column("force", free) is not None and naming.likely_column(dof.position, free) is None
+    )
 
 
 def _line(quantity: str, column: str) -> str:
     """The line of a column map for a column; pulses to thrusters rest at 1500 us."""
-    key, name = likely_canonical(quantity, column), printable(column)
-    pulses = quantity in COMMANDS and unit_in(column) == "us"
+    key, name = naming.likely_canonical(quantity, column), printable(column)
+    pulses = quantity in COMMANDS and naming.unit_in(column) == "us"
     return f'{key} = {{ from = "{name}", subtract = 1500 }}' if pulses else f'{key} = "{name}"'
 
 
@@ -447,14 +420,14 @@ def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
     """What the table is instead, and the command that reads it; empty where its columns make no whole log."""
     if set(lacking) == {"time"}:
         return ""
-    quantities = quantities_of(table.names)
-    for dof in motions_in(quantities):
+    quantities = naming.quantities_of(table.names)
+    for dof in naming.motions_in(quantities):
         return f"This is a log of {dof.name}: give it to automarine fit-{dof.name}"
     return "This is a thruster test: give it to automarine fit-thrusters" if quantities >= {"n", "force"} else ""
 
 
 def _expected(quantity: str) -> str:
-    names = " or ".join(names_of(quantity))
+    names = " or ".join(naming.names_of(quantity))
     thrusters = next((dof.thrusters for dof in DOFS.values() if dof.command == quantity), ())
     return f"{names} or {'both ' * (len(thrusters) > 1)}{' and '.join(thrusters)}" if thrusters else names
 

@@ -130,12 +130,17 @@ class Agreement:
     stuck: Mapping[str, float] = field(default_factory=dict)
 
 
-def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
-    """Compare the channel `quantity`, a velocity, with the positions of the runs that have both."""
-    both = [run for run in runs if run.channel(quantity) is not None and not run.summed_up]
-    long = [run for run in both if len(run) >= MIN_STRETCH_SAMPLES]
-    stuck = {run.name: at for run in long if (at := _stuck_at(run, quantity)) is not None}
-    parts = [part for run in long if run.name not in stuck for part in stretches(run, quantity)]
+def agreement(runs: Sequence[Run]) -> Agreement:
+    """Compare the velocities of runs with their positions, where they have both."""
+    parts, stuck = list[Stretch](), dict[str, float]()
+    for run in runs:
+        readings = run.extras.get(run.dof.velocity)
+        if readings is None or run.summed_up or np.isfinite(readings).sum() < MIN_STRETCH_SAMPLES:
+            continue
+        if (value := _stuck_at(run, readings)) is not None:
+            stuck[run.name] = value
+        else:
+            parts += stretches(run, readings)
     if len(parts) > MAX_COMPARED:
         parts = [parts[i] for i in np.linspace(0, len(parts) - 1, MAX_COMPARED).astype(int)]
     nothing = Agreement(follows=noise_followed([(part.position, part.velocity) for part in parts]), stuck=stuck)
@@ -154,12 +159,9 @@ def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
     return Agreement(len(moving), *of_scale, late, late_error, clock, period, nothing.follows, stuck)
 
 
-def stretches(run: Run, quantity: str) -> list[Stretch]:
+def stretches(run: Run, readings: Floats) -> list[Stretch]:
     """The parts of a run in which both sensors read without a hole."""
-    readings = run.channel(quantity)
-    rows = np.flatnonzero(np.isfinite(readings)) if readings is not None else np.zeros(0, dtype=int)
-    if readings is None or len(rows) < MIN_STRETCH_SAMPLES:
-        return []
+    rows = np.flatnonzero(np.isfinite(readings))
     steps, clock = np.diff(run.time[rows]), run.time[rows] - run.time[rows[0]]
     period = median(steps)
     part = np.concatenate([[0], np.cumsum(steps > STRETCH_GAP * period)]) * 1000.0
@@ -173,17 +175,12 @@ def stretches(run: Run, quantity: str) -> list[Stretch]:
     return parts
 
 
-def _stuck_at(run: Run, quantity: str) -> float | None:
+def _stuck_at(run: Run, readings: Floats) -> float | None:
     """The value that the sensor repeats while the position leaves a straight line; or None."""
-    readings = run.channel(quantity)
-    assert readings is not None
-    good, way = readings[np.isfinite(readings)], float(np.ptp(run.position))
-    if len(good) < MIN_STRETCH_SAMPLES or way < max(run.dof.limits.unmoved, 5.0 * run.noise):
-        return None
-    values, counts = np.unique(good, return_counts=True)
-    at = float(values[counts.argmax()])
+    values, counts = np.unique(readings[np.isfinite(readings)], return_counts=True)
+    at, way = float(values[counts.argmax()]), float(np.ptp(run.position))
     same = readings == at
-    if counts.max() < STUCK_SHARE * len(good):
+    if way < max(run.dof.limits.unmoved, 5.0 * run.noise) or counts.max() < STUCK_SHARE * counts.sum():
         return None
     bent = _freed(run.time[same], run.position[same])
     return at if np.ptp(bent) > max(5.0 * run.noise, MIN_BEND * way) else None
@@ -360,15 +357,15 @@ def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_po
     "position", "all", or names with commas between. With `late_position` a late position is no contradiction. Raises
     SettingError for a sensor that no log holds."""
     names = parse_channels(which, dof)
-    has_velocity = any((x := run.channel(dof.velocity)) is not None and np.isfinite(x).any() for run in runs)
+    has_velocity = any(np.isfinite(run.extras.get(dof.velocity, np.nan)).any() for run in runs)
     logged = {dof.position: any(not run.summed_up for run in runs), dof.velocity: has_velocity}
-    lacking = [name for name in dof.channels if names and name in names and not logged[name]]
+    lacking = next((name for name in dof.channels if name in (names or ()) and not logged[name]), None)
     if lacking and runs:
-        what, columns = lacking[0].replace("_", " "), ", ".join(names_of(lacking[0]))
+        what, columns = lacking.replace("_", " "), ", ".join(names_of(lacking))
         raise SettingError(f"channels is {which!r}, and no log holds {what}; name its column {columns} with --columns")
     if not has_velocity:
         return NOTHING_TO_CHOOSE
-    sensors, not_named = agreement(runs, dof.velocity), "It was not asked for (--channels)."
+    sensors, not_named = agreement(runs), "It was not asked for (--channels)."
     trouble = trouble_of(sensors, dof, late_position) if logged[dof.position] else ""
     position = logged[dof.position] and (names is None or dof.position in names)
     velocity = dof.velocity in names if names else which == ALL or not trouble

@@ -144,19 +144,13 @@ def _step_seen(turn: HalfTurn) -> dict[str, Any]:
     """A step as in check.json: its start in the unit of logs, how far it went as people see it."""
     step, dof = turn.step, turn.step.run.dof
     return {
-        dof.words.force: step.moment,
-        "switch_from_s": step.switch_from,
-        "switch_to_s": step.switch_to,
-        "ends_s": float(step.run.time[step.stop - 1]),
-        "from_rest": step.from_rest,
+        dof.words.force: step.moment, "switch_from_s": step.switch_from, "switch_to_s": step.switch_to,
+        "ends_s": float(step.run.time[step.stop - 1]), "from_rest": step.from_rest,
         f"start_{dof.words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
-        "kept_samples": len(turn.time),
-        "kept_s": float(turn.time[-1] - turn.time[0]),
+        "kept_samples": len(turn.time), "kept_s": float(turn.time[-1] - turn.time[0]),
         f"{dof.words.gone_key}_{dof.units.shown}": float(dof.shown(turn.turned)),
-        "cut_by": turn.cut_by,
-        "steady": turn.steady,
-        "why": turn.why or None,
-    }
+        "cut_by": turn.cut_by, "steady": turn.steady, "why": turn.why or None,
+    }  # fmt: skip
 
 
 def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[ExcludedRun]]:

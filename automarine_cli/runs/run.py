@@ -281,12 +281,10 @@ class Run:
 
     def cut(self, start: int, stop: int) -> "Run":
         """Samples start:stop of this run."""
+        moment = None if self.moment is None else self.moment[start:stop]
+        extras = {name: column[start:stop] for name, column in self.extras.items()}
         return replace(
-            self,
-            time=self.time[start:stop],
-            position=self.position[start:stop],
-            moment=None if self.moment is None else self.moment[start:stop],
-            extras={name: column[start:stop] for name, column in self.extras.items()},
+            self, time=self.time[start:stop], position=self.position[start:stop], moment=moment, extras=extras
         )
 
 
