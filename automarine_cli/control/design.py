@@ -30,9 +30,7 @@ from automarine_cli.thrusters.map import TwinThrusters
 MAX_VEHICLE_STEP_S = 0.01  # longest step [s] of a vehicle between two loops of its controller
 FLIGHT_SAMPLE_S = 0.1  # flights are kept, and readings as far off as they are, for so long [s]: the pace of logs
 Loop = Callable[[Complexes], Complexes]
-Trials = NDArray[Any]
-"""What C sets of gains do to some vehicles of all crowds, (C,): the `numbers` of their design, the `disk` margin that
-all but a twentieth keep, and the worst scores."""
+Trials = NDArray[Any]  # of C sets of gains on some vehicles, (C,): `numbers` of the design, `disk` margin, worst scores
 MIN_DAMPING_RATIO = 0.02  # damping ratio below which a closed loop counts as unstable
 MIN_RAD_S = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
 
@@ -209,21 +207,16 @@ CROWD_VEHICLES, JUDGED_FEW = 180, 20
 SEARCH_ROUNDS, LAST_SETS = 5, 20  # looks at the space of gains, each nearer to the best; sets judged by the crowd
 PROMISED_LOOPS, CHOSEN_LOOPS = 0.02, 0.05  # loops of flights that are promised, and of those that gains are chosen by
 PASS_RATE = 0.95  # of the crowd that has to keep the margin, and to settle
-FIRST_SETS, NEIGHBOUR_SETS, ELITE_SETS = 1500, 30, 3
-"""Sets of gains: spread over their space, near each of the best, and best by each rule."""
+FIRST_SETS, NEIGHBOUR_SETS, ELITE_SETS = 1500, 30, 3  # spread over their space, near each of the best, best by a rule
 FEW_VEHICLES = 40  # vehicles on which sets have to keep the margin before they are flown
 MAX_COST_RATIO = 1.1  # how much more than the best gains may cost that have more margin, or move less under a load
-RECOVERY_SETTLINGS, MIN_RECOVERY_S = 4.0, 20.0
-"""Settling times after which a load is to be rejected where nobody sets a time, and at least [s]: loads that stay, of a
-current or a tether, build up slowly."""
+RECOVERY_SETTLINGS, MIN_RECOVERY_S = 4.0, 20.0  # in which a load is to be rejected where nobody sets a time
 LOAD_WEIGHTS = (0.0, 0.3, 3.0)  # further weights of a load that is not rejected, for what may lead to better gains
 LOAD_BANDS = 0.9  # bands within which the worst of a few have to be, so that all but a twentieth of all are within one
 MAX_REST_BANDS = 2.0  # bands by which a vehicle that rests is off at most: noise moves it less
 UNSETTLED_COST = 1e6  # what not settling costs, in lengths of a flight
 NEIGHBOURHOOD_WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
-ROUGH_LOOP_SHARE, MAX_LOOP_S = 0.1, 0.02
-"""Loops of flights that gains are looked for with, in shares of the quickest loop's time; and the longest loops
-and steps of a vehicle in flights that are not promised [s]."""
+ROUGH_LOOP_SHARE, MAX_LOOP_S = 0.1, 0.02  # loops of rough flights, in shares of the quickest loop's time; the longest
 FLIGHT_SETTLINGS, MIN_FLIGHT_S = 5.0, 6.0  # flights that gains are looked for with, in settling times and at least [s]
 COARSE_FREQUENCIES, FINE_FREQUENCIES = 180, 500  # frequencies of the first look and of the margins that are told
 

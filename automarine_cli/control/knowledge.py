@@ -21,9 +21,7 @@ from automarine_cli.text import printable
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
 LATE_EFFECTS = (DELAY, "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
-WILD_SCATTER, MIN_GAIN_EXPONENT = 0.25, 0.1
-"""Scatter of the thrust from run to run, and power of the command's size that it goes with, from which on the thrust is
-not known: fits take no more than 0.3 for scatter."""
+WILD_SCATTER, MIN_GAIN_EXPONENT = 0.25, 0.1  # from which on the thrust is not known: fits allow a scatter of 0.3
 MAX_DEAD_BAND_SHARE = 0.1  # of the whole output: Blue Robotics T200 data (2019), 7 to 10 %
 CURVE_EFFECTS = ("dead-band", "thrust-exponent")  # what the curve of the thrust against its command is made of
 LAW_ERROR_SHARE = 0.03  # of parameters beyond their errors: no vehicle follows a law to the letter

@@ -130,10 +130,8 @@ class Tuning(Shown, Problem):
             "present": None if old is None else self._promised(old),
             "at_end_of_range": [] if new is None else [gain.name for gain in target.at_ends(new.gains)],
             "beyond_range": beyond and {"gains": dict(beyond.gains), **self._promised(beyond)},
-            "vehicles": sum(len(crowd) for crowd in self.crowds),
-            "explanations": [crowd.name for crowd in self.crowds],
-            "settled_by": self.run or None,
-            "notes": list(self.knowledge.notes),
+            "vehicles": sum(len(crowd) for crowd in self.crowds), "explanations": [crowd.name for crowd in self.crowds],
+            "settled_by": self.run or None, "notes": list(self.knowledge.notes),
             "present_gains": None if old is None else dict(old.gains),
             "made_from": {
                 "settings": {name: self.settings[name] for name in RECORDED},
@@ -214,7 +212,12 @@ def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
         if result is not None:
             return result
     why = f"The best gains with a disk margin of {task.margin:g} do not settle for {100 * design.PASS_RATE:.0f} %"
-    return _reached(problem, "cannot-promise", f"{why} of the vehicles that the model allows. {_more(problem.target)}")
+    return _cannot(problem, f"{why} of the vehicles that the model allows.")
+
+
+def _cannot(problem: Problem, why: str, **outcomes: Any) -> Tuning:
+    remedy = f"Try {'--beyond-range or ' if problem.target.ranged else ''}a smaller --margin, or a smaller --step."
+    return _reached(problem, "cannot-promise", f"{why} {remedy}", **outcomes)
 
 
 def _reached(problem: Problem, verdict: Verdict, why: str, effect: str = "", **outcomes: Any) -> Tuning:
@@ -236,8 +239,7 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
         return _reached(problem, "cannot-promise", *dear, old=old)
     if chosen is None:
         why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {100 * design.PASS_RATE:.0f} % of the"
-        why = f"{why} vehicles that the model allows. {_more(target)}"
-        return _reached(problem, "cannot-promise", why, old=old, beyond=_beyond(short, problem))
+        return _cannot(problem, f"{why} vehicles that the model allows.", old=old, beyond=_beyond(short, problem))
     new = design.outcome(problem, chosen)
     if not design.keeps(new, problem):
         return None
@@ -291,10 +293,6 @@ def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, s
         why = f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there are"
         return f"{why} {instead} for everything that the logs allow; {open_still} is not known well enough.", settled
     return None
-
-
-def _more(target: Target) -> str:
-    return f"Try {'--beyond-range or ' if target.ranged else ''}a smaller --margin, or a smaller --step."
 
 
 def banded(values: Floats, unit: str) -> Estimate | None:

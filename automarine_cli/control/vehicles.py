@@ -18,9 +18,9 @@ from automarine_cli.thrusters.map import TwinThrusters
 
 THRUST_BY_VOLTAGE = 1.2  # exponent at a fixed command: Blue Robotics, T200 performance data (2019)
 MIN_LAG_MOMENT_SHARE = 0.1  # share of the reference moment at which a lag that depends on the speed counts in margins
+# Velocities [base unit/s] over which drag is taken as straight: quadratic drag damps least at rest, dry friction in a
+# brisk turn; moving water is looked at over a slow one.
 REST_SWING, SLOW_SWING, BRISK_SWING = 1e-6, 0.02, 0.3
-"""Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of all counts, which of
-quadratic drag is that at rest, of dry friction that of a brisk turn. Water that moves is looked at over a slow one."""
 
 
 @dataclass(frozen=True)

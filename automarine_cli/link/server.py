@@ -40,15 +40,14 @@ STOP = re.compile(r"/stop(?:/([0-9a-f]{64}(?:,[0-9a-f]{64})*))?")
 
 
 class Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    server_version = "automarine"
-    sys_version = ""
-    timeout = REQUEST_PATIENCE_S
+    protocol_version, server_version, sys_version, timeout = "HTTP/1.1", "automarine", "", REQUEST_PATIENCE_S
     server: "LinkServer"
 
+    def parse_request(self) -> bool:
+        """Refuse whoever does not show the token, whatever is asked for."""
+        return super().parse_request() and self._is_allowed()
+
     def do_GET(self) -> None:
-        if not self._is_allowed():
-            return
         if self.path == "/state":
             self._answer(HTTPStatus.OK, asdict(self.server.state()))
         elif self.path == "/runs":
@@ -60,10 +59,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_PUT(self) -> None:
         """`/campaigns/ID`: kept when it is whole, has the hash ID, and can be driven."""
-        name = self.path.removeprefix("/campaigns/")
-        if not self._is_allowed():
-            return
-        size = self.headers.get("Content-Length", "")
+        name, size = self.path.removeprefix("/campaigns/"), self.headers.get("Content-Length", "")
         if not SHA256.fullmatch(name) or name == self.path:
             self._refuse(HTTPStatus.NOT_FOUND, "a campaign is put to /campaigns/SHA-256 of its document")
         elif not re.fullmatch(r"\d{1,9}", size) or int(size) > MAX_CAMPAIGN_BYTES:
@@ -80,8 +76,6 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """`/stop`, or `/stop/ID,ID`: neutral, silence, the run closed; answered when that is so."""
-        if not self._is_allowed():
-            return
         if match := STOP.fullmatch(self.path):
             only = None if match[1] is None else match[1].split(",")
             self._answer(HTTPStatus.OK, {"stopped": True, "quiet": self.server.stop(only)})
@@ -276,7 +270,7 @@ def serve(folder: Path, vehicle: Vehicle, address: tuple[str, int], speed: float
 
 
 def _serve(store: Store, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[..., object]) -> None:
-    word = secrets.token_hex(8)
+    word, where = secrets.token_hex(8), f"[{address[0]}]" if ":" in address[0] else address[0]
     try:
         token = token_of(store.folder)
     except OSError as problem:
@@ -285,12 +279,11 @@ def _serve(store: Store, vehicle: Vehicle, address: tuple[str, int], speed: floa
     try:
         server = LinkServer(address, store, vehicle, token, tell)
     except OSError as problem:
-        where = f"{address[0]}:{address[1]}"
-        raise SettingError(f"cannot listen on {where} ({problem.strerror}); give another --address") from None
+        why = f"cannot listen on {where}:{address[1]} ({problem.strerror}); give another --address"
+        raise SettingError(why) from None
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    host = f"[{address[0]}]" if ":" in address[0] else address[0]
     old = {campaign.id for campaign in server.state().campaigns if campaign.over}
-    tell(f"http://{host}:{server.server_address[1]}", token)
+    tell(f"http://{where}:{server.server_address[1]}", token)
     threading.Thread(target=_tell_news, args=(server, tell, old), daemon=True).start()  # the lease waits for no disk
     # without what the store remembers: that would cross to the process
     start = partial(

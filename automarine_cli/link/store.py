@@ -51,12 +51,10 @@ class Store:
 
     @property
     def campaigns(self) -> Path:
-        """Where campaigns are, numbered in the order in which they came."""
         return self.folder / "campaigns"
 
     @property
     def lease(self) -> Path:
-        """What the server touches while it lives; holds the word of the server that wrote it."""
         return self.folder / "lease"
 
     def prepare(self) -> None:

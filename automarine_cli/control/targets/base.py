@@ -88,10 +88,6 @@ class Target(ABC):
     def within(self) -> str:
         return " within the documented ranges" if self.ranged else ""
 
-    @property
-    def has_defaults(self) -> bool:
-        return len(self.defaults) == len(self.parameters)
-
     @abstractmethod
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """Make gains (C,) by name of design numbers (C, numbers) between 0 and 1; within the documented ranges."""
@@ -139,10 +135,11 @@ class Target(ABC):
 def present_gains(target: Target, source: Source | None) -> Mapping[str, float] | None:
     """Read what a target flies with now: its defaults with the values of a ground station's file (NAME,VALUE or NAME
     VALUE); None where it has neither. Raises SettingError with the line for a value that is wrong."""
+    complete = len(target.defaults) == len(target.parameters)
     if source is None:
-        return target.defaults if target.has_defaults else None
+        return target.defaults if complete else None
     name = printable(source.name)
-    if not target.has_defaults:
+    if not complete:
         raise SettingError(f"{target.name} reads no parameter file; leave out --present")
     parameters, present = {p.name: p for p in target.parameters}, {}
     with source.open("rb") as file:

@@ -39,14 +39,10 @@ class Stick:
         """As the vehicle tells; what it does not tell is as delivered."""
         parameters = heard.parameters
         centre = parameters.get("RC4_TRIM", STICK_CENTRE)
-        return cls(
-            heard.named_values.get("PilotGain", parameters.get("JS_GAIN_DEFAULT", 0.5)),
-            parameters.get("ACRO_YAW_P", USUAL),
-            centre - parameters.get("RC4_MIN", 1100.0),
-            parameters.get("RC4_MAX", 1900.0) - centre,
-            -1.0 if parameters.get("RC4_REVERSED", 0.0) else 1.0,
-            parameters.get("RC4_DZ", 40.0),
-        )
+        gain = heard.named_values.get("PilotGain", parameters.get("JS_GAIN_DEFAULT", 0.5))
+        down, up = centre - parameters.get("RC4_MIN", 1100.0), parameters.get("RC4_MAX", 1900.0) - centre
+        way = -1.0 if parameters.get("RC4_REVERSED", 0.0) else 1.0
+        return cls(gain, parameters.get("ACRO_YAW_P", USUAL), down, up, way, parameters.get("RC4_DZ", 40.0))
 
     @property
     def reach(self) -> float:
