@@ -14,7 +14,7 @@ from automarine_cli.control import design
 from automarine_cli.control.design import Outcome, Problem, Task
 from automarine_cli.control.knowledge import EXTENDED, SUPPLY_SHARES, authority, read_knowledge
 from automarine_cli.control.targets import get
-from automarine_cli.control.targets.base import Target, present_gains
+from automarine_cli.control.targets.base import present_gains
 from automarine_cli.control.vehicles import dead_time
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import ModelError, RunError, SettingError
