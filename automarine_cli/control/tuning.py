@@ -110,6 +110,9 @@ class Tuning(Shown, Problem):
     def to_json(self) -> dict[str, Any]:
         target, nominal, task, dof = self.target, self.nominal, self.task, self.nominal.dof
         old, new, beyond = self.old, self.new, self.beyond
+        sources = {key: self.settings[key] for key in ("model", "extended", "thrusters")}
+        files = {key: {"name": file.name, "content": read_plain(file, "JSON", ModelError)}
+                 for key, file in sources.items() if isinstance(file, Source)}  # fmt: skip
         return {
             "schema": TUNING.schema, "verdict": self.verdict, "why": self.why,
             "target": target.name, "firmware": target.firmware or None, "motion": dof.name, "model": self.source,
@@ -133,14 +136,7 @@ class Tuning(Shown, Problem):
             "vehicles": sum(len(crowd) for crowd in self.crowds), "explanations": [crowd.name for crowd in self.crowds],
             "settled_by": self.run or None, "notes": list(self.knowledge.notes),
             "present_gains": None if old is None else dict(old.gains),
-            "made_from": {
-                "settings": {name: self.settings[name] for name in RECORDED},
-                "files": {
-                    key: {"name": file.name, "content": read_plain(file, "JSON", ModelError)}
-                    for key in ("model", "extended", "thrusters")
-                    if isinstance(file := self.settings[key], Source)
-                },
-            },
+            "made_from": {"settings": {name: self.settings[name] for name in RECORDED}, "files": files},
         }  # fmt: skip
 
     def outcomes(self) -> list[tuple[str, Outcome]]:
@@ -306,24 +302,17 @@ def banded(values: Floats, unit: str) -> Estimate | None:
 
 def promises(outcome: Outcome, dof: Dof) -> dict[str, Estimate | None]:
     """What a set of gains comes to, by key of the result file."""
-    scores = outcome.scores
-    return {
-        "overshoot_percent": banded(100.0 * scores.overshoot, "%"),
-        "settling_s": banded(scores.settling, "s"),
-        f"rms_after_{dof.units.shown}": banded(dof.shown(scores.rms), dof.units.shown),
-        f"load_error_{dof.units.shown}": banded(dof.shown(scores.error), dof.units.shown),
-        f"load_left_{dof.units.shown}": banded(dof.shown(scores.left), dof.units.shown),
-    }
+    scores, unit = outcome.scores, dof.units.shown
+    lengths = {"rms_after": scores.rms, "load_error": scores.error, "load_left": scores.left}
+    shares = {"overshoot_percent": banded(100.0 * scores.overshoot, "%"), "settling_s": banded(scores.settling, "s")}
+    return shares | {f"{name}_{unit}": banded(dof.shown(values), unit) for name, values in lengths.items()}
 
 
 def margins_of(outcome: Outcome) -> dict[str, Estimate | None]:
     margins = outcome.margins
-    return {
-        "disk_margin": banded(margins.disk, "1"),
-        "gain_margin_dB": banded(margins.gain, "dB"),
-        "phase_margin_deg": banded(margins.phase, "deg"),
-        "delay_margin_s": banded(margins.delay, "s"),
-    }
+    sizes = {"gain_margin_dB": margins.gain, "phase_margin_deg": margins.phase, "delay_margin_s": margins.delay}
+    bands = {name: banded(values, name.rpartition("_")[2]) for name, values in sizes.items()}
+    return {"disk_margin": banded(margins.disk, "1"), **bands}
 
 
 def labels(problem: Problem) -> dict[str, str]:
@@ -410,12 +399,9 @@ class TuningCheck(Shown):
     dof: Dof
 
     def to_json(self) -> dict[str, Any]:
-        return {
-            "schema": "automarine/tuning-check/1",
-            "motion": self.dof.name,
-            "verdict": "held" if all(step.held for step in self.steps) else "not-held",
-            "steps": [step.to_json(self.dof) for step in self.steps],
-        }
+        verdict = "held" if all(step.held for step in self.steps) else "not-held"
+        steps = [step.to_json(self.dof) for step in self.steps]
+        return {"schema": "automarine/tuning-check/1", "motion": self.dof.name, "verdict": verdict, "steps": steps}
 
 
 def check_tuning(
@@ -507,16 +493,11 @@ def _flown(
     noise = float(position_noise(run.time, run.position) / np.sqrt(width))
     clock, flown = promise(time, wish := reference[part] - start)
     longer = 0.3 + float(np.median(np.diff(time)))
-    figures = {}
-    for (key, unit, spare), value, values in zip(
-        (
-            ("overshoot_percent", 100.0, 3.0 * noise / abs(size)),
-            ("settling_s", 1.0, longer),
-            (f"rms_after_{dof.units.shown}", float(dof.shown(1.0)), 2.0 * noise),
-        ),
-        design.step_scores(time, smooth[None], size, task.band + 2.5 * noise),
-        design.step_scores(clock, flown, size, task.band),
-    ):
+    kinds = (("overshoot_percent", 100.0, 3.0 * noise / abs(size)), ("settling_s", 1.0, longer),
+             (f"rms_after_{dof.units.shown}", float(dof.shown(1.0)), 2.0 * noise))  # fmt: skip
+    of_log = design.step_scores(time, smooth[None], size, task.band + 2.5 * noise)
+    of_promise, figures = design.step_scores(clock, flown, size, task.band), {}
+    for (key, unit, spare), value, values in zip(kinds, of_log, of_promise):
         low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in QUANTILES[::2])
         held = bool(low - spare <= value[0] <= high + spare)
         measured_value, *promised = (unit * x if math.isfinite(x) else None for x in (float(value[0]), low, high))
