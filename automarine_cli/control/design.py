@@ -223,9 +223,8 @@ COARSE_FREQUENCIES, FINE_FREQUENCIES = 180, 500  # frequencies of the first look
 
 @dataclass(frozen=True)
 class Task:
-    """What gains are for: `step` of the reference, `band` within which it counts as settled [base units], `load` in
-    shares of the whole output, disk `margin`, `seconds` of a flight, and time of `recovery` [s] from the load
-    (infinite: none set)."""
+    """What gains are for: `step` of the reference, `band` of what is settled [base units], `load` in shares of the
+    whole output, disk `margin`, `seconds` of a flight, time of `recovery` [s] from the load (infinite: not set)."""
 
     step: float
     band: float
@@ -246,8 +245,7 @@ def probes(vehicles: Vehicles) -> Vehicles:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What gains do over the whole crowd: margins, scores and flights, and which vehicles rest in a further flight as
-    long."""
+    """Margins, scores and flights of the whole crowd, and which vehicles rest in a further flight."""
 
     gains: Mapping[str, float]
     margins: Margins
@@ -265,8 +263,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Problem:
-    """What gains are looked for: stack, task, what is known of the vehicle, the designer's view of it, the crowds
-    flown."""
+    """What gains are looked for: stack, task, knowledge, the designer's view of the vehicle, the crowds."""
 
     target: Target
     task: Task
@@ -298,8 +295,7 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
 def problem_of(
     target: Target, task: Task, knowledge: Knowledge, full: float, bend: TwinThrusters | None, seed: int
 ) -> Problem:
-    """Draw as many vehicles of every explanation; `full` is the moment or force at the whole output, `bend` the map to
-    it where that is no straight line."""
+    """Draw vehicles of every explanation, `full` the moment at the whole output, `bend` the map to it or None."""
     rng, crowds = np.random.default_rng(seed), []
     size = max(CROWD_VEHICLES // len(knowledge.explanations), FEW_VEHICLES)
     for explanation in knowledge.explanations:
@@ -438,8 +434,7 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
 
 
 def keeps(result: Outcome, problem: Problem) -> bool:
-    """Tell whether all but a twentieth of every explanation's vehicles keep the margin, settle and then rest: in a
-    dead-band a loop may hunt for ever."""
+    """Tell whether 95 % of every explanation's vehicles keep the margin, settle and rest (none may hunt)."""
     good = (result.margins.disk >= problem.task.margin) & result.scores.settles & result.rest
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= PASS_RATE for part in np.split(good, ends))

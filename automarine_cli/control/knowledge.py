@@ -48,9 +48,8 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """The stored model, every explanation (the named one first), what is uncertain, `largest` moment of the logs or
-    None, splits by rival, notes; and what has to be `settled` before anything can be promised: a sentence and the
-    effect."""
+    """The stored model, every explanation (the named one first), what is uncertain, `largest` moment of the logs,
+    splits by rival, notes; and what has to be `settled` before any promise: a sentence and the effect."""
 
     stored: StoredModels
     explanations: tuple[Explanation, ...]

@@ -1,5 +1,4 @@
-"""The result of `tune`: gains of a controller with their margins, or why none can be promised; and a flown log against
-the promise."""
+"""The result of `tune`: gains with their margins, or why none can be promised; a flown log against the promise."""
 
 import math
 import shlex
@@ -189,8 +188,7 @@ class Tuning(Shown, Problem):
 
 
 def make_tuning(*, present: Source | None, **settings: Any) -> Tuning:
-    """Design gains by the settings of `set_up`; `present` is a file of those flown so far. Raises ModelError or
-    SettingError."""
+    """Design gains by the settings of `set_up`, `present` a file of those flown. Raises as `set_up`."""
     problem = set_up(**settings)
     return replace(judge(problem, present_gains(problem.target, present)), settings=settings)
 
@@ -336,8 +334,7 @@ def cell(of: Estimate | None) -> str:
 
 
 def headlines(tuning: Tuning) -> list[str]:
-    """Say margin, settling and load error with all gains that were flown, whether the load is rejected, and which
-    documented ranges limit that."""
+    """Say margin, settling and load error of all gains flown, whether the load is rejected, and what limits it."""
     task, dof, new = tuning.task, tuning.nominal.dof, tuning.new
     bands = {name: margins_of(outcome) | promises(outcome, dof) for name, outcome in tuning.outcomes()}
     said = []

@@ -79,8 +79,7 @@ def crowd(
 
 
 def _drawn(model: Model, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """Parameters (count, p) about the model's, those of a definite sign on the logarithm, all within bounds; what has
-    no variance stays the model's."""
+    """Parameters (count, p) about the model's within bounds; what has no variance stays the model's."""
     theta, variance = model.theta, np.diagonal(covariance)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

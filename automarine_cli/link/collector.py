@@ -1,5 +1,4 @@
-"""The surface's side: on contact state, stop, campaign, then logs; what is cut is asked for again, and goes on
-there."""
+"""The surface's side: on contact state, stop, campaign, then logs; what is cut is asked for again."""
 
 import hashlib
 import http.client
@@ -323,8 +322,7 @@ class Collector:
                 self.progress(f"fetching {name}", have + len(came), size)
 
     def _until_done(self, ask: Callable[[], Answer]) -> Answer:
-        """The answer, however often the link is cut; SettingError after `wait_s` without any, and for senseless
-        answers."""
+        """The answer, however often the link is cut; SettingError after `wait_s`, and for senseless answers."""
         ends, wrong = None if self.wait_s is None else time.monotonic() + self.wait_s, 0
         while True:
             try:

@@ -1,5 +1,4 @@
-"""What crosses the link: a campaign, one JSON document known by its SHA-256, and the vehicle's state and list of
-logs."""
+"""What crosses the link: a campaign, known by its SHA-256, and the vehicle's state and list of logs."""
 
 import hashlib
 import re
@@ -161,8 +160,7 @@ class CampaignState:
 
 @dataclass(frozen=True)
 class State:
-    """The open log, every campaign, and sentences on what in the folder is wrong, or is driven without being sent
-    anew."""
+    """The open log, every campaign, and sentences on what is wrong, or is driven without being sent anew."""
 
     schema: Literal["automarine/link-state/1"]
     campaigns: tuple[CampaignState, ...]

@@ -160,8 +160,7 @@ class LinkServer(ThreadingHTTPServer):
         self._tell, self._refused = tell, ""
 
     def accept(self, content: bytes, name: str) -> bool:
-        """Keep a campaign, stopped if all were while it waited; False where it is here already. Raises
-        AutomarineError."""
+        """Keep a campaign, stopped if all were while it waited; False if it is here. Raises AutomarineError."""
         came = time.monotonic()
         with self._one_at_a_time:
             try:

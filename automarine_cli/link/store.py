@@ -71,10 +71,9 @@ class Store:
         self, content: bytes, name: str, refuse: Callable[[LinkCampaign], object] = lambda _: None,
         is_late: Callable[[], bool] = lambda: False,
     ) -> bool:  # fmt: skip
-        """Keep a campaign whose document has the hash `name`, stopped if it `is_late`; False where it is here already.
+        """Keep a campaign whose document has the hash `name`, stopped if it `is_late`; False where it is here.
 
-        For one caller at a time. Raises SettingError for a wrong document or battery and what `refuse` does,
-        OutputError without room for it."""
+        For one caller at a time. Raises SettingError for a wrong document, OutputError without room for it."""
         if (digest := hashlib.sha256(content).hexdigest()) != name:
             raise SettingError(f"the campaign has the SHA-256 {digest[:12]}..., not {name[:12]}...; try again")
         there = [path.stem.rpartition("_")[2] for path in self._filed("*.json")]
@@ -106,8 +105,7 @@ class Store:
         return True
 
     def stop(self, why: str = ASKED_TO_STOP, only: Collection[str] | None = None) -> None:
-        """Stop every campaign here, or `only` some ids, for good: rename their records. Raises OSError if the disk
-        refuses."""
+        """Stop every campaign, or `only` some, for good: rename their records. Raises OSError if that fails."""
         for ready in self._filed("*.ready"):
             if only is None or ready.stem in only:
                 with suppress(OSError):
@@ -117,8 +115,7 @@ class Store:
         sync_folder(self.campaigns)
 
     def bar(self, campaign: LinkCampaign, number: int) -> str:
-        """Say what on the disk forbids to drive a run: its campaign is damaged or stopped, or the run ended; else
-        nothing."""
+        """Say what on the disk forbids a run: its campaign is damaged or stopped, or it ended; else nothing."""
         document, record = next(iter(self._filed(f"*_{campaign.id}.json")), None), self._record(campaign)
         try:
             intact = document is not None and isinstance(self._read(document, document.lstat()), LinkCampaign)
@@ -423,8 +420,7 @@ class HeldElsewhereError(Exception):
 
 @contextmanager
 def held(path: Path) -> Iterator[None]:
-    """Hold the lock file `path`, which the system frees when its holder ends. Raises HeldElsewhereError at once, or
-    OSError."""
+    """Hold the lock file `path`, freed when its holder ends. Raises HeldElsewhereError at once, or OSError."""
     with path.open("w") as file:
         if sys.platform != "win32":
             import fcntl

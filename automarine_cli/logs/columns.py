@@ -127,8 +127,7 @@ def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
 
 
 def motions_in(held: Set[str]) -> list[Dof]:
-    """List the motions of which a log that holds these quantities is whole; of those that share a position the ones
-    with a command of their own come first."""
+    """List the motions of which a log with these quantities is whole, those with a command of their own first."""
     complete = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
     places = {dof.position: i for i, dof in reversed(list(enumerate(complete)))}
     return sorted(complete, key=lambda dof: (places[dof.position], dof.command not in held))
@@ -188,8 +187,7 @@ def other_axis(name: str) -> bool:
 
 
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
-    """Suggest the column that may be meant by a quantity; of several, the one with the usual word. None for nothing
-    near."""
+    """Suggest the column that may be meant by a quantity, by its usual words first; None for nothing near."""
     words = (*WORDS.get(quantity, ()), *(name.lower() for name in names_of(quantity)))
     position = any(quantity == dof.position for dof in DOFS.values())
     best, score = None, 0.75
@@ -393,8 +391,7 @@ def given_columns(columns: "str | Source | ColumnMap | None") -> ColumnMap:
 
 
 def read_column_map(path: str | Source) -> ColumnMap:
-    """Read a column map (TOML). Raises LogError with the key's path for an unknown key, a wrong type or a wrong
-    unit."""
+    """Read a column map (TOML). Raises LogError with the key's path for a wrong key, type or unit."""
     path = Path(path) if isinstance(path, str) else path
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)

@@ -45,8 +45,7 @@ class LogFile:
 
 @dataclass(frozen=True)
 class Origin:
-    """Outputs and mixing of which commands were made, or why these tell none (continues `no yaw moment;`); or
-    neither."""
+    """Outputs and mixing of which commands were made, or why these tell none (continues `no yaw moment;`)."""
 
     made_from: str = ""
     why_not: str = ""
@@ -59,9 +58,8 @@ LOGGED = Origin()
 class RawLog:
     """A file as its format gives it: column names, one Arrow array each (N,), and row numbers for messages.
 
-    An array is float64 (null where a value is missing), timestamp, or binary text for the rest, with `decimal` between
-    whole and fraction. `also` holds other names of columns (name -> column), `holds` the messages or topics of the
-    file."""
+    An array is float64 (null where missing), timestamp, or binary text with `decimal` between whole and fraction.
+    `also` holds other names of columns (name -> column), `holds` the messages or topics of the file."""
 
     names: tuple[str, ...]
     arrays: tuple[pa.ChunkedArray, ...]

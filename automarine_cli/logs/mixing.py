@@ -196,8 +196,7 @@ def recorded(
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return the pseudo-inverse (4, motors) from motors to `CONTROL_AXES` for rows of factors (motors, 6), and which of
-    these the motors can tell."""
+    """Return the pseudo-inverse of factors (motors, 6) to `CONTROL_AXES`, (4, motors), and which it can tell."""
     inverse = np.linalg.pinv(factors)
     unclear = np.abs(inverse @ factors - np.eye(6))[ROW].max(axis=1)
     down = np.array([[1.0], [1.0], [1.0], [-1.0]])  # ArduPilot counts up, SNAME down

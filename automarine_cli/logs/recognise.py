@@ -377,8 +377,7 @@ def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
 
 
 def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> Recognised:
-    """The force with the sign of a command that goes both ways where it has none itself; asks where it goes against
-    it."""
+    """The force with the sign of a command that goes both ways, if it has none; asks where it goes against it."""
     if n.ask or "sign_from" in n.more or not _both_ways(signal):
         return force
     back = signal < -MIN_FORCE_SHARE * np.abs(signal).max()
@@ -447,8 +446,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Maps:
-    """The layouts that share the map of all logs, and those with maps of their own with the names of their files; and
-    the user's map."""
+    """Layouts that share the map of all logs, and those with maps of their own by names of files."""
 
     shared: tuple[Layout, ...] = ()
     apart: tuple[tuple[tuple[str, ...], tuple[Layout, ...]], ...] = ()
@@ -464,8 +462,7 @@ def merged(layouts: Sequence[Layout]) -> dict[str, ColumnRule]:
 
 
 def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -> Layout:
-    """Return the layout with what its columns are taken for: by `user_map`, then by name and what they do in all logs
-    of the kind (`alike`)."""
+    """Return the layout with its columns taken by `user_map`, then by name and values in logs of the kind (`alike`)."""
     mapped = {}
     for key, rule in user_map.of(layout.files[0].path).columns.items():
         if key not in LABELS and rule.source in layout.names:
@@ -600,8 +597,7 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
 
 
 def _recognised(parts: Iterable[Layout | LogError], user_map: ColumnMap) -> list[Layout]:
-    """Files of the same columns together, yaw first, then those with more logs; of yaw and tests with what their
-    columns are taken for."""
+    """Files of the same columns together, yaw first, then those with more logs, with what the columns are."""
     groups: dict[tuple[tuple[str, ...], bool, str], list[Layout]] = {}
     for part in parts:
         if isinstance(part, Layout):

@@ -254,8 +254,7 @@ def joined(
     raw: RawLog, clock: tuple[str, Floats], other: RawLog, theirs: tuple[str, Floats], names: tuple[str, str],
     columns: ColumnMap, join: Join,
 ) -> RawLog:  # fmt: skip
-    """Add the columns of another file to a log, held as `join` says. Clocks are columns and seconds (N,). Raises
-    LogError where they never meet."""
+    """Add columns of another file, held as `join` says. Raises LogError where the clocks [s], (N,), never meet."""
     (column, time), master = theirs, Stream(names[0], clock[1], {})
     sound = np.isfinite(time)
     stream = Stream(names[1], time[sound], {}, oldest=join.max_age_s, nearest=join.take == "nearest")

@@ -28,8 +28,7 @@ from automarine_cli.text import listed, printable, quoted
 
 @dataclass(frozen=True)
 class Labels:
-    """A column of words: the `names` in order of appearance, and `code`, (N,), which of them each row has (-1:
-    none)."""
+    """A column of words: `names` in order of appearance, `code` (N,) which each row has (-1: none)."""
 
     names: tuple[str, ...]
     code: NDArray[np.int64]
@@ -250,8 +249,7 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
 
 
 def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
-    """A column of calendar or clock times [s]. Raises LogError where a cell is none, or day and month cannot be
-    told."""
+    """A column of calendar or clock times [s]. Raises LogError where a cell is none, or day and month are open."""
     array, column = raw.arrays[use.index], printable(raw.names[use.index])
     if raw.is_numeric(use.index):
         raise LogError(
@@ -336,8 +334,7 @@ def categorical_columns(raw: RawLog, taken: Container[str]) -> dict[str, Labels]
 
 
 def splitting(names: Iterable[str], bollard: bool) -> dict[str, str]:
-    """Return the line of a column map for the first column of few words whose name says what it splits by, if one
-    is."""
+    """Return the line of a column map for the first column of few words whose name says what it splits by."""
     key, called = (BY, PART_WORDS) if bollard else (RUN, RUN_WORDS)
     return next(({key: name} for name in names if set(re.findall("[a-z]+", name.lower())) & called), {})
 
@@ -359,8 +356,7 @@ def _word(value: object) -> str | None:
 
 
 def require(table: LogTable, quantities: Sequence[str]) -> None:
-    """Raise LogError for a table that lacks one of the quantities, with its columns and what to write in a column
-    map."""
+    """Raise LogError for a table that lacks one of the quantities, with what to write in a column map."""
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
     if not lacking:
         return
@@ -380,8 +376,7 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
 
 
 def require_motion(table: LogTable) -> None:
-    """Refuse a table without time, position (or velocity), or a moment or force or every thruster command of its
-    motion."""
+    """Refuse a table without time, position (or velocity), or command of its motion."""
     dof, free = table.dof, _free(table.names)
     by_name = naming.likely_column(dof.position, free) is None and naming.likely_column(dof.velocity, free) is not None
     velocity = dof.position not in table.columns and (dof.velocity in table.columns or by_name)

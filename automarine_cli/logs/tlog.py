@@ -57,8 +57,7 @@ def serves(kind: str, sources: Iterable[str]) -> bool:
 
 
 def _messages(data: bytes, sources: Iterable[str], dialect: Any) -> tuple[dict[str, Message], Counter[str], int]:
-    """Fields of the vehicle's messages that serve, with the station's clock as `received` [s]; how many there are of
-    every kind; how many are damaged."""
+    """Fields of messages that serve, `received` [s] by the station's clock; counts of all kinds, and of damaged."""
     decode, kinds = dialect.MAVLink(None).decode, dialect.mavlink_map
     wanted = {number for number, kind in kinds.items() if serves(kind.msgname, sources)}
     rows: dict[int, list[tuple[float, Any]]] = {}
@@ -143,8 +142,7 @@ def recording(
 
 
 def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:
-    """When on the station's clock each start of the vehicle was first heard of, and when it was, by the quickest packet
-    [s]."""
+    """When each start of the vehicle was first heard of, and when it was, on the station's clock [s]."""
     message = messages.get("ATTITUDE", {})
     if "time_boot_ms" not in message:
         return np.zeros(0), np.zeros(0)

@@ -20,8 +20,7 @@ MIN_VELOCITIES = 8  # Readings of a velocity that is compared
 
 
 def unbiased_velocity(run: Run) -> Floats | None:
-    """Return the velocity logged, (N,), less its bias against the position; NaN without a reading, None for hardly
-    any."""
+    """Return the velocity, (N,), less its bias against the position; NaN without a reading, None for hardly any."""
     velocity = run.extras.get(run.dof.velocity)
     if velocity is None or np.isfinite(velocity).sum() < MIN_VELOCITIES:
         return None
@@ -220,8 +219,7 @@ def _ahead(part: Stretch, delays: Floats) -> Floats:
 
 
 def _misfit(moving: Sequence[Stretch], delays: Floats, scale: float | None) -> Floats:
-    """Minus log likelihood of each stretch's positions at each delay (stretches, delays); `scale` None: the stretch's
-    own."""
+    """Minus log likelihood of each stretch at each delay (stretches, delays); `scale` None: the stretch's own."""
     rows = []
     for part in moving:
         position, summed = _freed(part.time, part.position), _freed(part.time, _ahead(part, delays))
@@ -256,8 +254,7 @@ def _lowest(at: Floats, values: Floats) -> float:
 
 
 def _scale(parts: Sequence[Stretch], late: float, *, line: bool = True) -> tuple[float, float, float]:
-    """Correlation that four of five stretches reach; median scale and its standard error. Without `line` only means are
-    taken off."""
+    """Correlation that four of five stretches reach; median scale, less a `line` or means; its standard error."""
     products = []
     for part in parts:
         position = _freed(part.time, part.position, line=line)
@@ -315,8 +312,7 @@ class ChannelVerdict:
 
 @dataclass(frozen=True)
 class ChannelChoice:
-    """The sensors of a campaign: `names` that count (None: there was no choice), `stuck` runs whose velocity is left
-    out."""
+    """The sensors of a campaign: `names` that count (None: no choice), `stuck` runs without their velocity."""
 
     verdicts: tuple[ChannelVerdict, ...] = ()
     names: tuple[str, ...] | None = None

@@ -237,8 +237,7 @@ MIN_LIMIT_SAMPLES = 3  # Samples at one largest value that make it a limit, and 
 
 @dataclass(frozen=True)
 class Commanded:
-    """Total command (N,) [`unit`] of a degree of freedom, and the commands (N, T) of its thrusters `names`, without
-    gaps."""
+    """Total command (N,) [`unit`] of a degree of freedom, and commands (N, T) of its thrusters `names`."""
 
     dof: Dof
     unit: str
@@ -372,8 +371,7 @@ def limit_of(law: AllocationLaw, several: Sequence[Commanded]) -> AllocationLimi
 
 
 def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit, ...]]:
-    """Return the runs of a campaign driven by what their thrusters gave, and what all of them asked beyond the
-    limits."""
+    """Return runs driven by what their thrusters gave, and what all of them asked beyond the limits."""
     limited, limits = list(runs), []
     for law, commands in laws_of([commanded(run) for run in runs]):
         limit = limit_of(law, [*commands.values()])

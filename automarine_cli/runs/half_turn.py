@@ -68,8 +68,7 @@ ALREADY_ON = "the log begins with the {force} already on: its switch is taken wi
 
 
 def find_steps(run: Run) -> tuple[Step, ...]:
-    """Find the stretches of one constant moment other than 0, in the order of time. Raises RunError without a
-    moment."""
+    """Find the stretches of one constant moment other than 0, in order. Raises RunError without a moment."""
     least = _least_change(run.command)
     stretches = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= MIN_STEP_SAMPLES)
     return tuple(_step(run, first, stop, moment, least) for first, stop, moment in stretches)
@@ -207,8 +206,7 @@ UNTRIMMED = Trim()
 @dataclass(frozen=True)
 class HalfTurn:
     """The samples `kept` of a step, their `time` [s, campaign clock] and `position` [rad or m]; `start_position` psi0;
-    `cut_by` what ended it, `turned` the signed way from psi0 to the end, `steady` whether the rate had settled; `why`
-    it is set aside, or empty."""
+    what it was `cut_by`, the signed way `turned`, whether the rate was `steady`; `why` it is set aside, or empty."""
 
     step: Step
     time: Floats

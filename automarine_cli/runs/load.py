@@ -42,8 +42,7 @@ class NotUsable(RunError):
 
 def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     """Clean the rows `chosen` (N,) of a run: drop and count rows without time, position or command, repeated stamps and
-    spikes; split it at wide gaps. Raises RunError with the row for a clock that steps back, NotUsable for an unusable
-    run."""
+    spikes; split it at wide gaps. Raises RunError where the clock steps back, NotUsable for an unusable run."""
     dof = table.dof
     summed = dof.position not in table.columns  # of a velocity
     commands = (dof.command,) if dof.command in table.columns else dof.thrusters
@@ -326,8 +325,7 @@ PARALLEL_FROM_LOGS = 3000  # logs; to start processes takes longer than to read 
 
 @dataclass(frozen=True)
 class LoadedRuns:
-    """The runs of a campaign on one clock, in file order; what was set aside; the files read; what was commanded beyond
-    the limits of the thrusters."""
+    """The runs of a campaign, in file order; what was set aside; the files read; commands beyond limits."""
 
     runs: tuple[Run, ...]
     set_aside: tuple[ExcludedRun, ...]
@@ -382,8 +380,7 @@ def has_bytes(file: LogFile) -> bool:
 
 
 def require_usable(usable: Sized, aside: Sequence[ExcludedRun], logs: int, strict: bool) -> None:
-    """Raise RunError for the first set aside if `strict`; with the first reasons, if of so many logs nothing is
-    usable."""
+    """Raise RunError for the first set aside if `strict`, and with the first reasons if nothing is usable."""
     if strict and aside:
         first = aside[0]
         raise RunError(f"{first.file}, run {first.run!r}: {first.why} (refused because of --strict)")

@@ -1,5 +1,4 @@
-"""What logs hold, without fitting anything: runs and thruster tests for `check`; columns and kinds of tests for
-`init`."""
+"""What logs hold, without fitting: runs and thruster tests for `check`; columns and kinds of tests for `init`."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -128,8 +127,7 @@ def look_at_run(run: Run) -> RunSeen:
 
 
 def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
-    """Add to each run of a campaign what it asks of its thrusters beyond the limits that all runs of its motion
-    show."""
+    """Add to each run what it asks of its thrusters beyond the limits that all runs of its motion show."""
     runs = list(runs)
     for motion in dict.fromkeys(run.dof for run in runs):
         for law, commands in laws_of([run.commanded if run.dof is motion else [] for run in runs]):
@@ -186,8 +184,7 @@ Placed = Mapping[str, tuple[LogFile, ...]]  # logs by the kind of test that they
 @dataclass(frozen=True)
 class Survey:
     """What a folder of logs holds: kinds of files with their columns, the map of all columns, the runs of each log;
-    logs of yaw and bollard tests by kind, and those of other motions. `unread` logs wait for an answer, `strangers` are
-    of no vehicle."""
+    logs by kind, of yaw and of other motions. `unread` logs wait for an answer, `strangers` are of no vehicle."""
 
     folder: Path
     layouts: tuple[Layout, ...]

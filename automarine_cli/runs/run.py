@@ -233,8 +233,7 @@ class Run:
         return self.position if quantity == self.dof.position else self.extras.get(quantity)
 
     def signal(self, name: str) -> Floats | None:
-        """Return a column (N,), the campaign's clock, or the time since the command last changed [s], by their names;
-        or None."""
+        """Return a column (N,), the campaign's clock, or the time since the command last changed [s]; or None."""
         if name == CLOCK:
             return self.time
         return self.since_change if name == SINCE else self.extras.get(name)
@@ -331,8 +330,7 @@ def named_apart(runs: Sequence[Run]) -> list[Run]:
 
 
 def make_unique(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Name runs (name, file): those of one name get their file's name in front, without its ending if that is
-    enough."""
+    """Name runs (name, file): those of one name get their file's name in front."""
     names = [name for name, _ in runs]
     for prefix in (stem_of, str):
         times = Counter(names)

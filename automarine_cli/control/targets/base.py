@@ -30,8 +30,7 @@ LINE = re.compile(r"^\s*(?:\d+[\s,]+\d+[\s,]+)?([A-Z][A-Z0-9_]*)\s*[,\s]\s*(\S+)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a stack: its default (None: there is none), the documented range; `searched` if a design moves
-    it."""
+    """One parameter of a stack: its default, if any, its documented range; `searched` if a design moves it."""
 
     name: str
     meaning: str
@@ -98,8 +97,7 @@ class Target(ABC):
 
     @abstractmethod
     def controller(self, gains: Gains) -> Controller:
-        """Return one loop of the stack: of state, reference, position and velocity it makes the next state, and the
-        output (S, R) held until the next loop."""
+        """Return one loop: of state, reference, position and velocity the next state and the output (S, R)."""
 
     @abstractmethod
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:

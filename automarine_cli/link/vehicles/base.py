@@ -27,8 +27,7 @@ class Vehicle(Protocol):
         """Raise SettingError for a campaign that it cannot drive."""
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
-        """Yield the lines of a run's log, header first; end early when `halted`, after neutral. Whatever it raises
-        stops the campaign."""
+        """Yield the lines of a run's log; end early when `halted`, after neutral. What it raises stops the campaign."""
 
 
 def refuse_beyond(campaign: LinkCampaign, full: float) -> None:
