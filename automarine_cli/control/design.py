@@ -327,13 +327,6 @@ def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega
     return disk
 
 
-def keepable(problem: Problem, numbers: Floats, few: int, count: int) -> Floats:
-    """Return the disk margin (C,) that all but a twentieth of the first `few` vehicles of every crowd keep."""
-    gains, omega = problem.target.propose(numbers, problem.nominal), problem.omega(count)
-    parts = (screened(problem.target, gains, part.pick(slice(0, few)), omega) for part in problem.crowds)
-    return np.min([np.sort(disk)[:, int((1.0 - PASS_RATE) * disk.shape[1] + 1e-9)] for disk in parts], axis=0)
-
-
 def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> Scores:
     """Fly sets of gains (C,) on some vehicles (V) and return their scores, (C, V) each."""
     sets, count = len(next(iter(gains.values()))), len(vehicles)
@@ -344,16 +337,23 @@ def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task:
     return Scores(*(value.reshape(sets, count) for value in vars(result).values()))
 
 
-def tried(problem: Problem, numbers: Floats, disk: Floats, few: Callable[[Vehicles], Vehicles], loops: float) -> Trials:
-    """Fly a few vehicles of every crowd, with `loops` as for `limit_rate`: the worst of them."""
-    target, gains = problem.limit_rate(loops), problem.target.propose(numbers, problem.nominal)
-    crowds = problem.crowds if len(numbers) else ()
-    parts = [vars(flown(target, gains, few(part), problem.task)) for part in crowds]
-    columns = [(field.name, float) for field in fields(Scores)]
-    trials = np.empty(len(numbers), [("numbers", float, problem.target.numbers), ("disk", float), *columns])
-    trials["numbers"], trials["disk"] = numbers, disk
-    for name, _ in columns:
-        if parts:
+def tried(
+    problem: Problem, margin: float, numbers: Floats, vehicles: int, count: int, few: Callable[[Vehicles], Vehicles],
+    loops: float,
+) -> Trials:  # fmt: skip
+    """Fly a few vehicles of every crowd, with `loops` as for `limit_rate`, under those gains of design numbers (C, n)
+    that keep the disk margin on 95 % of the first `vehicles`, from `count` frequencies: the worst of them."""
+    target, crowds, omega = problem.target, problem.crowds, problem.omega(count)
+    gains = target.propose(numbers, problem.nominal)
+    disks = [screened(target, gains, part.pick(slice(0, vehicles)), omega) for part in crowds]
+    least = np.min([np.sort(disk)[:, int((1.0 - PASS_RATE) * disk.shape[1] + 1e-9)] for disk in disks], axis=0)
+    good, columns = least >= margin, [(field.name, float) for field in fields(Scores)]
+    trials = np.empty(np.count_nonzero(good), [("numbers", float, target.numbers), ("disk", float), *columns])
+    trials["numbers"], trials["disk"] = numbers[good], least[good]
+    if good.any():
+        keeping = {name: value[good] for name, value in gains.items()}
+        parts = [vars(flown(problem.limit_rate(loops), keeping, few(part), problem.task)) for part in crowds]
+        for name, _ in columns:
             trials[name] = np.max(np.concatenate([part[name] for part in parts], axis=1), axis=1)
     return trials
 
@@ -404,20 +404,14 @@ def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST_SE
     """Find, from so many `first` ones, the best sets of gains that keep the margin on some vehicles of all crowds, as
     `leaders` ranks them; none where none does. Flights are rough."""
     size, task = problem.target.numbers, problem.task
-    trials = _kept(problem, margin, spread_numbers(first, size))
+    rough = FEW_VEHICLES, COARSE_FREQUENCIES, probes, ROUGH_LOOP_SHARE
+    trials = tried(problem, margin, spread_numbers(first, size), *rough)
     offsets = spread_numbers(NEIGHBOUR_SETS, size) - 0.5
     for turn in range(1, rounds):
         best = leaders(trials, task, ELITE_SETS)["numbers"]
         around = np.clip(best[:, None, :] + NEIGHBOURHOOD_WIDTH / turn * offsets, 0.0, 1.0)
-        trials = np.concatenate([trials, _kept(problem, margin, around.reshape(-1, size))])
+        trials = np.concatenate([trials, tried(problem, margin, around.reshape(-1, size), *rough)])
     return leaders(trials, task, LAST_SETS)
-
-
-def _kept(problem: Problem, margin: float, numbers: Floats) -> Trials:
-    """The design numbers whose gains keep the margin on some vehicles, and what they do to three."""
-    disk = keepable(problem, numbers, FEW_VEHICLES, COARSE_FREQUENCIES)
-    good = disk >= margin
-    return tried(problem, numbers[good], disk[good], probes, ROUGH_LOOP_SHARE)
 
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
@@ -442,12 +436,11 @@ def keeps(result: Outcome, problem: Problem) -> bool:
 
 def best_gains(problem: Problem) -> dict[str, float] | None:
     """Find the best gains that all crowds can live with; looked for with more margin on the few where that fails."""
-    judged = slice(0, JUDGED_FEW)
+    crowd = CROWD_VEHICLES, FINE_FREQUENCIES, lambda part: part.pick(slice(0, JUDGED_FEW)), CHOSEN_LOOPS
     for more in (1.0, 1.12, 1.3):
         numbers = searched(problem, more * problem.task.margin, SEARCH_ROUNDS)["numbers"]
-        disk = keepable(problem, numbers, CROWD_VEHICLES, FINE_FREQUENCIES)
-        if np.any(good := disk >= problem.task.margin):
-            trials = tried(problem, numbers[good], disk[good], lambda part: part.pick(judged), CHOSEN_LOOPS)
+        trials = tried(problem, problem.task.margin, numbers, *crowd)
+        if len(trials):
             best = leaders(trials, problem.task, 1)["numbers"][:1]
             return {name: float(value[0]) for name, value in problem.target.propose(best, problem.nominal).items()}
     return None

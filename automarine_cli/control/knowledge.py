@@ -92,13 +92,12 @@ def read_knowledge(
     if names := [term.name for term in prior.model.terms if term.name not in had]:
         models.append(Explanation(bare, _covariance(prior, bare), f"the model without {', '.join(names)}", names[0]))
     models += _idle(main, judged, largest or 1.0)
-    late, unknown, note = _late(prior, judged, delay)
+    late, note = _late(prior, judged, delay)
     logged = next((term.values[1] for term in prior.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
-    # noise as the fit found it; of a position of which the file does not say, one of the units that people read
     unit = float(prior.model.dof.shown(1.0))
     noise = (prior.noise_deg / unit, (prior.rate_noise_deg_s or 0.0) / unit)
-    spread = Spread(prior.scatter, late, volts, noise)
+    spread = Spread(prior.scatter, late or 0.0, volts, noise)
     without = [
         f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
         for term in bare.terms
@@ -106,7 +105,7 @@ def read_knowledge(
     ]
     notes = (note for note in (*prior.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
     proposed = {name: gain for name, gain in prior.proposed.items() if name not in present}
-    settled = _unsettled_thrust(prior, file) or ((UNKNOWN_DELAY, DELAY) if unknown else None)
+    settled = _unsettled_thrust(prior, file) or ((UNKNOWN_DELAY, DELAY) if late is None else None)
     if proposed:
         asks = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in proposed.items())
         why = f"The fit's own evidence asks for {asks}, which the model lacks. Fit it with --with {','.join(proposed)}"
@@ -127,8 +126,8 @@ def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] |
     else:
         return None
     names = {term.name for term in prior.model.terms}
-    remedy = "diagnose its logs, with runs of small commands among them."
     effect = next((name for name in CURVE_EFFECTS if name not in names), CURVE_EFFECTS[0])
+    remedy = "diagnose its logs, with runs of small commands among them."
     return f"{why}. Such a vehicle may hunt for ever: {remedy}", effect
 
 
@@ -207,19 +206,19 @@ def _sizes(model: Model) -> Floats:
     return np.where([False, *(p.held for p in parameters)], 0.0, np.abs(model.theta - off))
 
 
-def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None) -> tuple[float, bool, str]:
-    """The longest delay beyond the model's, whether nothing is known of it, and a sentence on it."""
+def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None) -> tuple[float | None, str]:
+    """The longest delay beyond the model's, None where nothing is known of it, and a sentence on it."""
     if delay is not None:
-        return delay, False, f"The gains allow for delays up to {delay:g} s beyond the model's (--delay)."
+        return delay, f"The gains allow for delays up to {delay:g} s beyond the model's (--delay)."
     # A diagnosis confines the delay to half a sample interval: a longer one it shows only as an effect.
     fitted = judged is None and prior.file is not None and prior.file.command_delay_s is not None
     if fitted or any(term.name in LATE_EFFECTS for term in prior.model.terms):
-        return 0.0, False, ""
+        return 0.0, ""
     visible = judged.smallest_visible if judged else {}
     late = max((visible[name] for name in LATE_EFFECTS[:2] if name in visible), default=None)
     if late is None:
-        return 0.0, True, ""
-    return late, False, f"The gains allow for delays up to {late:.2g} s. The diagnosis would have detected longer ones."
+        return None, ""
+    return late, f"The gains allow for delays up to {late:.2g} s. The diagnosis would have detected longer ones."
 
 
 def authority(
