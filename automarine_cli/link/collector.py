@@ -115,8 +115,13 @@ class Client:
             connection.connect()
             connection.sock.settimeout(self.stall_s)
             connection.request(method, path, body, headers | {"Authorization": f"Bearer {self.token}"})
-            answer = connection.getresponse()
-            content = _whole_or_part(answer)
+            answer, content = connection.getresponse(), b""
+            try:
+                while len(content) < MAX_ANSWER and (block := answer.read1(1 << 16)):
+                    content += block
+            except (OSError, http.client.HTTPException):
+                if not content:  # what came before the link was cut is good
+                    raise
             return _Answer(answer.status, answer.getheader("ETag"), content, bool(answer.length))
         except (OSError, http.client.IncompleteRead) as problem:
             raise LinkCut(getattr(problem, "strerror", None) or printable(str(problem)) or "cut") from None
@@ -131,18 +136,6 @@ class _Answer(NamedTuple):
     tag: str | None
     content: bytes
     is_cut: bool
-
-
-def _whole_or_part(answer: http.client.HTTPResponse) -> bytes:
-    """What came of an answer before the link was cut; of nothing at all the cut is told."""
-    content = b""
-    try:
-        while len(content) < MAX_ANSWER and (block := answer.read1(1 << 16)):
-            content += block
-    except (OSError, http.client.HTTPException):
-        if not content:
-            raise
-    return content
 
 
 LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"

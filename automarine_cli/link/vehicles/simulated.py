@@ -62,12 +62,10 @@ class Simulated:
         """How the vehicle would turn, without noise: time [s since the start], heading [rad] and moment, (N,) each."""
         logger = Logger(YAW, campaign.moment_unit, campaign.rate_hz, campaign.rest_s, None, None)
         on_paper = logger.run(run.candidate)
-        moment = on_paper.moment
-        assert moment is not None
-        step = step_for(self.model, float(np.max(np.abs(moment))))
+        step = step_for(self.model, float(np.max(np.abs(on_paper.command))))
         start = Start(position=np.deg2rad([[run.start_heading_deg]]))
         simulated = simulate(self.model, make_batch([on_paper], step), start=start)
-        return on_paper.time, simulated.position[0, 0], moment
+        return on_paper.time, simulated.position[0, 0], on_paper.command
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log: time on the campaign's clock, heading and the moment as commanded."""
