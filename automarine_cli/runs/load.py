@@ -527,9 +527,34 @@ def _on_the_water(run: Run) -> Run:
     for names in SENSORS:
         if not extras.keys() >= {*names}:
             continue
-        fresh = fresh_readings(*(extras[name] for name in names))
-        if (again := np.isfinite(extras[names[0]]) & ~fresh).any():
+        if (again := repeats(*(extras[name] for name in names))).any():
             share = f"{' and '.join(names).replace('_', ' ')}: {100 * float(again.mean()):.0f} % of the rows"
             notes.append(f"{share} repeat the reading before them, as of a slow sensor, and do not count")
             extras |= {name: np.where(again, np.nan, extras[name]) for name in names}
     return replace(run, extras=extras).noted(*notes)
+
+
+MIN_CHANGES = 8  # Changes of a value that tell anything of its sensor
+FINE_STEP_RATIO = 5.0  # Of the median step to the smallest: two readings in a row are then hardly ever equal
+COARSE_STEP_RATIO = 2.0  # The same below which a value that stands may as well be one that creeps
+CHANCE_REPEATS = 0.1  # Share of repeats below which they are chance, and cost nothing
+MAX_ADJACENT_CHANGES = 0.1  # share of changes next to each other, up to which a coarse sensor counts as held
+
+
+def repeats(*columns: Floats) -> Mask:
+    """Tell which rows (N,) repeat the reading before; `columns` (N,) come out of one sensor, NaN where it is silent.
+
+    None where it is read in every row: a coarse one may give a number twice. The first row of a held one is a repeat
+    too, for nobody knows how old its reading is."""
+    values = np.stack(columns)
+    sound = np.all(np.isfinite(values), axis=0)
+    repeated = np.zeros(values.shape[1], dtype=bool)
+    steps = np.abs(np.diff(values[:, sound], axis=1))
+    changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
+    if np.count_nonzero(changed) < MIN_CHANGES or changed.mean() > 1 - CHANCE_REPEATS:
+        return repeated
+    coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
+    often = np.median(spans) >= 2 and np.mean(spans == 1) <= MAX_ADJACENT_CHANGES
+    if coarseness >= FINE_STEP_RATIO or (coarseness >= COARSE_STEP_RATIO and often):
+        repeated[sound] = np.concatenate([[True], ~changed])
+    return repeated

@@ -18,6 +18,8 @@ from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 SAME_POSITION = 1e-9  # rad or m; positions closer than this are one
+HELD_SHARE = 0.2  # of exact repeats, from which on a sensor is slower than the log: its repeats are no readings
+QUANTISED_RATIO = 3.0  # smallest steps of a quantised sensor in its usual steps, from which on repeats are held values
 
 
 def position_noise(time: Floats, position: Floats) -> float:
@@ -62,26 +64,18 @@ def summed(time: Floats, velocity: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
 
 
-MIN_CHANGES = 8  # Changes of a value that tell anything of its sensor
-FINE_STEP_RATIO = 5.0  # Of the median step to the smallest: two readings in a row are then hardly ever equal
-COARSE_STEP_RATIO = 2.0  # The same below which a value that stands may as well be one that creeps
-CHANCE_REPEATS = 0.1  # Share of repeats below which they are chance, and cost nothing
-MAX_ADJACENT_CHANGES = 0.1  # share of changes next to each other, up to which a coarse sensor counts as held
+def fresh_readings(read: Floats) -> NDArray[np.bool_]:
+    """Tell which samples (N,) are readings, and do not hold the one before of a sensor slower than the log.
 
-
-def fresh_readings(*columns: Floats) -> NDArray[np.bool_]:
-    """Tell which rows (N,) hold a reading of their own of one sensor, whose `columns` (N,) are NaN where it is silent:
-    all where the sensor is read in every row, for a coarse one may give the same number twice."""
-    values = np.stack(columns)
-    fresh = np.all(np.isfinite(values), axis=0)
-    steps = np.abs(np.diff(values[:, fresh], axis=1))
-    changed, sizes = np.any(steps > 0, axis=0), steps[steps > 0]
-    if np.count_nonzero(changed) < MIN_CHANGES or changed.mean() > 1 - CHANCE_REPEATS:
+    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum."""
+    fresh = np.isfinite(read)
+    at = np.flatnonzero(fresh)
+    moved = np.abs(np.diff(read[at]))
+    same = moved < SAME_POSITION
+    if len(at) < 3 or same.mean() < HELD_SHARE or same.all():
         return fresh
-    coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
-    often = np.median(spans) >= 2 and np.mean(spans == 1) <= MAX_ADJACENT_CHANGES
-    if coarseness >= FINE_STEP_RATIO or (coarseness >= COARSE_STEP_RATIO and often):
-        fresh[fresh] = np.concatenate([[True], changed])
+    if median(moved[~same]) >= QUANTISED_RATIO * moved[~same].min():
+        fresh[at[1:][same]] = False
     return fresh
 
 
