@@ -401,8 +401,7 @@ def shorten(problem: Problem) -> tuple[Problem, float]:
 
 
 def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST_SETS) -> Trials:
-    """Find, from so many `first` ones, the best sets of gains that keep the margin on some vehicles of all crowds, as
-    `leaders` ranks them; none where none does. Flights are rough."""
+    """Find, from `first` sets of gains, the best that keep the margin on some vehicles of all crowds, if any."""
     size, task = problem.target.numbers, problem.task
     rough = FEW_VEHICLES, COARSE_FREQUENCIES, probes, ROUGH_LOOP_SHARE
     trials = tried(problem, margin, spread_numbers(first, size), *rough)

@@ -47,9 +47,8 @@ def set_up(
     beyond_range: bool = False, seed: int = 0,
 ) -> Problem:  # fmt: skip
     """Read and check what a tuning is made of. `model` is that of a fit, or a diagnosis whose model is `extended`;
-    `step` in degrees or metres, `load` [%] of the whole output, to be rejected in `load_recovery` [s]; `full` moment or
-    force of the whole output; `delay` [s] that the logs cannot show, `supply` voltage in shares of that of the logs.
-    Raises ModelError or SettingError."""
+    `step` in degrees or metres, `load` [%] of the whole output, to be rejected in `load_recovery` [s]; `delay` [s] that
+    the logs cannot show, `supply` voltage in shares of the logs'. Raises ModelError or SettingError."""
     if read_plain(model, "JSON", ModelError).get("schema") != DIAGNOSIS.schema:
         knowledge = read_knowledge(model, None, delay, supply)
     elif extended is None:

@@ -25,12 +25,10 @@ REST_SWING, SLOW_SWING, BRISK_SWING = 1e-6, 0.02, 0.3
 
 @dataclass(frozen=True)
 class Vehicles:
-    """S vehicles that one explanation allows; the first of a crowd is as its model says.
-
-    `theta` (S, p) of `model`; `full` moment or force of the whole output; `gain` (S,) of the thrust, `late` (S,) [s]
-    beyond the model's delay, `volts` (S,) of the supply, `at` (S,) the output about which its slope counts in margins;
-    `bend` the thrusters where moment is not in proportion to output; `noise` of position and velocity read [base
-    units]."""
+    """S vehicles that one explanation allows; the first of a crowd is as its model says. `theta` (S, p) of `model`;
+    `full` moment or force of the whole output; `gain` (S,) of the thrust, `late` (S,) [s] beyond the model's delay,
+    `volts` (S,) of the supply, `at` (S,) the output about which its slope counts in margins; `bend` the thrusters where
+    moment is not in proportion to output; `noise` of position and velocity read [base units]."""
 
     model: Model
     theta: Floats

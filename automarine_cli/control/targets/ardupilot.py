@@ -87,10 +87,10 @@ class ParameterFile(Target):
 class ArduSub(ParameterFile):
     """Reference shaping, angle loop, rate loop. ATC_RAT_YAW_FF has no effect in Sub and is no parameter here.
 
-    In each of its 400 loops a second the rate controller and the motors come first, the angle loop after them: what
-    that asks for acts one loop later. The integrator rests while the last output was at its limit, unless it would come
-    back. Defaults are also those of a BlueROV2's log (4.1), but for SCHED_LOOP_RATE, 200 there and 400 in the source.
-    The default of ATC_ACCEL_Y_MAX lies outside its documented range; later sources hold it in deg/s² (1100)."""
+    In each of its 400 loops a second the rate controller and the motors come first: what the angle loop asks for acts
+    one loop later. The integrator rests while the last output was at its limit, unless it would come back. Defaults are
+    those of a BlueROV2's log (4.1), but for SCHED_LOOP_RATE, 200 there. That of ATC_ACCEL_Y_MAX lies outside its
+    documented range."""
 
     name = "ardusub"
     file = "ardusub.param"
@@ -179,10 +179,8 @@ class ArduSub(ParameterFile):
 
 class ArduRover(ParameterFile):
     """Angle loop, rate loop with feed-forward of what the drag takes at a steady rate, fifty loops a second
-    (SCHED_LOOP_RATE), for boats that turn by their thrusters.
-
-    Defaults of ATC_STR_ANG_P, RAT_MAX and ACC_MAX are 2.0, 120 and 120; older sources have 2.5, 360 and 180. Not flown:
-    the limit by ATC_TURN_MAX_G, beyond 300 deg/s below 1 m/s."""
+    (SCHED_LOOP_RATE), for boats that turn by their thrusters. Older sources have defaults of 2.5, 360 and 180 for
+    ATC_STR_ANG_P, RAT_MAX and ACC_MAX. Not flown: the limit by ATC_TURN_MAX_G, beyond 300 deg/s below 1 m/s."""
 
     name = "ardurover"
     file = "ardurover.param"
