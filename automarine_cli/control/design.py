@@ -1,20 +1,16 @@
-"""Flights of vehicles under a controller, how far its loops are from oscillating, and gains as fast and as stiff as the
-margin allows to all vehicles that a model allows.
+"""Flights under a controller, margins of its loops, and gains as fast and stiff as the margin allows to all vehicles
+that a model allows.
 
-A formula for margins is satisfied by loops that are unstable already: what is unstable is found first, by counting how
-often 1 + L goes round the origin along a line slightly to the left of the imaginary axis (Nyquist's criterion, which
-thus calls what rings on and on unstable too), and has no margin.
+Margins mean nothing for unstable loops, which are found first: by counting how often 1 + L goes round the origin along
+a line slightly to the left of the imaginary axis (Nyquist), so that what rings on and on is unstable too.
 
-First design numbers are spread over the space of gains and their disk margins worked out on some vehicles of every
-explanation; all that keep the margin are flown, for no figure of a linear loop says how soon a step settles. The best
-are looked at again nearby, ever nearer, and the last few are judged on the whole crowd.
-
-The best are the quickest of those that bring the vehicle back from a load that stays, within a time; where none does,
-settling and what is left of the load weigh equally.
+Design numbers are spread over the space of gains; all that keep the disk margin on some vehicles of every explanation
+are flown, for no linear figure says how soon a step settles. The best are looked at again nearby, ever nearer, and the
+last few are judged on the whole crowd: the quickest of those that bring the vehicle back from a load that stays; where
+none does, settling and what is left of the load weigh equally.
 
 Sources: Seiler, Packard and Gahinet (2020), An introduction to disk margins, IEEE Control Systems 40(5):78; Nyquist
-(1932), Bell System Technical Journal 11:126.
-"""
+(1932), Bell System Technical Journal 11:126."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -34,9 +30,7 @@ from automarine_cli.thrusters.map import TwinThrusters
 MAX_VEHICLE_STEP_S = 0.01  # longest step [s] of a vehicle between two loops of its controller
 FLIGHT_SAMPLE_S = 0.1  # flights are kept, and readings as far off as they are, for so long [s]: the pace of logs
 Loop = Callable[[Complexes], Complexes]
-Trials = NDArray[Any]
-"""What C sets of gains do to some vehicles of all crowds, (C,): the `numbers` of their design, the `disk` margin that
-all but a twentieth keep, and the worst scores."""
+Trials = NDArray[Any]  # of C sets of gains on some vehicles, (C,): `numbers` of the design, `disk` margin, worst scores
 MIN_DAMPING_RATIO = 0.02  # damping ratio below which a closed loop counts as unstable
 MIN_RAD_S = 1e-4  # frequency [rad/s] below which a pole counts as an integrator
 
@@ -88,8 +82,8 @@ def fly(
 
 @dataclass(frozen=True)
 class Scores:
-    """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (infinite where it never does), `rms`
-    from then on, `error` of the load [base units], and what is `left` of the latter after the time of recovery."""
+    """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (or infinite), `rms` from then on,
+    `error` of the load [base units], and what is `left` of it after the time of recovery."""
 
     overshoot: Floats
     settling: Floats
@@ -115,7 +109,7 @@ def step_and_load(
 
 def scores(flight: ClosedLoopRun, step: float, band: float, recovery: float = np.inf) -> Scores:
     """Score flights of a `step`, settled within a `band`, and of a load; what is left of that is the mean over the
-    second before the time of `recovery` [s] or the end, for noise moves the vehicle too."""
+    second before the time of `recovery` [s] or the end."""
     overshoot, settling, rms = step_scores(flight.time, flight.position[:, 0], step, band)
     pushed = np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6)
     last = max(10, int(np.searchsorted(flight.time, recovery)))
@@ -158,9 +152,8 @@ def frequencies(highest: float, count: int) -> Floats:
 
 
 def stable_along(ratio: Complexes, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
-    """Tell which of S closed loops are stable, by L (S, W) at frequencies times (1j - TILT).
-
-    `poles` (S or 1, n) are those of the vehicle, `integrators` how many the controller adds."""
+    """Tell which of S closed loops are stable, by L (S, W) at frequencies times (1j - MIN_DAMPING_RATIO), the `poles`
+    (S or 1, n) of the vehicle and the number of the controller's `integrators`."""
     curve = 1.0 + ratio
     turned = np.sum(np.angle(curve[:, 1:] / curve[:, :-1]), axis=1)
     origin = np.abs(poles) < MIN_RAD_S
@@ -214,30 +207,24 @@ CROWD_VEHICLES, JUDGED_FEW = 180, 20
 SEARCH_ROUNDS, LAST_SETS = 5, 20  # looks at the space of gains, each nearer to the best; sets judged by the crowd
 PROMISED_LOOPS, CHOSEN_LOOPS = 0.02, 0.05  # loops of flights that are promised, and of those that gains are chosen by
 PASS_RATE = 0.95  # of the crowd that has to keep the margin, and to settle
-FIRST_SETS, NEIGHBOUR_SETS, ELITE_SETS = 1500, 30, 3
-"""Sets of gains: spread over their space, near each of the best, and best by each rule."""
+FIRST_SETS, NEIGHBOUR_SETS, ELITE_SETS = 1500, 30, 3  # spread over their space, near each of the best, best by a rule
 FEW_VEHICLES = 40  # vehicles on which sets have to keep the margin before they are flown
 MAX_COST_RATIO = 1.1  # how much more than the best gains may cost that have more margin, or move less under a load
-RECOVERY_SETTLINGS, MIN_RECOVERY_S = 4.0, 20.0
-"""Settling times after which a load is to be rejected where nobody sets a time, and at least [s]: loads that stay, of a
-current or a tether, build up slowly."""
+RECOVERY_SETTLINGS, MIN_RECOVERY_S = 4.0, 20.0  # in which a load is to be rejected where nobody sets a time
 LOAD_WEIGHTS = (0.0, 0.3, 3.0)  # further weights of a load that is not rejected, for what may lead to better gains
 LOAD_BANDS = 0.9  # bands within which the worst of a few have to be, so that all but a twentieth of all are within one
 MAX_REST_BANDS = 2.0  # bands by which a vehicle that rests is off at most: noise moves it less
 UNSETTLED_COST = 1e6  # what not settling costs, in lengths of a flight
 NEIGHBOURHOOD_WIDTH = 0.3  # of the neighbourhood of good gains, in design numbers between 0 and 1
-ROUGH_LOOP_SHARE, MAX_LOOP_S = 0.1, 0.02
-"""Loops of flights that gains are looked for with, in shares of the quickest loop's time; and the longest loops
-and steps of a vehicle in flights that are not promised [s]."""
+ROUGH_LOOP_SHARE, MAX_LOOP_S = 0.1, 0.02  # loops of rough flights, in shares of the quickest loop's time; the longest
 FLIGHT_SETTLINGS, MIN_FLIGHT_S = 5.0, 6.0  # flights that gains are looked for with, in settling times and at least [s]
 COARSE_FREQUENCIES, FINE_FREQUENCIES = 180, 500  # frequencies of the first look and of the margins that are told
 
 
 @dataclass(frozen=True)
 class Task:
-    """What gains are for: `step` of the reference and `band` within which it counts as settled [base units], `load` in
-    shares of the whole output, disk `margin` to keep, how long a flight takes [s], and the time of `recovery` [s] after
-    which the load is to be within the band, infinite where nobody set it."""
+    """What gains are for: `step` of the reference, `band` of what is settled [base units], `load` in shares of the
+    whole output, disk `margin`, `seconds` of a flight, time of `recovery` [s] from the load (infinite: not set)."""
 
     step: float
     band: float
@@ -258,8 +245,7 @@ def probes(vehicles: Vehicles) -> Vehicles:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a set of gains does over the whole crowd: margins and scores of every vehicle, flights of every vehicle, and
-    which of them rest in a further flight as long."""
+    """Margins, scores and flights of the whole crowd, and which vehicles rest in a further flight."""
 
     gains: Mapping[str, float]
     margins: Margins
@@ -277,8 +263,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Problem:
-    """What gains are looked for: the stack, the task, what is known of the vehicle, it as the designer sees it, and the
-    crowds that are flown."""
+    """What gains are looked for: stack, task, knowledge, the designer's view of the vehicle, the crowds."""
 
     target: Target
     task: Task
@@ -310,8 +295,7 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
 def problem_of(
     target: Target, task: Task, knowledge: Knowledge, full: float, bend: TwinThrusters | None, seed: int
 ) -> Problem:
-    """Draw vehicles of every explanation, the same count of each: `full` is the moment or force at the whole output,
-    `bend` the map to it where that is no straight line."""
+    """Draw vehicles of every explanation, `full` the moment at the whole output, `bend` the map to it or None."""
     rng, crowds = np.random.default_rng(seed), []
     size = max(CROWD_VEHICLES // len(knowledge.explanations), FEW_VEHICLES)
     for explanation in knowledge.explanations:
@@ -343,14 +327,6 @@ def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega
     return disk
 
 
-def keepable(problem: Problem, numbers: Floats, few: int, count: int) -> Floats:
-    """Return the disk margin (C,) that all but a twentieth of the first vehicles of every crowd keep, from so many
-    frequencies."""
-    gains, omega = problem.target.propose(numbers, problem.nominal), problem.omega(count)
-    parts = (screened(problem.target, gains, part.pick(slice(0, few)), omega) for part in problem.crowds)
-    return np.min([np.sort(disk)[:, int((1.0 - PASS_RATE) * disk.shape[1] + 1e-9)] for disk in parts], axis=0)
-
-
 def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> Scores:
     """Fly sets of gains (C,) on some vehicles (V) and return their scores, (C, V) each."""
     sets, count = len(next(iter(gains.values()))), len(vehicles)
@@ -361,16 +337,23 @@ def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task:
     return Scores(*(value.reshape(sets, count) for value in vars(result).values()))
 
 
-def tried(problem: Problem, numbers: Floats, disk: Floats, few: Callable[[Vehicles], Vehicles], loops: float) -> Trials:
-    """Fly a few vehicles of every crowd, with `loops` as for `limit_rate`: the worst of them."""
-    target, gains = problem.limit_rate(loops), problem.target.propose(numbers, problem.nominal)
-    crowds = problem.crowds if len(numbers) else ()
-    parts = [vars(flown(target, gains, few(part), problem.task)) for part in crowds]
-    columns = [(field.name, float) for field in fields(Scores)]
-    trials = np.empty(len(numbers), [("numbers", float, problem.target.numbers), ("disk", float), *columns])
-    trials["numbers"], trials["disk"] = numbers, disk
-    for name, _ in columns:
-        if parts:
+def tried(
+    problem: Problem, margin: float, numbers: Floats, vehicles: int, count: int, few: Callable[[Vehicles], Vehicles],
+    loops: float,
+) -> Trials:  # fmt: skip
+    """Fly a few vehicles of every crowd, with `loops` as for `limit_rate`, under those gains of design numbers (C, n)
+    that keep the disk margin on 95 % of the first `vehicles`, from `count` frequencies: the worst of them."""
+    target, crowds, omega = problem.target, problem.crowds, problem.omega(count)
+    gains = target.propose(numbers, problem.nominal)
+    disks = [screened(target, gains, part.pick(slice(0, vehicles)), omega) for part in crowds]
+    least = np.min([np.sort(disk)[:, int((1.0 - PASS_RATE) * disk.shape[1] + 1e-9)] for disk in disks], axis=0)
+    good, columns = least >= margin, [(field.name, float) for field in fields(Scores)]
+    trials = np.empty(np.count_nonzero(good), [("numbers", float, target.numbers), ("disk", float), *columns])
+    trials["numbers"], trials["disk"] = numbers[good], least[good]
+    if good.any():
+        keeping = {name: value[good] for name, value in gains.items()}
+        parts = [vars(flown(problem.limit_rate(loops), keeping, few(part), problem.task)) for part in crowds]
+        for name, _ in columns:
             trials[name] = np.max(np.concatenate([part[name] for part in parts], axis=1), axis=1)
     return trials
 
@@ -378,9 +361,9 @@ def tried(problem: Problem, numbers: Floats, disk: Floats, few: Callable[[Vehicl
 def leaders(trials: Trials, task: Task, count: int) -> Trials:
     """Return the best `count` sets, best first, then some that may lead to better ones.
 
-    The cost is log settling + log of what is left of the load beyond the band: half the time is worth as much as half
-    of what is left, until the load is rejected; and 4 for each share of the step by which it is overshot, beyond a
-    tenth. Among sets that are nearly as good, the largest margin and the least error under the load count."""
+    The cost is log settling + log of what is left of the load beyond the band, and 4 for each share of the step by
+    which it is overshot beyond a tenth. Among nearly as good sets, the largest margin and the least error under the
+    load count."""
     time = np.log(np.where(np.isfinite(trials["settling"]), trials["settling"], UNSETTLED_COST * task.seconds))
     time = time + 4.0 * np.maximum(trials["overshoot"] - 0.1, 0.0)
     excess = np.log(np.maximum(trials["left"] / (LOAD_BANDS * task.band), 1.0))
@@ -404,9 +387,8 @@ def spread_numbers(count: int, size: int) -> Floats:
 
 
 def shorten(problem: Problem) -> tuple[Problem, float]:
-    """Shorten the flights to `FLIGHT_SETTLINGS` times what the quickest gains take to settle on the first vehicle; the
-    time of recovery is `RECOVERY_SETTLINGS` times that where none is set, and no flight is shorter. Return also how
-    long flights that are promised take [s]."""
+    """Shorten the flights to `FLIGHT_SETTLINGS` times the quickest settling time on the first vehicle, and set the time
+    of recovery where none is set. Return also how long flights that are promised take [s]."""
     task = problem.task
     alone = replace(problem, crowds=(problem.crowds[0].pick(slice(0, 1)),))
     settling = searched(alone, task.margin, 3, FIRST_SETS // 5)["settling"]
@@ -419,23 +401,16 @@ def shorten(problem: Problem) -> tuple[Problem, float]:
 
 
 def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST_SETS) -> Trials:
-    """Find, from so many `first` ones, the best sets of gains that keep the margin on some vehicles of all crowds, as
-    `leaders` ranks them; none where none does. Margins are those of the target's own loops, flights are rough."""
+    """Find, from `first` sets of gains, the best that keep the margin on some vehicles of all crowds, if any."""
     size, task = problem.target.numbers, problem.task
-    trials = _kept(problem, margin, spread_numbers(first, size))
+    rough = FEW_VEHICLES, COARSE_FREQUENCIES, probes, ROUGH_LOOP_SHARE
+    trials = tried(problem, margin, spread_numbers(first, size), *rough)
     offsets = spread_numbers(NEIGHBOUR_SETS, size) - 0.5
     for turn in range(1, rounds):
         best = leaders(trials, task, ELITE_SETS)["numbers"]
         around = np.clip(best[:, None, :] + NEIGHBOURHOOD_WIDTH / turn * offsets, 0.0, 1.0)
-        trials = np.concatenate([trials, _kept(problem, margin, around.reshape(-1, size))])
+        trials = np.concatenate([trials, tried(problem, margin, around.reshape(-1, size), *rough)])
     return leaders(trials, task, LAST_SETS)
-
-
-def _kept(problem: Problem, margin: float, numbers: Floats) -> Trials:
-    """The design numbers whose gains keep the margin on some vehicles, and what they do to three."""
-    disk = keepable(problem, numbers, FEW_VEHICLES, COARSE_FREQUENCIES)
-    good = disk >= margin
-    return tried(problem, numbers[good], disk[good], probes, ROUGH_LOOP_SHARE)
 
 
 def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
@@ -452,22 +427,19 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
 
 
 def keeps(result: Outcome, problem: Problem) -> bool:
-    """Whether every explanation's vehicles keep the margin, settle and then rest, all but a twentieth: in a dead-band a
-    loop may hunt for ever, in swings with long rests between."""
+    """Tell whether 95 % of every explanation's vehicles keep the margin, settle and rest (none may hunt)."""
     good = (result.margins.disk >= problem.task.margin) & result.scores.settles & result.rest
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= PASS_RATE for part in np.split(good, ends))
 
 
 def best_gains(problem: Problem) -> dict[str, float] | None:
-    """The best gains that all crowds can live with, as `leaders` ranks the worst of what some vehicles do; looked for
-    with more margin on the few where that fails."""
-    judged = slice(0, JUDGED_FEW)
+    """Find the best gains that all crowds can live with; looked for with more margin on the few where that fails."""
+    crowd = CROWD_VEHICLES, FINE_FREQUENCIES, lambda part: part.pick(slice(0, JUDGED_FEW)), CHOSEN_LOOPS
     for more in (1.0, 1.12, 1.3):
         numbers = searched(problem, more * problem.task.margin, SEARCH_ROUNDS)["numbers"]
-        disk = keepable(problem, numbers, CROWD_VEHICLES, FINE_FREQUENCIES)
-        if np.any(good := disk >= problem.task.margin):
-            trials = tried(problem, numbers[good], disk[good], lambda part: part.pick(judged), CHOSEN_LOOPS)
+        trials = tried(problem, problem.task.margin, numbers, *crowd)
+        if len(trials):
             best = leaders(trials, problem.task, 1)["numbers"][:1]
             return {name: float(value[0]) for name, value in problem.target.propose(best, problem.nominal).items()}
     return None

@@ -21,22 +21,15 @@ from automarine_cli.text import printable
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
 LATE_EFFECTS = (DELAY, "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
-WILD_SCATTER, MIN_GAIN_EXPONENT = 0.25, 0.1
-"""Scatter of the thrust from run to run, and power of the command's size that it goes with, from which on the thrust is
-not known: fits take no more than 0.3 for scatter."""
-MAX_DEAD_BAND_SHARE = 0.1
-"""Share of the whole output below which thrusters may give nothing: Blue Robotics T200 data (2019), 7 to 10 %."""
+WILD_SCATTER, MIN_GAIN_EXPONENT = 0.25, 0.1  # from which on the thrust is not known: fits allow a scatter of 0.3
+MAX_DEAD_BAND_SHARE = 0.1  # of the whole output: Blue Robotics T200 data (2019), 7 to 10 %
 CURVE_EFFECTS = ("dead-band", "thrust-exponent")  # what the curve of the thrust against its command is made of
-LAW_ERROR_SHARE = 0.03
-"""Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
-MAX_STDERR = 0.5
-"""Largest standard error of an effect, as a share of its size: of what is less sure a diagnosis says nothing."""
+LAW_ERROR_SHARE = 0.03  # of parameters beyond their errors: no vehicle follows a law to the letter
+MAX_STDERR = 0.5  # of an effect, as a share of its size: of what is less sure a diagnosis says nothing
 UNKNOWN_ERROR_SHARE = 0.1  # standard error, as a share, of a parameter of which the file tells none
 EXTENDED = "extended_model.json"
-SUPPLY_SHARES = (0.88, 1.08)
-"""Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
-OUTPUT_TOLERANCE = 1.02
-"""How far beyond the whole output moments of a log may seem to go."""
+SUPPLY_SHARES = (0.88, 1.08)  # lowest and highest voltage in shares of that of the logs: four lithium cells about 15 V
+OUTPUT_TOLERANCE = 1.02  # how far beyond the whole output moments of a log may seem to go
 UNKNOWN_DELAY = (
     "How late the vehicle answers is not known: the model's file has no command_delay_s. Fit its logs again, or give "
     "--delay."
@@ -55,9 +48,8 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """The stored model, every explanation (the named one first), how uncertain thrust, delay and supply are, `largest`
-    moment of the logs or None, splits by rival, notes; and what has to be `settled` before anything can be promised: a
-    sentence and the effect to be settled, or None."""
+    """The stored model, every explanation (the named one first), what is uncertain, `largest` moment of the logs,
+    splits by rival, notes; and what has to be `settled` before any promise: a sentence and the effect."""
 
     stored: StoredModels
     explanations: tuple[Explanation, ...]
@@ -75,10 +67,8 @@ class Knowledge:
 def read_knowledge(
     model: Source, diagnosis: Source | None, delay: float | None, supply: tuple[float, float]
 ) -> Knowledge:
-    """Read the files; `delay` [s] is the longest that the logs cannot show, where the user knows better.
-
-    Raises ModelError for a file that is none, for drag that drives, and for an effect that no controller can be
-    designed with."""
+    """Read the files; `delay` [s] is the longest that the logs cannot show, where the user knows better. Raises
+    ModelError for a file that is none, and for drag that drives."""
     prior = read_prior_results(model, diagnosis)
     file, judged, stored = prior.file, prior.diagnosis, prior.stored
     assert file is not None
@@ -102,13 +92,12 @@ def read_knowledge(
     if names := [term.name for term in prior.model.terms if term.name not in had]:
         models.append(Explanation(bare, _covariance(prior, bare), f"the model without {', '.join(names)}", names[0]))
     models += _idle(main, judged, largest or 1.0)
-    late, unknown, note = _late(prior, judged, delay)
+    late, note = _late(prior, judged, delay)
     logged = next((term.values[1] for term in prior.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
-    # noise as the fit found it; of a position of which the file does not say, one of the units that people read
     unit = float(prior.model.dof.shown(1.0))
     noise = (prior.noise_deg / unit, (prior.rate_noise_deg_s or 0.0) / unit)
-    spread = Spread(prior.scatter, late, volts, noise)
+    spread = Spread(prior.scatter, late or 0.0, volts, noise)
     without = [
         f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
         for term in bare.terms
@@ -116,7 +105,7 @@ def read_knowledge(
     ]
     notes = (note for note in (*prior.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
     proposed = {name: gain for name, gain in prior.proposed.items() if name not in present}
-    settled = _unsettled_thrust(prior, file) or ((UNKNOWN_DELAY, DELAY) if unknown else None)
+    settled = _unsettled_thrust(prior, file) or ((UNKNOWN_DELAY, DELAY) if late is None else None)
     if proposed:
         asks = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in proposed.items())
         why = f"The fit's own evidence asks for {asks}, which the model lacks. Fit it with --with {','.join(proposed)}"
@@ -137,8 +126,8 @@ def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] |
     else:
         return None
     names = {term.name for term in prior.model.terms}
-    remedy = "diagnose its logs, with runs of small commands among them."
     effect = next((name for name in CURVE_EFFECTS if name not in names), CURVE_EFFECTS[0])
+    remedy = "diagnose its logs, with runs of small commands among them."
     return f"{why}. Such a vehicle may hunt for ever: {remedy}", effect
 
 
@@ -178,8 +167,8 @@ def _covariance(prior: PriorResults, model: Model) -> Floats:
 
 
 def _faint(judged: DiagnosisFile | None) -> float:
-    """Largest standard error of the size that a diagnosis named alone, as a share of it: half of it, and less where it
-    gained far more than chance does, for a size that is off by all of itself loses all that it gained."""
+    """Largest standard error of a size that was named alone, as a share of it: less than half where it gained far more
+    than chance does, for one that is off by all of itself loses all that it gained."""
     if judged is None or judged.threshold is None:
         return MAX_STDERR
     names = [effect.name for effect in judged.effects]
@@ -217,29 +206,28 @@ def _sizes(model: Model) -> Floats:
     return np.where([False, *(p.held for p in parameters)], 0.0, np.abs(model.theta - off))
 
 
-def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None) -> tuple[float, bool, str]:
-    """The longest delay beyond the model's, whether nothing is known of it, and a sentence on it."""
+def _late(prior: PriorResults, judged: DiagnosisFile | None, delay: float | None) -> tuple[float | None, str]:
+    """The longest delay beyond the model's, None where nothing is known of it, and a sentence on it."""
     if delay is not None:
-        return delay, False, f"The gains allow for delays up to {delay:g} s beyond the model's (--delay)."
+        return delay, f"The gains allow for delays up to {delay:g} s beyond the model's (--delay)."
     # A diagnosis confines the delay to half a sample interval: a longer one it shows only as an effect.
     fitted = judged is None and prior.file is not None and prior.file.command_delay_s is not None
     if fitted or any(term.name in LATE_EFFECTS for term in prior.model.terms):
-        return 0.0, False, ""
+        return 0.0, ""
     visible = judged.smallest_visible if judged else {}
     late = max((visible[name] for name in LATE_EFFECTS[:2] if name in visible), default=None)
     if late is None:
-        return 0.0, True, ""
-    return late, False, f"The gains allow for delays up to {late:.2g} s. The diagnosis would have detected longer ones."
+        return None, ""
+    return late, f"The gains allow for delays up to {late:.2g} s. The diagnosis would have detected longer ones."
 
 
 def authority(
     target: Target, knowledge: Knowledge, full: float | None, drive: tuple[ThrusterMap, float] | None
 ) -> tuple[float, TwinThrusters | None]:
-    """Return the moment or force at the whole output in the model's unit, and the map from output to it where one is
-    given.
+    """Return the moment or force at the whole output in the model's unit, and the map from output to it if there is
+    one.
 
-    Raises ModelError where the model's unit is none that the target can use, or the map contradicts the model, and
-    SettingError for a map of one direction."""
+    Raises ModelError for a unit or a map that does not fit the model, and SettingError for a map of one direction."""
     unit, source, dof = knowledge.stored.model.moment_unit, knowledge.stored.source, knowledge.model.dof
     twins = None if drive is None else turning(*drive)
     most = None if twins is None else twins.largest
@@ -273,11 +261,8 @@ def authority(
 
 
 def turning(thruster_map: ThrusterMap, arm: float) -> TwinThrusters:
-    """Return two thrusters `arm` [m] off the centre line at the same size of signal. Raises SettingError for a map that
-    cannot say how their moment grows.
-
-    The whole output is a control signal of 1, or the largest that the map tells of where that is more: pulses, percent.
-    """
+    """Return two thrusters `arm` [m] off the centre line at the same size of signal, at most 1 or the largest that the
+    map tells of. Raises SettingError for a map without thrust there."""
     twins = TwinThrusters(*thruster_map.both_ways, arm, max(thruster_map.largest or 1.0, 1.0))
     if not twins.largest > 0:
         raise SettingError(

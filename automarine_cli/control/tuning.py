@@ -1,5 +1,4 @@
-"""The result of `tune`: a model or a diagnosis -> gains of a controller with their margins, or why none can be
-promised; and a log flown with gains against what was promised of them."""
+"""The result of `tune`: gains with their margins, or why none can be promised; a flown log against the promise."""
 
 import math
 import shlex
@@ -14,7 +13,7 @@ from automarine_cli.control import design
 from automarine_cli.control.design import Outcome, Problem, Task
 from automarine_cli.control.knowledge import EXTENDED, SUPPLY_SHARES, authority, read_knowledge
 from automarine_cli.control.targets import get
-from automarine_cli.control.targets.base import Target, present_gains
+from automarine_cli.control.targets.base import present_gains
 from automarine_cli.control.vehicles import dead_time
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import ModelError, RunError, SettingError
@@ -32,8 +31,7 @@ BAND_DEG, BAND_M = 2.0, 0.05  # within what a step counts as settled: the field'
 STEP_DEG, STEP_M = 90.0, 1.0
 QUANTILES = (0.025, 0.5, 0.975)
 MAX_SETTLING_RATIO = 2.0  # how much longer gains for all explanations may take to settle than for the right one alone
-MIN_DELAY_SPREAD_S = 0.14
-"""Spread of delays [s] between quarters from which on it is asked what knowing them is worth: any within 0.3 s."""
+MIN_DELAY_SPREAD_S = 0.14  # of delays between quarters, from which on it is asked what knowing them is worth
 Verdict = Literal["gains", "leave", "cannot-promise"]
 RECORDED = (
     "target", "step", "load", "load_recovery", "margin", "full", "arm", "delay", "supply", "sample_time",
@@ -48,13 +46,9 @@ def set_up(
     delay: float | None = None, supply: tuple[float, float] = SUPPLY_SHARES, sample_time: float | None = None,
     beyond_range: bool = False, seed: int = 0,
 ) -> Problem:  # fmt: skip
-    """Read and check what a tuning is made of.
-
-    `model` is that of a fit, or a diagnosis whose model is `extended`; `step` in degrees or metres, `load` [%] of the
-    whole output, to be rejected in `load_recovery` [s], disk `margin` to keep; `full` moment or force of the whole
-    output; `delay` [s] that the logs cannot show, `supply` voltage in shares of that of the logs; `seed` draws the
-    vehicles. Raises ModelError or SettingError.
-    """
+    """Read and check what a tuning is made of. `model` is that of a fit, or a diagnosis whose model is `extended`;
+    `step` in degrees or metres, `load` [%] of the whole output, to be rejected in `load_recovery` [s]; `delay` [s] that
+    the logs cannot show, `supply` voltage in shares of the logs'. Raises ModelError or SettingError."""
     if read_plain(model, "JSON", ModelError).get("schema") != DIAGNOSIS.schema:
         knowledge = read_knowledge(model, None, delay, supply)
     elif extended is None:
@@ -88,9 +82,8 @@ TUNING = ResultKind("tuning.json", "tuning", TuningFile, "tune")
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Shown, Problem):
-    """The verdict on a problem and why; `old` and `new` outcomes where there are any, and that of gains `beyond` their
-    documented ranges where these are a limit; the effect that is `open` and changes the answer, empty for none; and the
-    `settings` of `set_up`."""
+    """The verdict on a problem and why; the `old` and `new` outcomes, and that of gains `beyond` their documented
+    ranges where these limit; the effect that is `open`, or empty; and the `settings` of `set_up`."""
 
     verdict: Verdict
     why: str
@@ -115,6 +108,9 @@ class Tuning(Shown, Problem):
     def to_json(self) -> dict[str, Any]:
         target, nominal, task, dof = self.target, self.nominal, self.task, self.nominal.dof
         old, new, beyond = self.old, self.new, self.beyond
+        sources = {key: self.settings[key] for key in ("model", "extended", "thrusters")}
+        files = {key: {"name": file.name, "content": read_plain(file, "JSON", ModelError)}
+                 for key, file in sources.items() if isinstance(file, Source)}  # fmt: skip
         return {
             "schema": TUNING.schema, "verdict": self.verdict, "why": self.why,
             "target": target.name, "firmware": target.firmware or None, "motion": dof.name, "model": self.source,
@@ -135,19 +131,10 @@ class Tuning(Shown, Problem):
             "present": None if old is None else self._promised(old),
             "at_end_of_range": [] if new is None else [gain.name for gain in target.at_ends(new.gains)],
             "beyond_range": beyond and {"gains": dict(beyond.gains), **self._promised(beyond)},
-            "vehicles": sum(len(crowd) for crowd in self.crowds),
-            "explanations": [crowd.name for crowd in self.crowds],
-            "settled_by": self.run or None,
-            "notes": list(self.knowledge.notes),
+            "vehicles": sum(len(crowd) for crowd in self.crowds), "explanations": [crowd.name for crowd in self.crowds],
+            "settled_by": self.run or None, "notes": list(self.knowledge.notes),
             "present_gains": None if old is None else dict(old.gains),
-            "made_from": {
-                "settings": {name: self.settings[name] for name in RECORDED},
-                "files": {
-                    key: {"name": file.name, "content": read_plain(file, "JSON", ModelError)}
-                    for key in ("model", "extended", "thrusters")
-                    if isinstance(file := self.settings[key], Source)
-                },
-            },
+            "made_from": {"settings": {name: self.settings[name] for name in RECORDED}, "files": files},
         }  # fmt: skip
 
     def outcomes(self) -> list[tuple[str, Outcome]]:
@@ -174,8 +161,7 @@ class Tuning(Shown, Problem):
 
     @property
     def plan_command(self) -> str:
-        """The line that plans runs which separate what a diagnosis left tied, or narrow the effect that is not known;
-        empty where nothing is open, or nothing can be planned."""
+        """The command that plans runs which settle what is open; empty where nothing is, or nothing can be planned."""
         dof, effect = self.nominal.dof, self.open
         if not effect or not dof.wraps:
             return ""
@@ -201,18 +187,14 @@ class Tuning(Shown, Problem):
 
 
 def make_tuning(*, present: Source | None, **settings: Any) -> Tuning:
-    """Design gains by the settings of `set_up`; `present` is a file of the gains flown so far.
-
-    Raises ModelError or SettingError."""
+    """Design gains by the settings of `set_up`, `present` a file of those flown. Raises as `set_up`."""
     problem = set_up(**settings)
     return replace(judge(problem, present_gains(problem.target, present)), settings=settings)
 
 
 def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
-    """Reach the verdict on a problem; `present` gains by name, None where there are none.
-
-    A flight takes seven times the shortest turn and the delays many times over, and twice as long where gains keep the
-    margin and do not settle in time."""
+    """Reach the verdict on a problem; `present` gains by name, or None. Flights take seven times the shortest turn and
+    the delays many times over, and twice as long where gains do not settle in time."""
     task, nominal, settled = problem.task, problem.nominal, problem.knowledge.settled
     if settled is not None:
         return _reached(problem, "cannot-promise", *settled)
@@ -223,14 +205,16 @@ def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
         if result is not None:
             return result
     why = f"The best gains with a disk margin of {task.margin:g} do not settle for {100 * design.PASS_RATE:.0f} %"
-    return _reached(problem, "cannot-promise", f"{why} of the vehicles that the model allows. {_more(problem.target)}")
+    return _cannot(problem, f"{why} of the vehicles that the model allows.")
 
 
-def _reached(
-    problem: Problem, verdict: Verdict, why: str, effect: str = "", *, old: Outcome | None = None,
-    new: Outcome | None = None, beyond: Outcome | None = None,
-) -> Tuning:  # fmt: skip
-    return Tuning(**vars(problem), verdict=verdict, why=why, open=effect, old=old, new=new, beyond=beyond)
+def _cannot(problem: Problem, why: str, **outcomes: Any) -> Tuning:
+    remedy = f"Try {'--beyond-range or ' if problem.target.ranged else ''}a smaller --margin, or a smaller --step."
+    return _reached(problem, "cannot-promise", f"{why} {remedy}", **outcomes)
+
+
+def _reached(problem: Problem, verdict: Verdict, why: str, effect: str = "", **outcomes: Any) -> Tuning:
+    return Tuning(**vars(problem), verdict=verdict, why=why, open=effect, **outcomes)
 
 
 def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | None:
@@ -248,8 +232,7 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
         return _reached(problem, "cannot-promise", *dear, old=old)
     if chosen is None:
         why = f"No gains{target.within} keep a disk margin of {task.margin:g} for {100 * design.PASS_RATE:.0f} % of the"
-        why = f"{why} vehicles that the model allows. {_more(target)}"
-        return _reached(problem, "cannot-promise", why, old=old, beyond=_beyond(short, problem))
+        return _cannot(problem, f"{why} vehicles that the model allows.", old=old, beyond=_beyond(short, problem))
     new = design.outcome(problem, chosen)
     if not design.keeps(new, problem):
         return None
@@ -305,10 +288,6 @@ def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, s
     return None
 
 
-def _more(target: Target) -> str:
-    return f"Try {'--beyond-range or ' if target.ranged else ''}a smaller --margin, or a smaller --step."
-
-
 def banded(values: Floats, unit: str) -> Estimate | None:
     """Median and the band of 95 % of a crowd's values, one end open where they are infinite; None without any."""
     finite = values[np.isfinite(values)]
@@ -320,24 +299,17 @@ def banded(values: Floats, unit: str) -> Estimate | None:
 
 def promises(outcome: Outcome, dof: Dof) -> dict[str, Estimate | None]:
     """What a set of gains comes to, by key of the result file."""
-    scores = outcome.scores
-    return {
-        "overshoot_percent": banded(100.0 * scores.overshoot, "%"),
-        "settling_s": banded(scores.settling, "s"),
-        f"rms_after_{dof.units.shown}": banded(dof.shown(scores.rms), dof.units.shown),
-        f"load_error_{dof.units.shown}": banded(dof.shown(scores.error), dof.units.shown),
-        f"load_left_{dof.units.shown}": banded(dof.shown(scores.left), dof.units.shown),
-    }
+    scores, unit = outcome.scores, dof.units.shown
+    lengths = {"rms_after": scores.rms, "load_error": scores.error, "load_left": scores.left}
+    shares = {"overshoot_percent": banded(100.0 * scores.overshoot, "%"), "settling_s": banded(scores.settling, "s")}
+    return shares | {f"{name}_{unit}": banded(dof.shown(values), unit) for name, values in lengths.items()}
 
 
 def margins_of(outcome: Outcome) -> dict[str, Estimate | None]:
     margins = outcome.margins
-    return {
-        "disk_margin": banded(margins.disk, "1"),
-        "gain_margin_dB": banded(margins.gain, "dB"),
-        "phase_margin_deg": banded(margins.phase, "deg"),
-        "delay_margin_s": banded(margins.delay, "s"),
-    }
+    sizes = {"gain_margin_dB": margins.gain, "phase_margin_deg": margins.phase, "delay_margin_s": margins.delay}
+    bands = {name: banded(values, name.rpartition("_")[2]) for name, values in sizes.items()}
+    return {"disk_margin": banded(margins.disk, "1"), **bands}
 
 
 def labels(problem: Problem) -> dict[str, str]:
@@ -361,8 +333,7 @@ def cell(of: Estimate | None) -> str:
 
 
 def headlines(tuning: Tuning) -> list[str]:
-    """Say margin, settling, largest error under load and what is left of it, with all gains that were flown; whether
-    the load is rejected; and which documented ranges limit that."""
+    """Say margin, settling and load error of all gains flown, whether the load is rejected, and what limits it."""
     task, dof, new = tuning.task, tuning.nominal.dof, tuning.new
     bands = {name: margins_of(outcome) | promises(outcome, dof) for name, outcome in tuning.outcomes()}
     said = []
@@ -389,15 +360,13 @@ def _json(estimate: Estimate | None) -> dict[str, Any] | None:
 
 
 REFERENCES = ("target", "reference", "desired", "DesYaw", "YDes")  # parts of the names of columns that hold a reference
-SMOOTHED_S, STEADY_S, MIN_STEP_BANDS = 0.5, 3.0, 5.0
-"""Readings are averaged over so long, a reference stays for so long at least, and a step is so many bands large."""
+SMOOTHED_S, STEADY_S, MIN_STEP_BANDS = 0.5, 3.0, 5.0  # of readings, of a reference, of a step
 
 
 @dataclass(frozen=True)
 class FlownStep:
-    """A step of the reference: when it `begins` [s in the log], its size, what came of it beside the band of 95 % that
-    was promised, as in the result file (None where it never settled), and the curves: `time` (N,), `reference` (N,),
-    `position` (N,) as read, `low` and `high` (N,) of the promise, all less the position before."""
+    """A step of the reference: when it `begins` [s in the log], its size, its figures beside the band of 95 % that was
+    promised, and the curves (N,) less the position before: `position` as read, `low` and `high` of the promise."""
 
     run: str
     begins: float
@@ -426,21 +395,17 @@ class TuningCheck(Shown):
     dof: Dof
 
     def to_json(self) -> dict[str, Any]:
-        return {
-            "schema": "automarine/tuning-check/1",
-            "motion": self.dof.name,
-            "verdict": "held" if all(step.held for step in self.steps) else "not-held",
-            "steps": [step.to_json(self.dof) for step in self.steps],
-        }
+        verdict = "held" if all(step.held for step in self.steps) else "not-held"
+        steps = [step.to_json(self.dof) for step in self.steps]
+        return {"schema": "automarine/tuning-check/1", "motion": self.dof.name, "verdict": verdict, "steps": steps}
 
 
 def check_tuning(
     tuning: Source, logs: Sequence[LogFile], reference: str | None, columns: Source | ColumnMap | None,
     progress: Progress = silent,
 ) -> TuningCheck:  # fmt: skip
-    """Compare logs that were flown with the gains of a `tuning.json` with what was promised of them.
-
-    Raises ModelError for another file, LogError or RunError for logs without a step."""
+    """Compare logs flown with the gains of a `tuning.json` with what was promised of them. Raises ModelError for
+    another file, LogError or RunError for logs without a step."""
     problem, gains = _of_tuning(tuning)
     dof, task = problem.nominal.dof, problem.task
     runs = load_runs(logs, given_columns(columns), dof=dof, progress=progress).runs
@@ -524,16 +489,11 @@ def _flown(
     noise = float(position_noise(run.time, run.position) / np.sqrt(width))
     clock, flown = promise(time, wish := reference[part] - start)
     longer = 0.3 + float(np.median(np.diff(time)))
-    figures = {}
-    for (key, unit, spare), value, values in zip(
-        (
-            ("overshoot_percent", 100.0, 3.0 * noise / abs(size)),
-            ("settling_s", 1.0, longer),
-            (f"rms_after_{dof.units.shown}", float(dof.shown(1.0)), 2.0 * noise),
-        ),
-        design.step_scores(time, smooth[None], size, task.band + 2.5 * noise),
-        design.step_scores(clock, flown, size, task.band),
-    ):
+    kinds = (("overshoot_percent", 100.0, 3.0 * noise / abs(size)), ("settling_s", 1.0, longer),
+             (f"rms_after_{dof.units.shown}", float(dof.shown(1.0)), 2.0 * noise))  # fmt: skip
+    of_log = design.step_scores(time, smooth[None], size, task.band + 2.5 * noise)
+    of_promise, figures = design.step_scores(clock, flown, size, task.band), {}
+    for (key, unit, spare), value, values in zip(kinds, of_log, of_promise):
         low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in QUANTILES[::2])
         held = bool(low - spare <= value[0] <= high + spare)
         measured_value, *promised = (unit * x if math.isfinite(x) else None for x in (float(value[0]), low, high))

@@ -16,22 +16,19 @@ from automarine_cli.quantities import Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
 from automarine_cli.thrusters.map import TwinThrusters
 
-THRUST_BY_VOLTAGE = 1.2
-"""Exponent of thrust against supply voltage at a fixed command: Blue Robotics, T200 performance data (2019)."""
+THRUST_BY_VOLTAGE = 1.2  # exponent at a fixed command: Blue Robotics, T200 performance data (2019)
 MIN_LAG_MOMENT_SHARE = 0.1  # share of the reference moment at which a lag that depends on the speed counts in margins
+# Velocities [base unit/s] over which drag is taken as straight: quadratic drag damps least at rest, dry friction in a
+# brisk turn; moving water is looked at over a slow one.
 REST_SWING, SLOW_SWING, BRISK_SWING = 1e-6, 0.02, 0.3
-"""Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of all counts, which of
-quadratic drag is that at rest, of dry friction that of a brisk turn. Water that moves is looked at over a slow one."""
 
 
 @dataclass(frozen=True)
 class Vehicles:
-    """S vehicles that one explanation allows, called `name`; the first of a crowd is as its model says.
-
-    `theta` (S, p) parameters of `model`; `full` the moment or force of the whole output; `gain` (S,) of the thrust,
-    `late` (S,) [s] a delay beyond the model's, `volts` (S,) [V] of the supply, `at` (S,) the output about which its
-    slope counts in margins; `bend` the thrusters where the moment is not in proportion to the output, `full`
-    at the whole; `noise` of the readings of position and velocity [base units]."""
+    """S vehicles that one explanation allows; the first of a crowd is as its model says. `theta` (S, p) of `model`;
+    `full` moment or force of the whole output; `gain` (S,) of the thrust, `late` (S,) [s] beyond the model's delay,
+    `volts` (S,) of the supply, `at` (S,) the output about which its slope counts in margins; `bend` the thrusters where
+    moment is not in proportion to output; `noise` of position and velocity read [base units]."""
 
     model: Model
     theta: Floats
@@ -54,9 +51,8 @@ class Vehicles:
 
 @dataclass(frozen=True)
 class Spread:
-    """What is uncertain beside theta: `scatter` of the thrust from run to run, `late` the longest delay [s] that the
-    logs cannot show, `volts` of the logs and of the supply when it is lowest and highest, `noise` of the readings of
-    position and velocity [base units]."""
+    """What is uncertain beside theta: `scatter` of the thrust from run to run, the longest `late` [s] that the logs
+    cannot show, `volts` logged, lowest and highest, `noise` of position and velocity [base units]."""
 
     scatter: float
     late: float
@@ -81,9 +77,7 @@ def crowd(
 
 
 def _drawn(model: Model, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """Parameters (count, p) about the model's; those of the sign-definite base on the logarithm, all within bounds.
-
-    What has no variance is exactly the model's: which law acts is a number that others are compared with."""
+    """Parameters (count, p) about the model's within bounds; what has no variance stays the model's."""
     theta, variance = model.theta, np.diagonal(covariance)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

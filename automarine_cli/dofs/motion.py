@@ -35,5 +35,4 @@ def alone(dof: Dof) -> Motion:
     return Motion(dof.name, (dof,), (dof.position,))
 
 
-PLANAR = Motion("planar", (SURGE, SWAY, YAW), ("north", "east", YAW.position))
-"""Motion in the plane of the water."""
+PLANAR = Motion("planar", (SURGE, SWAY, YAW), ("north", "east", YAW.position))  # motion in the plane of the water

@@ -1,5 +1,4 @@
-"""The surface's side: on contact state, stop, campaign, then logs, one request at a time, each on a connection of its
-own; what is cut is asked for again, and goes on where it was."""
+"""The surface's side: on contact state, stop, campaign, then logs; what is cut is asked for again."""
 
 import hashlib
 import http.client
@@ -22,10 +21,8 @@ from automarine_cli.pipeline.records import Codec, Document, json_text, read_pla
 from automarine_cli.pipeline.results_folder import sha256, write_whole
 from automarine_cli.text import printable
 
-CONNECT_S, STALL_S = 1.0, 10.0
-"""To connect, and without a byte once connected."""
-LOG_PIECE_BYTES = 1 << 18
-"""So much of a log is asked for at once: what lies in buffers when the link is cut is little."""
+CONNECT_S, STALL_S = 1.0, 10.0  # to connect, and without a byte once connected
+LOG_PIECE_BYTES = 1 << 18  # so much of a log is asked for at once: what lies in buffers when the link is cut is little
 MAX_ANSWER = 64_000_000
 
 
@@ -118,8 +115,13 @@ class Client:
             connection.connect()
             connection.sock.settimeout(self.stall_s)
             connection.request(method, path, body, headers | {"Authorization": f"Bearer {self.token}"})
-            answer = connection.getresponse()
-            content = _whole_or_part(answer)
+            answer, content = connection.getresponse(), b""
+            try:
+                while len(content) < MAX_ANSWER and (block := answer.read1(1 << 16)):
+                    content += block
+            except (OSError, http.client.HTTPException):
+                if not content:  # what came before the link was cut is good
+                    raise
             return _Answer(answer.status, answer.getheader("ETag"), content, bool(answer.length))
         except (OSError, http.client.IncompleteRead) as problem:
             raise LinkCut(getattr(problem, "strerror", None) or printable(str(problem)) or "cut") from None
@@ -136,31 +138,17 @@ class _Answer(NamedTuple):
     is_cut: bool
 
 
-def _whole_or_part(answer: http.client.HTTPResponse) -> bytes:
-    """What came of an answer before the link was cut; of nothing at all the cut is told."""
-    content = b""
-    try:
-        while len(content) < MAX_ANSWER and (block := answer.read1(1 << 16)):
-            content += block
-    except (OSError, http.client.HTTPException):
-        if not content:
-            raise
-    return content
-
-
 LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"
 STATE_POLL_S = 1.0
-SAME_HASH_TRIES = 3
-"""A log that comes so often with the same wrong hash is damaged where it comes from."""
+SAME_HASH_TRIES = 3  # A log that comes so often with the same wrong hash is damaged where it comes from
 
 Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
 class Collected:
-    """The vehicle's last state, name and SHA-256 of every log that is here, how many came now, bytes and cuts; how the
-    campaign that was handed over ended, if that was before its last run; which logs could not be fetched, and why; what
-    `run` made of the logs, or why there is no analysis yet, if one was asked for."""
+    """The vehicle's last state, SHA-256 of every log that is here by name, how many are new, bytes and cuts; how the
+    campaign ended early; why logs could not be fetched; what `run` made of them, or why there is no analysis."""
 
     state: State
     logs: dict[str, str]
@@ -192,10 +180,8 @@ class Collected:
 
 @dataclass
 class Collector:
-    """Fetches the logs of a vehicle into `folder`; gives up after `wait_s` without contact (None: never).
-
-    A log that was changed here is fetched again with `overwrite`, else refused. `cuts` and `bytes_in` count what
-    crossed the link."""
+    """Fetches the logs of a vehicle into `folder`; gives up after `wait_s` without contact (None: never). A log that
+    was changed here is fetched again with `overwrite`, else refused."""
 
     client: Client
     folder: Path
@@ -215,11 +201,10 @@ class Collector:
         return Collected(state, logs, len(logs) - before, self.bytes_in, self.cuts, early, tuple(self.damaged))
 
     def collect(self, campaign: LinkCampaign | None, stop: bool) -> State:
-        """The vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
+        """Return the vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
 
-        A log that is not what it was closed as keeps no other from being fetched; `damaged` says why. Raises
-        SettingError for no contact, a wrong token, a refused campaign and an answer that makes no sense, OutputError
-        for a folder that cannot be written."""
+        A damaged log keeps no other from being fetched. Raises SettingError for no contact, a wrong token, a refused
+        campaign and an answer that makes no sense, OutputError for a folder that cannot be written."""
         with one_sentence(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
         before = self._until_done(self.client.state)
@@ -330,8 +315,7 @@ class Collector:
                 self.progress(f"fetching {name}", have + len(came), size)
 
     def _until_done(self, ask: Callable[[], Answer]) -> Answer:
-        """The answer, however often the link is cut before it comes; SettingError after `wait_s` without any, and for
-        one that makes no sense, or refuses, again and again."""
+        """The answer, however often the link is cut; SettingError after `wait_s`, and for senseless answers."""
         ends, wrong = None if self.wait_s is None else time.monotonic() + self.wait_s, 0
         while True:
             try:

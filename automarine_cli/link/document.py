@@ -1,5 +1,4 @@
-"""What crosses the link: a campaign, one JSON document that is known by the SHA-256 of its bytes, and what the vehicle
-answers, its state and its list of logs; plain data, and checked."""
+"""What crosses the link: a campaign, known by its SHA-256, and the vehicle's state and list of logs."""
 
 import hashlib
 import re
@@ -24,12 +23,9 @@ MAX_CAMPAIGN_BYTES = 4_000_000
 MAX_CAMPAIGN_RUNS, MAX_COMMANDS, MAX_RUN_S = 500, 1000, 3600.0
 SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
 WHOLE, STOPPED, INTERRUPTED = "", "_stopped", "_interrupted"
-LOG_ENDS = (WHOLE, STOPPED, INTERRUPTED)
-"""What the names of logs end with, by how their runs ended."""
-MAX_LOG_HZ, MAX_LINE_BYTES, MAX_HEAD_BYTES = 100.0, 200, 4096
-"""Lines of a log in a second, and bytes of one line and of its head, at most."""
-ID_LETTERS = 8
-"""So many letters of a campaign's id begin the names of its logs."""
+LOG_ENDS = (WHOLE, STOPPED, INTERRUPTED)  # what the names of logs end with, by how their runs ended
+MAX_LOG_HZ, MAX_LINE_BYTES, MAX_HEAD_BYTES = 100.0, 200, 4096  # lines a second, bytes of a line, of the head
+ID_LETTERS = 8  # so many letters of a campaign's id begin the names of its logs
 
 
 @dataclass(frozen=True)
@@ -164,8 +160,7 @@ class CampaignState:
 
 @dataclass(frozen=True)
 class State:
-    """What the vehicle is at: the open log, every campaign, and sentences on what in its folder is not right, or is
-    driven without being sent anew."""
+    """The open log, every campaign, and sentences on what is wrong, or is driven without being sent anew."""
 
     schema: Literal["automarine/link-state/1"]
     campaigns: tuple[CampaignState, ...]

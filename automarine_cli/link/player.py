@@ -12,16 +12,14 @@ from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampai
 from automarine_cli.link.store import HeldElsewhereError, Store, held
 from automarine_cli.link.vehicles.base import StuckError, Vehicle
 
-LEASE_S = 3.0
-"""A server that has not been heard of for so long is gone."""
+LEASE_S = 3.0  # A server that has not been heard of for so long is gone
 TICK_S = 0.1
 GONE = "its server is gone"
 
 
 class Lease:
-    """Whether the server that started this player still lives: it touches a file that holds its word.
-
-    Time is this process's own: a vehicle's wall clock may jump when it hears of the true time."""
+    """Whether the server that started this player still touches the file that holds its word, by this process's own
+    clock: a vehicle's wall clock may jump."""
 
     def __init__(self, store: Store, word: str) -> None:
         self._file, self._word = store.lease, word
@@ -52,12 +50,10 @@ class Player:
     """Campaigns that ended here, whatever the disk says of them, and why."""
 
     def _bar(self, campaign: LinkCampaign, number: int) -> str:
-        """Say what forbids the vehicle to move for a run; empty where it may. This is asked before every command.
+        """Say what forbids the vehicle to move for a run, before every command; empty where it may.
 
-        The rule: the vehicle moves only for a run that was accepted and carries no durable mark of being finished,
-        stopped or interrupted, while its campaign's document is intact on the disk, nobody has said stop, and every
-        call to the actuator has returned. The last clause ends the campaign here, as `_run` does for whatever is
-        raised; the others are read from the disk."""
+        It moves only for a run that was accepted and has no mark of being finished, stopped or interrupted, while its
+        campaign's document is intact, nobody has said stop, and every call to the actuator has returned."""
         barred = self._ended.get(campaign.id) or self.store.bar(campaign, number)
         return barred or ("" if self.lives() else GONE)
 

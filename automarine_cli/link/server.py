@@ -31,33 +31,23 @@ from automarine_cli.pipeline.parallel import deaf_to_interrupts
 from automarine_cli.pipeline.results_folder import write_whole
 
 LEASE_BEAT_S = 0.5
-QUIET_S = 5.0
-"""A request to stop is answered when the vehicle is silent, after this at the latest."""
+QUIET_S = 5.0  # A request to stop is answered when the vehicle is silent, after this at the latest
 REQUEST_PATIENCE_S = 30.0
-HEADER_S, MAX_STRANGERS = 10.0, 64
-"""So long, and so many at a time, may who has not shown the token yet stay; the first who came goes first."""
-SEND_BUFFER = 1 << 16  # what lies in it when the link is cut has crossed for nothing
+HEADER_S, MAX_STRANGERS = 10.0, 64  # so long, and so many, may stay without the token; the first goes first
 SEND_BLOCK_B = 1 << 15
 RANGE = re.compile(r"bytes=(\d+)-(\d*)")
 STOP = re.compile(r"/stop(?:/([0-9a-f]{64}(?:,[0-9a-f]{64})*))?")
 
 
 class Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    server_version = "automarine"
-    sys_version = ""
-    timeout = REQUEST_PATIENCE_S
+    protocol_version, server_version, sys_version, timeout = "HTTP/1.1", "automarine", "", REQUEST_PATIENCE_S
     server: "LinkServer"
 
-    def setup(self) -> None:
-        """Keep little of what is sent in the system's own buffers."""
-        super().setup()
-        with contextlib.suppress(OSError):
-            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+    def parse_request(self) -> bool:
+        """Refuse whoever does not show the token, whatever is asked for."""
+        return super().parse_request() and self._is_allowed()
 
     def do_GET(self) -> None:
-        if not self._is_allowed():
-            return
         if self.path == "/state":
             self._answer(HTTPStatus.OK, asdict(self.server.state()))
         elif self.path == "/runs":
@@ -69,10 +59,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_PUT(self) -> None:
         """`/campaigns/ID`: kept when it is whole, has the hash ID, and can be driven."""
-        name = self.path.removeprefix("/campaigns/")
-        if not self._is_allowed():
-            return
-        size = self.headers.get("Content-Length", "")
+        name, size = self.path.removeprefix("/campaigns/"), self.headers.get("Content-Length", "")
         if not SHA256.fullmatch(name) or name == self.path:
             self._refuse(HTTPStatus.NOT_FOUND, "a campaign is put to /campaigns/SHA-256 of its document")
         elif not re.fullmatch(r"\d{1,9}", size) or int(size) > MAX_CAMPAIGN_BYTES:
@@ -89,8 +76,6 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """`/stop`, or `/stop/ID,ID`: neutral, silence, the run closed; answered when that is so."""
-        if not self._is_allowed():
-            return
         if match := STOP.fullmatch(self.path):
             only = None if match[1] is None else match[1].split(",")
             self._answer(HTTPStatus.OK, {"stopped": True, "quiet": self.server.stop(only)})
@@ -156,10 +141,8 @@ class Handler(BaseHTTPRequestHandler):
 
 
 class LinkServer(ThreadingHTTPServer):
-    """Answers requests on one address, each in a thread; `tell` hears what it accepts and refuses.
-
-    `resumed` says which campaigns go on by themselves. Where the disk refuses to keep a stop, `silenced` says so, and
-    nothing is driven any more."""
+    """Answers requests on one address, each in a thread; `tell` hears what it accepts and refuses. `resumed` says which
+    campaigns go on by themselves, `silenced` that the disk refused a stop and nothing is driven any more."""
 
     daemon_threads = True
     request_queue_size = MAX_STRANGERS
@@ -177,9 +160,7 @@ class LinkServer(ThreadingHTTPServer):
         self._tell, self._refused = tell, ""
 
     def accept(self, content: bytes, name: str) -> bool:
-        """Keep a campaign that the vehicle can drive; False where it is here already. Raises AutomarineError.
-
-        One that waits here while all are stopped is stopped too."""
+        """Keep a campaign, stopped if all were while it waited; False if it is here. Raises AutomarineError."""
         came = time.monotonic()
         with self._one_at_a_time:
             try:
@@ -197,9 +178,7 @@ class LinkServer(ThreadingHTTPServer):
             return is_new
 
     def stop(self, only: list[str] | None = None) -> bool:
-        """Stop all campaigns, or `only` those with some ids; whether the vehicle is silent.
-
-        It waits for no campaign that is just looked at."""
+        """Stop all campaigns, or `only` those with some ids; whether the vehicle is silent."""
         if only is None:
             self._stopped = time.monotonic()
         try:
@@ -278,8 +257,8 @@ def token_of(folder: Path) -> str:
 
 
 def serve(folder: Path, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[..., object]) -> None:
-    """Serve a folder until interrupted; `tell` hears the address with the token, then a sentence when a campaign is
-    accepted, refused or over, and of what in the folder is not right. Raises SettingError, OutputError."""
+    """Serve a folder until interrupted; `tell` hears the address with the token, then sentences on campaigns and on
+    what in the folder is not right. Raises SettingError, OutputError."""
     store = Store(folder)
     store.prepare()
     try:
@@ -290,7 +269,7 @@ def serve(folder: Path, vehicle: Vehicle, address: tuple[str, int], speed: float
 
 
 def _serve(store: Store, vehicle: Vehicle, address: tuple[str, int], speed: float, tell: Callable[..., object]) -> None:
-    word = secrets.token_hex(8)
+    word, where = secrets.token_hex(8), f"[{address[0]}]" if ":" in address[0] else address[0]
     try:
         token = token_of(store.folder)
     except OSError as problem:
@@ -299,12 +278,11 @@ def _serve(store: Store, vehicle: Vehicle, address: tuple[str, int], speed: floa
     try:
         server = LinkServer(address, store, vehicle, token, tell)
     except OSError as problem:
-        where = f"{address[0]}:{address[1]}"
-        raise SettingError(f"cannot listen on {where} ({problem.strerror}); give another --address") from None
+        why = f"cannot listen on {where}:{address[1]} ({problem.strerror}); give another --address"
+        raise SettingError(why) from None
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    host = f"[{address[0]}]" if ":" in address[0] else address[0]
     old = {campaign.id for campaign in server.state().campaigns if campaign.over}
-    tell(f"http://{host}:{server.server_address[1]}", token)
+    tell(f"http://{where}:{server.server_address[1]}", token)
     threading.Thread(target=_tell_news, args=(server, tell, old), daemon=True).start()  # the lease waits for no disk
     # without what the store remembers: that would cross to the process
     start = partial(

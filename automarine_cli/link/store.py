@@ -1,10 +1,8 @@
 """The vehicle's folder: campaigns that were accepted, logs that were closed, and the marks between its two processes.
 
-Documents and logs never change once they have their names: a file is written beside its place, sent to the disk, and
-renamed. What became of each run stands in its campaign's record, apart from the logs, which may be moved away. What
-must work on a full disk is a rename, or a byte written over another. Links are not followed, and what is none of ours
-is passed over, and told.
-"""
+A document or a log is written beside its place, sent to the disk and renamed, and never changes then. What became of
+each run stands in its campaign's record, apart from the logs. What must work on a full disk is a rename, or a byte
+written over another. Links are not followed; strange files are passed over, and told."""
 
 import ctypes
 import errno
@@ -25,14 +23,10 @@ from automarine_cli.pipeline.results_folder import put_whole, write_whole
 from automarine_cli.text import printable
 
 ASKED_TO_STOP = "asked to stop"
-LONGEST_WHY = 1000
-"""Bytes of a campaign's record that its reason to stop has room for; a mark for each run follows them."""
-MAX_DEATHS = 3
-"""So often may the player's process end before a run's log has a line; after that the run is not begun again."""
-NEW, DRIVEN = "0123456789"[: MAX_DEATHS + 1], "d"
-"""Marks of a run that was never commanded, by its deaths, and of one from before its first command until it ends."""
-MARKS = {wire.WHOLE: "w", wire.STOPPED: "s", wire.INTERRUPTED: "i"}
-"""Marks of runs that ended, by what the names of their logs end with."""
+LONGEST_WHY = 1000  # bytes in a campaign's record for its reason to stop; a mark for each run follows them
+MAX_DEATHS = 3  # ends of the player's process before a run's log has a line; then the run is not begun again
+NEW, DRIVEN = "0123456789"[: MAX_DEATHS + 1], "d"  # marks: never commanded, by its deaths; first command sent
+MARKS = {wire.WHOLE: "w", wire.STOPPED: "s", wire.INTERRUPTED: "i"}  # of runs that ended
 END_OF_MARK = {mark: end for end, mark in MARKS.items()} | {DRIVEN: wire.INTERRUPTED}
 NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
 KEEP_SIZE = 1  # Linux, linux/falloc.h
@@ -57,12 +51,10 @@ class Store:
 
     @property
     def campaigns(self) -> Path:
-        """Where campaigns are, numbered in the order in which they came."""
         return self.folder / "campaigns"
 
     @property
     def lease(self) -> Path:
-        """What the server touches while it lives; holds the word of the server that wrote it."""
         return self.folder / "lease"
 
     def prepare(self) -> None:
@@ -79,10 +71,9 @@ class Store:
         self, content: bytes, name: str, refuse: Callable[[LinkCampaign], object] = lambda _: None,
         is_late: Callable[[], bool] = lambda: False,
     ) -> bool:  # fmt: skip
-        """Keep a campaign whose document has the hash `name`, stopped if it `is_late`; False where it is here already.
+        """Keep a campaign whose document has the hash `name`, stopped if it `is_late`; False where it is here.
 
-        For one caller at a time. Raises SettingError for another hash, a document that is none, a campaign that
-        the battery does not carry, and what `refuse` does; OutputError where there is no room for it."""
+        For one caller at a time. Raises SettingError for a wrong document, OutputError without room for it."""
         if (digest := hashlib.sha256(content).hexdigest()) != name:
             raise SettingError(f"the campaign has the SHA-256 {digest[:12]}..., not {name[:12]}...; try again")
         there = [path.stem.rpartition("_")[2] for path in self._filed("*.json")]
@@ -114,9 +105,7 @@ class Store:
         return True
 
     def stop(self, why: str = ASKED_TO_STOP, only: Collection[str] | None = None) -> None:
-        """Mark every campaign here, or `only` those with some ids, as stopped, for good, whatever its document is like.
-
-        That is a rename of its record. Raises OSError where the disk refuses even that."""
+        """Stop every campaign, or `only` some, for good: rename their records. Raises OSError if that fails."""
         for ready in self._filed("*.ready"):
             if only is None or ready.stem in only:
                 with suppress(OSError):
@@ -126,9 +115,7 @@ class Store:
         sync_folder(self.campaigns)
 
     def bar(self, campaign: LinkCampaign, number: int) -> str:
-        """Say what on the disk forbids to drive a run: its campaign is not intact, or was stopped, or the run ended.
-
-        Empty where nothing does."""
+        """Say what on the disk forbids a run: its campaign is damaged or stopped, or it ended; else nothing."""
         document, record = next(iter(self._filed(f"*_{campaign.id}.json")), None), self._record(campaign)
         try:
             intact = document is not None and isinstance(self._read(document, document.lstat()), LinkCampaign)
@@ -192,9 +179,8 @@ class Store:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def close(self, name: str, end: str) -> None:
-        """Close a run's log: its hash beside it, the run's mark, then its name, which nothing changes after that.
-
-        A run that was cut before its log had a line is forgotten: nothing was commanded. Raises OSError."""
+        """Close a run's log: its hash beside it, the run's mark, then its name. A log cut before its first line is
+        deleted: nothing was commanded. Raises OSError."""
         part, log = self.part(name), self.runs / f"{name}{end}.csv"
         with _opened(part, os.O_RDWR) as file:
             content = file.read()
@@ -212,9 +198,7 @@ class Store:
         sync_folder(self.runs)
 
     def close_leftovers(self) -> None:
-        """Close what a player that was killed, or a power cut, left open; for who alone plays.
-
-        An empty log counts as a death."""
+        """Close what a killed player or a power cut left open; an empty log counts as a death."""
         while (name := _playing(self._names())) is not None:
             if not self.part(name).stat().st_size:
                 with suppress(FileNotFoundError, ValueError):  # a run whose first line was lost stays driven
@@ -416,9 +400,7 @@ def _one_sentence(name: str) -> Iterator[None]:
 
 
 def _reserve(number: int, size: int) -> None:
-    """Keep room on the disk for `size` bytes of an open file, whose length stays. Raises OSError where there is none.
-
-    Source: fallocate(2). Where the system or the disk cannot keep any, there must be so much now."""
+    """Keep room on the disk for an open file, whose length stays. Raises OSError. Source: fallocate(2)."""
     if sys.platform == "linux":
         library = ctypes.CDLL(None, use_errno=True)
         allocate = getattr(library, "fallocate64", None) or library.fallocate
@@ -438,9 +420,7 @@ class HeldElsewhereError(Exception):
 
 @contextmanager
 def held(path: Path) -> Iterator[None]:
-    """Hold the lock file `path`, which the system frees when its holder ends, however it ends.
-
-    Raises HeldElsewhereError at once, or OSError."""
+    """Hold the lock file `path`, freed when its holder ends. Raises HeldElsewhereError at once, or OSError."""
     with path.open("w") as file:
         if sys.platform != "win32":
             import fcntl

@@ -42,8 +42,7 @@ Captured = tuple[Floats, list[Name], list[bytes]]  # times [s], names and data o
 
 
 def read_slcan(content: bytes, source: str) -> tuple[Captured, int]:
-    """The frames of a capture; how many lines that look like frames are none. Raises LogError where they have no
-    time."""
+    """Return the frames of a capture, and how many lines only look like frames. Raises LogError without times."""
     rows, bad = [], 0
     for line in re.split(rb"[\r\n\a]+", content):
         match = SLCAN_LINE.fullmatch(line)

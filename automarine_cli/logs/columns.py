@@ -1,7 +1,4 @@
-"""The columns that automarine knows: canonical name -> quantity, unit and factor to SI units.
-
-`--columns FILE.toml` gives names, units and signs of the user's for them, and which files are one log.
-"""
+"""The columns that automarine knows, by canonical name, and the user's own names for them (`--columns FILE.toml`)."""
 
 import difflib
 import re
@@ -49,16 +46,16 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     },
 }
 MAX_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, in which one may be guessed
+# control signals keep the file's own unit
 COMMANDS = ("n", *dict.fromkeys(name for dof in DOFS.values() for name in dof.thrusters))
-"""Control signals keep the file's own unit, whatever it is called."""
 
+# Units of control signals, and the words in names of columns that tell them
 SIGNAL_UNITS = {
     "us": ("us", "usec", "microseconds", "pwm", "pulse"),
     "rpm": ("rpm",),
     "rev/s": ("rps", "rev_s", "hz"),
     "%": ("percent", "pct", "perc", "%"),
 }
-"""Units of control signals, and the words in names of columns that tell them."""
 
 
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
@@ -120,8 +117,7 @@ LABELS = (RUN, MODE, ARMED, BY)  # columns of words, not of numbers
 
 
 def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
-    """Quantities of other motions than `dof`, or of other than a `motion` of several, under names of which a log may
-    hold something else."""
+    """Quantities of other motions than `dof` or `motion`, under names of which a log may hold something else."""
     names = {dof.position, dof.velocity, dof.command, *dof.thrusters}
     if motion is not None:
         names |= {name for member in motion.dofs for name in (member.velocity, member.command)} | set(PLACES)
@@ -131,8 +127,7 @@ def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
 
 
 def motions_in(held: Set[str]) -> list[Dof]:
-    """The motions of which a log that holds these quantities is whole: position, and command or every thruster. Of
-    those that share a position the ones with a command of their own come first."""
+    """List the motions of which a log with these quantities is whole, those with a command of their own first."""
     complete = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
     places = {dof.position: i for i, dof in reversed(list(enumerate(complete)))}
     return sorted(complete, key=lambda dof: (places[dof.position], dof.command not in held))
@@ -184,8 +179,7 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATE_WORDS = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
-NOT_COVERED = ("roll", "pitch")
-"""How words in names of columns begin that are of other axes."""
+NOT_COVERED = ("roll", "pitch")  # how words in names of columns begin that are of other axes
 
 
 def other_axis(name: str) -> bool:
@@ -193,8 +187,7 @@ def other_axis(name: str) -> bool:
 
 
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
-    """The column that may be meant by a quantity, for a suggestion; None where nothing comes near. Of several that come
-    as near it is the one of which the word is the usual one."""
+    """Suggest the column that may be meant by a quantity, by its usual words first; None for nothing near."""
     words = (*WORDS.get(quantity, ()), *(name.lower() for name in names_of(quantity)))
     position = any(quantity == dof.position for dof in DOFS.values())
     best, score = None, 0.75
@@ -225,12 +218,8 @@ MAX_COMMAND_AGE_S = 5.0  # s; a command older than this is none
 
 @dataclass(frozen=True)
 class Join:
-    """Each of `logs` (a name or the end of a path) is one log `with_` the files whose names have the same letters where
-    its stars are.
-
-    Their columns come onto the clock of the log: the previous value is held until the next, or the nearest is taken;
-    none is older (or further) than `max_age_s` [s].
-    """
+    """Each of `logs` (a name or the end of a path) is one log `with_` the files with the same letters for its stars.
+    Their columns come onto its clock: the previous value, or the nearest, no further than `max_age_s` [s]."""
 
     logs: str
     with_: str | tuple[str, ...]
@@ -287,11 +276,8 @@ LARGEST_MAP = 200_000  # bytes; a column map is a dozen lines
 @dataclass(frozen=True)
 class ColumnRule:
     """One line of a column map: value = sign (scale x (the file's value - subtract) + offset), in `unit` (None: the
-    name's own).
-
-    With `sign_from` the file's value is a size, and that column (less its own neutral) says which way it counts.
-    `day_first` is how dates such as 03/05/2024 are read (None: as the column shows).
-    """
+    name's). With `sign_from` the file's value is a size, and that column says its sign; `day_first` is how dates are
+    read."""
 
     source: str = field(metadata=keyed("from"))
     unit: str | None = None
@@ -332,11 +318,8 @@ class ColumnsOf:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Canonical name -> rule, defaults for settings, and the DBC that CAN captures are decoded with (a path, or "").
-
-    `ColumnMap()` takes every name as it stands. `columns_of` are logs with a map of their own, `join` says which files
-    are one log.
-    """
+    """Rules by canonical name, defaults for settings, the path of the DBC of CAN captures (or ""); `columns_of` are
+    logs with a map of their own, `join` says which files are one log. `ColumnMap()` takes every name as it stands."""
 
     columns: Mapping[str, ColumnRule] = field(default_factory=dict)
     defaults: Mapping[str, float] = field(default_factory=dict)
@@ -408,8 +391,7 @@ def given_columns(columns: "str | Source | ColumnMap | None") -> ColumnMap:
 
 
 def read_column_map(path: str | Source) -> ColumnMap:
-    """Read a column map (TOML with `[columns]`, `[[columns_of]]`, `[logs]`, `[defaults]` and `[can]`). Raises LogError
-    with the key's path for an unknown key, a wrong type or a unit that does not fit."""
+    """Read a column map (TOML). Raises LogError with the key's path for a wrong key, type or unit."""
     path = Path(path) if isinstance(path, str) else path
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)

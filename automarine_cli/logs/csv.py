@@ -1,7 +1,5 @@
-"""Comma, semicolon or tab separated text, plain or gzip-compressed, read by pyarrow.
-
-Only what pyarrow refuses is looked through again, to say in which row the trouble is.
-"""
+"""Comma, semicolon or tab separated text, plain or gzip-compressed, read by pyarrow; what that refuses is looked
+through again, to say in which row the trouble is."""
 
 import csv
 import gzip
@@ -171,8 +169,8 @@ def _cells(line: str, delimiter: str) -> list[str]:
 def _no_table(
     data: bytes, rows: NDArray[np.int64], name: str, expected: int, delimiter: str, error: Exception | None
 ) -> LogError:
-    """The refusal for lines that are no table, with the first row of too few or too many cells; without an error for a
-    quoted cell that runs over a line end, which pyarrow takes for one row."""
+    """The refusal with the first row of too few or too many cells; without an error for a quoted cell that runs over a
+    line end, which pyarrow takes for one row."""
     lines = data.split(b"\n")
     for row in rows[1:]:
         text = lines[row].decode("latin-1")

@@ -27,8 +27,8 @@ SECONDS = {"TimeUS": 1e6, "TimeMS": 1e3}  # counts a second
 ARMING, DISARM_EVENT = (10, 11, 15), 11  # events
 INSTANCE = ("I", "Instance", "Inst")  # the byte that tells several sensors of one kind apart (a PID's I is none)
 MESSAGE_COLUMNS = {"ATT": {"Yaw": "heading_deg"}, "RATE": {"Y": "yaw_rate_deg_s"}, "BAT": {"Volt": "voltage_V"}}
+# messages of which fields are taken under canonical names, and what serves where they are not
 INSTEAD = {"RATE": ("IMU", {"GyrZ": "yaw_rate_rad_s"}), "BAT": ("CURR", {"Volt": "voltage_V"})}
-"""Messages of which fields are taken under canonical names, and what serves where they are not."""
 VEHICLE_TYPES = {"ArduSub": 12, "ArduRover": 10, "ArduCopter": 2, "ArduPlane": 1, "Blimp": 7}  # MAV_TYPE
 Message = Mapping[str, NDArray[Any]]
 Characters = Mapping[str, tuple[str, float | None, type]]  # of formats: numpy's type, factor

@@ -53,10 +53,8 @@ def format_of(name: str) -> Format | None:
 def find_logs(arguments: Logs) -> list[LogFile]:
     """Find the logs meant by files, directories (searched recursively) and globs; each file once.
 
-    In name order, the files of a folder before the folders in it, whatever the order of the arguments: a shell
-    sorts by the rules of the user's language, and results must not depend on that.
-    Raises LogError for a file that does not exist or is no log, and for a directory or glob without logs.
-    """
+    In name order, whatever the order of the arguments: a shell sorts by the user's language, and results must not
+    depend on that. Raises LogError for a file that does not exist or is no log, and for a place without logs."""
     if not arguments:
         raise LogError("no logs given; name log files, directories or quoted globs")
     logs: dict[str, LogFile] = {}
@@ -180,9 +178,8 @@ def _with_folder(log: LogFile) -> LogFile:
 
 
 def as_logs(logs: object, name: str) -> Logs:
-    """Logs as a command takes them: places as they are, each table in memory (pandas, pyarrow, polars, columns by name)
-    as one log, called `name` and its number, or as the key says where tables are given by name. Raises LogError for
-    what is neither."""
+    """Take places as they are, and each table in memory (pandas, pyarrow, polars, columns by name) as one log, called
+    `name` and its number, or by its key. Raises LogError for what is neither."""
     if isinstance(logs, str | Path | LogFile):
         return (logs,)
     if _is_table(logs):

@@ -1,11 +1,9 @@
-"""What log files are, and what a format makes of one: a `RawLog`. Its cells of text: which are missing, which are
-numbers, and which are times (ISO 8601, dates such as 03.05.2024, bare clock times become seconds).
+"""What log files are, and what a format makes of one: a `RawLog`; and how cells of text become numbers or times.
 
-To add a format, write one file here with a function `read(path, name, columns) -> RawLog` and
-`FORMAT = Format("what people call it", (".suffix",), read)`, and name it in `FORMATS` of `find.py`. A file of several
-streams, each on its own clock, becomes one table by `streams.on_one_clock`; a library that not everybody has is
-imported within `read`, by `streams.needed`. `tests/helpers/reader_contract.py` picks the format up.
-"""
+To add a format, write one file here with `read(path, name, columns) -> RawLog` and `FORMAT = Format("what people call
+it", (".suffix",), read)`, and name it in `FORMATS` of `find.py`. Streams, each on its own clock, become one table by
+`streams.on_one_clock`; a library that not everybody has is imported within `read`, by `streams.needed`.
+`tests/helpers/reader_contract.py` tests it."""
 
 import contextlib
 import re
@@ -32,9 +30,8 @@ MAX_UNPACKED, MAX_TIMES = 64 << 20, 100  # bytes; times the file
 
 @dataclass(frozen=True)
 class LogFile:
-    """One log: where it is, what results call it (never depends on the working directory), and whether it was named on
-    the command line (unreadable, it is refused) or found (it is set aside). A table in memory has its `content`, as a
-    Parquet file would."""
+    """One log: where it is, what results call it, and whether it was named on the command line (unreadable, it is
+    refused) or found (it is set aside). A table in memory has its `content`, as a Parquet file would."""
 
     path: Path
     name: str
@@ -48,9 +45,7 @@ class LogFile:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where commands come from that no file holds: of which outputs and by which mixing they were made (`made_from`),
-    or why these tell none (`why_not`, a sentence that goes on from `no yaw moment;`). Both empty: of neither.
-    """
+    """Outputs and mixing of which commands were made, or why these tell none (continues `no yaw moment;`)."""
 
     made_from: str = ""
     why_not: str = ""
@@ -61,12 +56,10 @@ LOGGED = Origin()
 
 @dataclass(frozen=True)
 class RawLog:
-    """A file as its format gives it: column names, one Arrow array each (shape (N,)), and row numbers for messages.
+    """A file as its format gives it: column names, one Arrow array each (N,), and row numbers for messages.
 
-    An array is float64 (null where a value is missing), timestamp, or binary text for whatever is not a number.
-    `decimal` is the character between whole and fraction in the text columns. `also` holds other names of columns
-    (name -> column), `notes` what a person should know, `holds` the messages or topics of the file.
-    """
+    An array is float64 (null where missing), timestamp, or binary text with `decimal` between whole and fraction.
+    `also` holds other names of columns (name -> column), `holds` the messages or topics of the file."""
 
     names: tuple[str, ...]
     arrays: tuple[pa.ChunkedArray, ...]
@@ -88,9 +81,8 @@ class RawLog:
 
 @dataclass(frozen=True)
 class Format:
-    """One log format: `read(path, name, columns)` takes the name to use in messages and the user's column map, and
-    raises LogError. Where other programs use the suffixes too, a file found in a folder has to begin with one of
-    `begins`."""
+    """One log format: `read(path, name, columns)` takes the name to use in messages and the column map, and raises
+    LogError. Where others use the suffixes too, a file found in a folder has to begin with one of `begins`."""
 
     name: str
     suffixes: tuple[str, ...]
@@ -178,8 +170,8 @@ _SHAPE = (
 
 @dataclass(frozen=True)
 class Stamps:
-    """Times of a column [s], shape (N,), a missing one NaN: since 1970 (UTC; without a zone taken as UTC), of bare
-    clock times since midnight. `kind` says how they are written; `open` that day and month may as well be exchanged."""
+    """Times of a column [s], (N,), NaN where missing: since 1970 (UTC), of bare clock times since midnight. `kind` says
+    how they are written; `open` that day and month may be exchanged."""
 
     seconds: Floats
     kind: str
@@ -187,12 +179,9 @@ class Stamps:
 
 
 def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps | None:
-    """Read the times of a column, typed or text; None where a cell is none.
-
-    Day or month first: as `day_first` says, else as a number above 12 shows; dots are day first where nothing speaks
-    against it. A clock goes on past midnight.
-    A float64 holds a present-day stamp to a quarter of a microsecond.
-    """
+    """Read the times of a column, typed or text; None where a cell is none. Day or month first: as `day_first` says,
+    else as a number above 12 shows; dots are day first where nothing speaks against it. A clock goes on past
+    midnight."""
     typed = array if pa.types.is_timestamp(array.type) else _parsed(array)
     if typed is not None:
         return Stamps(_seconds(typed), "timestamps")

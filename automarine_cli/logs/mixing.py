@@ -1,17 +1,14 @@
 """What a vehicle's software asked of the vehicle as a whole, worked back from what it sent to each motor.
 
-A frame mixes wishes (moment and forces, -1 to 1) into motors by published factors. The wishes are found again by least
-squares (the pseudo-inverse of the factors): as they were, unless a motor was at its end; then they are what the motors
-were sent. Whose factors these are is said by the parameters in the log; PX4's are in `ulog`.
+A frame mixes wishes (moment and forces, -1 to 1) into motors by published factors, whose pseudo-inverse finds the
+wishes again: as they were, unless a motor was at its end. Parameters in the log say whose factors; PX4's are in `ulog`.
 
-ArduSub sends motor i the pulse 1500 us + 400 us x direction_i x (factors_i . wishes), clipped to ±400 us: the factors
-are published for each frame (`FRAME_CONFIG`), the direction is `MOT_i_DIRECTION`, and `SERVOn_FUNCTION` says which
-output carries which motor. A boat or rover with skid steering sends throttle ± steering to its two sides.
+ArduSub sends motor i the pulse 1500 us + 400 us x direction_i x (factors_i . wishes), clipped to ±400 us:
+`FRAME_CONFIG` gives the factors, `MOT_i_DIRECTION` the direction, `SERVOn_FUNCTION` the outputs of motors. A boat or
+rover with skid steering sends throttle ± steering to its two sides.
 
-Sources: ArduPilot, libraries/AP_Motors/AP_Motors6DOF.cpp (`setup_motors`, `output_armed_stabilizing`,
-`calc_thrust_to_pwm`) and AP_Motors6DOF.h (`sub_frame_t`); libraries/SRV_Channel/SRV_Channel.h (`Aux_servo_function_t`)
-and SRV_Channel.cpp (`pwm_from_angle`); libraries/AR_Motors/AP_MotorsUGV.cpp (`output_skid_steering`).
-"""
+Sources: ArduPilot, libraries AP_Motors/AP_Motors6DOF.cpp and .h (`sub_frame_t`); SRV_Channel/SRV_Channel.h
+(`Aux_servo_function_t`) and .cpp (`pwm_from_angle`); AR_Motors/AP_MotorsUGV.cpp (`output_skid_steering`)."""
 
 import re
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -29,8 +26,8 @@ from automarine_cli.logs.streams import Recording, Stream, taken
 from automarine_cli.quantities import Floats
 from automarine_cli.text import listed
 
+# what is made, -1 to 1: moment clockwise from above, forces ahead, to starboard and down (SNAME)
 CONTROL_AXES = tuple(dof.column(dof.command, NORMALISED) for dof in (YAW, SURGE, SWAY, HEAVE))
-"""The columns that are made, -1 to 1: moment clockwise from above, forces ahead, to starboard and down (SNAME)."""
 SIGNS = {"tau": "clockwise from above", "X": "ahead", "Y": "to starboard", "Z": "down"}
 WISH_ERROR = 1e-6  # by which a wish may be found wrong that the motors tell: PX4's parameters have 32 bits
 ELSE = "name the commands in a column map (tau, or n_port and n_stbd) and give it with --columns FILE.toml"
@@ -48,8 +45,7 @@ def parameters(names: NDArray[np.str_], time: Floats, values: Floats) -> Paramet
 
 
 def _stretches(history: Parameters, begin: float, end: float) -> tuple[dict[float, Values], list[str]]:
-    """The parameters that stand from `begin` [s] and from each change on, and what changed; before one is first told,
-    its first value stands."""
+    """Parameters from `begin` [s] and from each change on, and what changed; the first value also stands before it."""
     values = {name: value for _, name, value in reversed(history)}
     values |= {name: value for at, name, value in history if at <= begin}
     stretches: dict[float, Values] = {begin: values}
@@ -63,8 +59,7 @@ def _stretches(history: Parameters, begin: float, end: float) -> tuple[dict[floa
 
 @dataclass(frozen=True)
 class Demand:
-    """What was asked of the vehicle: columns of `CONTROL_AXES`, each of shape (N,), -1 to 1; notes, and where they are
-    from."""
+    """What was asked of the vehicle: columns of `CONTROL_AXES`, (N,) each, -1 to 1; notes, and where they are from."""
 
     columns: Mapping[str, Floats] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -77,11 +72,10 @@ class Unclear(Exception):
 
 @dataclass(frozen=True)
 class Part:
-    """How outputs are read while the parameters stay as they are: one entry a channel that drives the vehicle.
+    """How outputs are read, one entry a channel that drives the vehicle, while the parameters stay.
 
-    Outputs between `low`, `neutral` and `high` count from -1 to 1, 0 is no output. `back` leads from there to the
-    CONTROL_AXES, shape (wishes, channels), and `observable` says which of these the channels tell; `how` is for people.
-    """
+    Outputs between `low`, `neutral` and `high` count from -1 to 1, 0 is none. `back` leads from there to the
+    CONTROL_AXES, (wishes, channels), `observable` says which of these the channels tell; `how` is for people."""
 
     how: str
     channels: tuple[int, ...]
@@ -107,8 +101,8 @@ def is_commanded_by(columns: ColumnMap) -> bool:
 def worked_back(
     source: str, time: Floats, channels: Channels, history: Parameters, read_by: Callable[[str, Channels, Values], Part]
 ) -> Demand:
-    """What was asked of the vehicle, from outputs by number, shape (N,) each, at `time` [s], which the file calls
-    `source`; `read_by` says how they are read, or raises Unclear. Each stretch is read by the parameters of then."""
+    """Work back what was asked of the vehicle, from outputs (N,) by number at `time` [s] of the message `source`;
+    `read_by` says how the outputs of each stretch are read, or raises Unclear."""
     stretches, changes = _stretches(history, float(time[0]), float(time[-1]))
     wishes = np.full((len(CONTROL_AXES), len(time)), np.nan)
     hows, why = [], ""
@@ -182,9 +176,8 @@ def recorded(
     stamps: Container[str], names: Mapping[str, Mapping[str, str]], outputs: str, history: Parameters,
     columns: ColumnMap, states: Sequence[Stream], holds: Sequence[str], notes: tuple[str, ...],
 ) -> Recording:  # fmt: skip
-    """What ArduPilot's messages hold, by name and field, (N,) each: fields but `stamps` that `names` or the column map
-    takes, states, and pulses, fields of `outputs` of which the name holds the number, with what was asked of the
-    vehicle by them, unless the map names a command itself."""
+    """Make streams of ArduPilot's messages by name and field, (N,): the fields but `stamps` that `names` or the column
+    map take, states, and the pulses of the message `outputs` with what was asked of the vehicle by them."""
     streams, demand = [], Demand()
     for name, message in messages.items():
         time = clock_of(message)
@@ -203,8 +196,7 @@ def recorded(
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """What leads from motors to `CONTROL_AXES` for rows of factors, shape (motors, 6): the pseudo-inverse, shape
-    (4, motors), and which wishes the motors can tell at all."""
+    """Return the pseudo-inverse of factors (motors, 6) to `CONTROL_AXES`, (4, motors), and which it can tell."""
     inverse = np.linalg.pinv(factors)
     unclear = np.abs(inverse @ factors - np.eye(6))[ROW].max(axis=1)
     down = np.array([[1.0], [1.0], [1.0], [-1.0]])  # ArduPilot counts up, SNAME down

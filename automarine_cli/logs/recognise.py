@@ -1,10 +1,8 @@
-"""What the columns of logs may be: by their names and by their values, and how sure that is; and the column map that
-fits all logs of a folder.
+"""What the columns of logs may be, by names and values, and how sure that is; and the map that fits all logs of a
+folder.
 
-Nothing is ever read by a guess: `automarine init` writes it into a campaign file, with the range that was seen,
-and asks where name and range do not settle it. Control signal and force of a bollard test are looked at together:
-where neutral is, and what says the direction.
-"""
+Nothing is read by a guess: `automarine init` writes it into a campaign file, and asks where name and range leave it
+open. Control signal and force of a bollard test are looked at together: where neutral is, what says the direction."""
 
 import os
 import re
@@ -19,32 +17,8 @@ import pyarrow as pa
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
-from automarine_cli.logs.columns import (
-    BY,
-    CANONICAL,
-    COMMANDS,
-    EVERY_PULSE,
-    LABELS,
-    NORMALISED,
-    PULSES,
-    ROTATIONS,
-    RUN,
-    TIMESTAMP,
-    UNITS,
-    VELOCITIES,
-    WORDS,
-    ColumnMap,
-    ColumnRule,
-    ColumnsOf,
-    called,
-    column_rules,
-    likely_column,
-    matches,
-    motion_of,
-    names_of,
-    quantities_of,
-    unit_in,
-)
+from automarine_cli.logs import columns as naming
+from automarine_cli.logs.columns import CANONICAL, COMMANDS, LABELS, PULSES, UNITS, ColumnMap, ColumnRule, ColumnsOf
 from automarine_cli.logs.find import stem_of, whole_logs
 from automarine_cli.logs.formats import LogFile, RawLog, read_stamps
 from automarine_cli.logs.mixing import CONTROL_AXES
@@ -56,11 +30,8 @@ from automarine_cli.quantities import Floats
 
 @dataclass(frozen=True)
 class Span:
-    """What the values of one column do, over one log or many: ends, steps from one row to the next, and the median.
-
-    `made_from` names the outputs that it was worked back from, where no file holds it. Of a column of times `stamps`
-    says how they are written, and `open` that day and month may be exchanged.
-    """
+    """What a column does over one log or many: ends, steps from row to row, median. `made_from` names the outputs it
+    was worked back from; `stamps` says how times are written, `open` that day and month may be exchanged."""
 
     low: float
     high: float
@@ -85,12 +56,11 @@ class Span:
 
 
 def is_pulses(name: str, span: Span) -> bool:
-    """Whether values may be what is sent to a thruster's driver: pulse lengths [us] that change, by a name that says so
-    or about neutral, usual ones or as far to both sides."""
-    (low, neutral, high), (shortest, longest) = PULSES, EVERY_PULSE
+    """Tell whether values may be changing pulse lengths [us] of thrusters: by name, usual range or symmetry."""
+    (low, neutral, high), (shortest, longest) = PULSES, naming.EVERY_PULSE
     usual = low <= span.low <= neutral <= span.high <= high
     centred = abs(span.low + span.high - 2 * neutral) <= NEUTRAL_TOLERANCE_US
-    pulse = unit_in(name) == "us" or (not unit_in(name) and (usual or centred))
+    pulse = naming.unit_in(name) == "us" or (not naming.unit_in(name) and (usual or centred))
     return pulse and shortest <= span.low and span.high <= longest and span.largest_step > 0
 
 
@@ -136,7 +106,7 @@ FORCE_WORDS = {
 }  # fmt: skip
 SPEED_WORDS = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
 EXACT = {
-    **{quantity: {*WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", "voltage")},
+    **{quantity: {*naming.WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", "voltage")},
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
 THRUSTER_WORDS = {
@@ -149,12 +119,8 @@ UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "per
 
 @dataclass(frozen=True)
 class Recognised:
-    """What one column is taken for: a canonical `key`. `unit` None: the key's own; `open`: what must be asked, "" where
-    it is sure.
-
-    `more` are the other keys of its rule (subtract, sign_from, ...); `ask` is the key that is open ("" where the
-    question is which column, or whether).
-    """
+    """What a column is taken for: a canonical `key`, with `unit` (None: the key's own) and `more` keys of its rule.
+    `open` is what must be asked ("" where it is sure), `ask` the key that is open ("": which column, or whether)."""
 
     key: str
     source: str
@@ -180,7 +146,7 @@ class Recognised:
 
 def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) -> Recognised | None:
     """The column of a log that holds a quantity (as in `CANONICAL`), or None where none looks like it."""
-    canonical = next((name for name in names_of(quantity) if name in names), None)
+    canonical = next((name for name in naming.names_of(quantity) if name in names), None)
     free = [name for name in names if name in spans and name not in CANONICAL and name not in LABELS]
     free = [name for name in free if quantity == "time" or not spans[name].stamps]
     if canonical == "time" and canonical in spans and not spans[canonical].stamps:  # plain numbers: no timestamps
@@ -189,20 +155,21 @@ def recognise(quantity: str, names: Sequence[str], spans: Mapping[str, Span]) ->
     if quantity == "force":  # a throttle may be called thrust: what tells a unit comes first
         exact.sort(key=lambda name: (_unit_in(name, FORCE_WORDS) is None, is_share(spans[name])))
     elif quantity == "n":  # what is commanded before the speed that was measured
-        signals = [name for name in free if unit_in(name) == "us" and is_pulses(name, spans[name])]
-        exact = sorted(exact, key=lambda name: unit_in(name) in ("rpm", "rev/s")) or signals * (len(signals) == 1)
-    source = canonical or next(iter(exact), None) or likely_column(quantity, free)
+        signals = [name for name in free if naming.unit_in(name) == "us" and is_pulses(name, spans[name])]
+        exact.sort(key=lambda name: naming.unit_in(name) in ("rpm", "rev/s"))
+        exact = exact or (signals if len(signals) == 1 else [])
+    source = canonical or next(iter(exact), None) or naming.likely_column(quantity, free)
     if source is None or source not in spans:
         return None
     column = _JUDGES.get(quantity, _plain)(quantity, source, spans[source])
     if canonical is None and not column.open and not exact:
-        return replace(column, open=f'is this the {called(quantity)}? Then write "{source}"')
+        return replace(column, open=f'is this the {naming.called(quantity)}? Then write "{source}"')
     return column
 
 
 def is_called(quantity: str, names: Sequence[str]) -> bool:
     """Whether a column is called by a canonical name or a word for the quantity."""
-    return any(name in names_of(quantity) or _named_exactly(quantity, name) for name in names)
+    return any(name in naming.names_of(quantity) or _named_exactly(quantity, name) for name in names)
 
 
 def in_newtons(name: str) -> bool:
@@ -222,7 +189,8 @@ def _named_exactly(quantity: str, source: str) -> bool:
         return True
     aside = UNIT_WORDS | (THRUSTER_WORDS if quantity in COMMANDS and quantity != "n" else set())
     bare = "_".join(word for word in words if word not in aside or len(words) == 1)
-    return bool({bare, "_".join(words)} & {*EXACT.get(quantity, ()), *(name.lower() for name in names_of(quantity))})
+    names = {*EXACT.get(quantity, ()), *(name.lower() for name in naming.names_of(quantity))}
+    return bool({bare, "_".join(words)} & names)
 
 
 def _time(quantity: str, source: str, span: Span) -> Recognised:
@@ -270,7 +238,7 @@ def _angle(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _moment(quantity: str, source: str, span: Span) -> Recognised:
-    words, metres, normalised = words_of(source), _name(quantity, "N m"), _name(quantity, NORMALISED)
+    words, metres, normalised = words_of(source), _name(quantity, "N m"), _name(quantity, naming.NORMALISED)
     if source in CANONICAL or "nm" in words or words[-2:] == ["n", "m"]:
         return Recognised(source if source in CANONICAL else metres, source, f"{span}")
     why = f'a {quantity} in newton metres (then {metres} = "{source}") or normalised (then {normalised} = "{source}")?'
@@ -298,7 +266,7 @@ def _voltage(quantity: str, source: str, span: Span) -> Recognised:
 
 
 def _speed(quantity: str, source: str, span: Span) -> Recognised:
-    key, words = names_of(quantity)[0], words_of(source)
+    key, words = naming.names_of(quantity)[0], words_of(source)
     unit = next((SPEED_WORDS[end] for end in (words[-1], "_".join(words[-2:])) if end in SPEED_WORDS), None)
     sure = source == key or (unit and len(words) > 1)
     why = "" if sure else f'm/s of {quantity}? Then write "{source}"'
@@ -313,23 +281,23 @@ def _signal(quantity: str, source: str, span: Span) -> Recognised:
     if low >= 0 and 0 < span.middle < high and abs(span.middle - (low + high) / 2) <= 0.02 * (high - low):
         why = f"never below 0, mostly {span.middle:.4g}: which value stops the thruster, 0 or {span.middle:.4g}?"
         return replace(plain, open=why, more={"subtract": span.middle}, ask="subtract")
-    if low >= 0 and unit_in(source) in ("rpm", "rev/s") and quantity != "n":
+    if low >= 0 and naming.unit_in(source) in ("rpm", "rev/s") and quantity != "n":
         why = "never below 0: the column whose sign says which way it turns; its own name if it never reverses"
         return replace(plain, open=why, more={"sign_from": source}, ask="sign_from")
     return plain
 
 
 def _plain(quantity: str, source: str, span: Span) -> Recognised:
-    return Recognised(source if source in CANONICAL else names_of(quantity)[0], source, f"{span}")
+    return Recognised(source if source in CANONICAL else naming.names_of(quantity)[0], source, f"{span}")
 
 
 def _name(quantity: str, unit: str) -> str:
-    return next(name for name in names_of(quantity) if CANONICAL[name].unit == unit)
+    return next(name for name in naming.names_of(quantity) if CANONICAL[name].unit == unit)
 
 
 def _unit_in(source: str, units: Mapping[str, str]) -> str | None:
     """The unit that the name of a column tells, by the last word that is one of `units`."""
-    if source in CANONICAL and CANONICAL[source].unit != TIMESTAMP:
+    if source in CANONICAL and CANONICAL[source].unit != naming.TIMESTAMP:
         return CANONICAL[source].unit
     words = words_of(source)
     return next((units[word] for word in reversed(words) if word in units and (len(words) > 1 or len(word) > 3)), None)
@@ -339,10 +307,10 @@ _JUDGES = {
     "time": _time,
     "force": _force,
     "voltage": _voltage,
-    **dict.fromkeys(VELOCITIES, _speed),
+    **dict.fromkeys(naming.VELOCITIES, _speed),
     **dict.fromkeys(COMMANDS, _signal),
-    **dict.fromkeys((dof.position for dof in ROTATIONS), _angle),
-    **dict.fromkeys((dof.command for dof in ROTATIONS), _moment),
+    **dict.fromkeys((dof.position for dof in naming.ROTATIONS), _angle),
+    **dict.fromkeys((dof.command for dof in naming.ROTATIONS), _moment),
 }
 
 
@@ -354,8 +322,8 @@ NEUTRAL_TOLERANCE_US = 60.0  # us about the usual neutral of pulses
 def directed(
     n: Recognised, force: Recognised, signal: Floats, pull: Floats, pulses: bool
 ) -> tuple[Recognised, Recognised]:
-    """Both with the neutral that the signal needs, and with the column that tells the sign of one that has none, by the
-    numbers of the tests, (N,) each; `pulses` says whether the signal may be some."""
+    """Return both with the neutral that the signal needs, or the column that tells its sign, by the numbers of the
+    tests, (N,) each; `pulses`: the signal may be some."""
     good = np.isfinite(signal) & np.isfinite(pull)
     signal, pull = signal[good], pull[good]
     if not np.any(pull):
@@ -409,8 +377,7 @@ def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
 
 
 def _signed(force: Recognised, n: Recognised, signal: Floats, pull: Floats) -> Recognised:
-    """The force with the sign of the command where it has none itself although the command goes both ways; where it
-    goes against the command, the sign is asked for."""
+    """The force with the sign of a command that goes both ways, if it has none; asks where it goes against it."""
     if n.ask or "sign_from" in n.more or not _both_ways(signal):
         return force
     back = signal < -MIN_FORCE_SHARE * np.abs(signal).max()
@@ -435,9 +402,8 @@ MAX_LOOKED_INTO = 20  # bollard tests of one layout
 
 @dataclass(frozen=True)
 class Layout:
-    """Logs with the same columns: whether they are thruster tests, what each column does over all of them (`spans`), of
-    which motion they are (translations only by columns of those names), what their columns are taken for, which
-    quantities no column looks like, and columns of few words."""
+    """Logs with the same columns: whether they are thruster tests, their motion, what each column does over all of them
+    (`spans`) and is taken for, which quantities are `lacking`, and columns of few words."""
 
     names: tuple[str, ...]
     bollard: bool
@@ -450,7 +416,7 @@ class Layout:
 
     @property
     def rules(self) -> dict[str, ColumnRule]:
-        rules = column_rules({column.key: column.rule for column in self.columns if not column.as_named}, "")
+        rules = naming.column_rules({column.key: column.rule for column in self.columns if not column.as_named}, "")
         return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
     def ends(self, column: Recognised) -> tuple[float, float, float] | None:
@@ -474,14 +440,13 @@ class Layout:
     def foreign(self) -> bool:
         """Whether nothing in it is of a vehicle."""
         of_vehicle = {YAW.position, YAW.velocity, YAW.command, *YAW.thrusters}
-        quantities = quantities_of(column.key for column in self.columns)
+        quantities = naming.quantities_of(column.key for column in self.columns)
         return not self.bollard and self.dof is YAW and not quantities & of_vehicle
 
 
 @dataclass(frozen=True)
 class Maps:
-    """The layouts that share the map of all logs, and those with maps of their own, each with the names by which its
-    files are told; what else stands in the map of all, such as which files are one log."""
+    """Layouts that share the map of all logs, and those with maps of their own by names of files."""
 
     shared: tuple[Layout, ...] = ()
     apart: tuple[tuple[tuple[str, ...], tuple[Layout, ...]], ...] = ()
@@ -497,8 +462,7 @@ def merged(layouts: Sequence[Layout]) -> dict[str, ColumnRule]:
 
 
 def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -> Layout:
-    """The layout with what its columns are taken for: first by `user_map`, then by name and by what they do in all logs
-    of the kind (`alike`)."""
+    """Return the layout with its columns taken by `user_map`, then by name and values in logs of the kind (`alike`)."""
     mapped = {}
     for key, rule in user_map.of(layout.files[0].path).columns.items():
         if key not in LABELS and rule.source in layout.names:
@@ -555,8 +519,7 @@ def _tests(
 
 
 def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, user_map: ColumnMap) -> Maps:
-    """The maps of layouts, of which the first to come has the map of all logs; those that would read each other's
-    columns wrong have maps of their own."""
+    """Make the maps of layouts; those that would read each other's columns wrong have maps of their own."""
     groups: list[list[Layout]] = [[]]
     for layout in layouts:
         group = next((group for group in groups if all(_fits(layout, o) and _fits(o, layout) for o in group)), None)
@@ -568,7 +531,7 @@ def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, u
     for group in groups[1:]:
         members = [file for layout in group for file in layout.files]
         places = places_of([inner[file] for file in members], list(inner.values()))
-        stray = [any(file not in members and matches(file.path, place) for file in files) for place in places]
+        stray = [any(file not in members and naming.matches(file.path, place) for file in files) for place in places]
         above = folder.resolve().name
         named.append((tuple(f"{above}/" * far + place for place, far in zip(places, stray)), tuple(group)))
     return Maps(tuple(groups[0]), tuple(named), user_map)
@@ -600,8 +563,8 @@ def together(parts: Iterable[Mapping[str, Span]]) -> dict[str, Span]:
 def layouts_of(
     folder: Path, files: Sequence[LogFile], user_map: ColumnMap, jobs: int, progress: Progress
 ) -> tuple[tuple[LogFile, ...], tuple[Layout, ...], Maps, Mapping[LogFile, LogError]]:
-    """Look at the columns of every log, by `user_map` where there is one: return whole logs, kinds of these but those
-    of no vehicle, the maps that read them, and why some cannot be read."""
+    """Look at the columns of every log: return whole logs, kinds of these but those of no vehicle, the maps that read
+    them, and why some cannot be read."""
     logs = whole_logs(files, user_map)
     layout_of = partial(_layout_of, columns=user_map)
     parts = dict(zip(logs, ordered_map(layout_of, logs, jobs, progress=progress, stage="looking at columns")))
@@ -624,18 +587,17 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
     except LogError as error:
         return error
     mapped = {name: rule.source for name, rule in rules.columns.items() if rule.source in raw.names}
-    dof = motion_of(raw.names, mapped)
+    dof = naming.motion_of(raw.names, mapped)
     names = tuple(name for name in raw.names if name)
     labels = categorical_columns(raw, {*LABELS, *mapped.values()})
-    split = RUN in raw.names or RUN in rules.columns or BY in rules.columns
+    split = naming.RUN in raw.names or naming.RUN in rules.columns or naming.BY in rules.columns
     words = {} if split else {key: label.names for key, label in labels.items()}
-    bollard = means_thruster_test(quantities_of([*raw.names, *mapped]), names, dof)
+    bollard = means_thruster_test(naming.quantities_of([*raw.names, *mapped]), names, dof)
     return Layout(names, bollard, (file,), spans_of(raw), dof, words=words)
 
 
 def _recognised(parts: Iterable[Layout | LogError], user_map: ColumnMap) -> list[Layout]:
-    """Files of the same columns together, yaw first, and of yaw those with more logs; those of yaw and tests with what
-    their columns are taken for: a column of one name does what it does over all logs of the kind."""
+    """Files of the same columns together, yaw first, then those with more logs, with what the columns are."""
     groups: dict[tuple[tuple[str, ...], bool, str], list[Layout]] = {}
     for part in parts:
         if isinstance(part, Layout):
@@ -653,8 +615,8 @@ def _recognised(parts: Iterable[Layout | LogError], user_map: ColumnMap) -> list
 
 
 def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
-    """Folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs; never the
-    folder at the top, as results that are written into it later would be taken for logs."""
+    """Return folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs; never
+    the folder at the top, where results may be written."""
     remaining, places = set(wanted), []
     folders = {parent.as_posix() for name in everywhere for parent in PurePosixPath(name).parents[:-1]}
     for folder in sorted(folders, key=lambda folder: (folder.count("/"), folder)):  # outer ones first

@@ -1,15 +1,12 @@
 """ROS 1 bags, ROS 2 bags (sqlite, MCAP), and MCAP files with JSON channels as BlueOS records them.
 
-ROS says where a vehicle points as an angle from east, counter-clockwise, on axes forward, left and up (REP 103); here
-the heading counts clockwise from north, and yaw rate and sway are positive to starboard. The signs are turned, and
-that is told. A field is named TOPIC.FIELD: `/thruster/port.data`, `/thrusters.data[0]`, `/imu/data.heading`.
+ROS's heading counts from east, counter-clockwise, on axes forward, left and up (REP 103): it is turned, as are yaw rate
+and sway, and that is told. A field is named TOPIC.FIELD: `/thruster/port.data`, `/thrusters.data[0]`.
 
-BlueOS's recorder writes each message of the vehicle as `{"header": {...}, "message": {"type": "ATTITUDE", ...}}` on the
-topic mavlink/SYSTEM/COMPONENT/NAME, with its own clock; these are read as the telemetry log of a ground station is,
-under the same names (`ATTITUDE.yaw`). A field of any other topic is named TOPIC.FIELD. Channels of other encodings,
-such as video, are passed over. Sources: mcap.dev/spec; bluerobotics/blueos-recorder, src/service.rs;
-bluerobotics/mavlink-server, src/lib/drivers/zenoh/json.rs.
-"""
+BlueOS records each message of the vehicle as `{"header": {...}, "message": {"type": "ATTITUDE", ...}}` on the topic
+mavlink/SYSTEM/COMPONENT/NAME, with its own clock; these are read as a telemetry log is, under the same names
+(`ATTITUDE.yaw`). Channels of other encodings are passed over. Sources: mcap.dev/spec; bluerobotics/blueos-recorder,
+src/service.rs; bluerobotics/mavlink-server, src/lib/drivers/zenoh/json.rs."""
 
 import contextlib
 import json
@@ -24,18 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.logs import streams
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.streams import (
-    Recording,
-    Stream,
-    arming,
-    needed,
-    on_one_clock,
-    taken,
-    unsound_is_refused,
-    yaw_of,
-)
 from automarine_cli.logs.tlog import MAV_MODE_ARMED, Message, of_the_vehicle, recording, serves
 from automarine_cli.quantities import Floats
 from automarine_cli.text import listed
@@ -48,14 +36,14 @@ Rows = list[tuple[float, dict[str, Any]]]
 
 def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read an MCAP file of JSON channels. Raises LogError where it holds no heading."""
-    needed("mcap.reader", "blueos", name, "MCAP files with JSON channels")
+    streams.needed("mcap.reader", "blueos", name, "MCAP files with JSON channels")
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
     rows: dict[str, Rows] = {}
     counted: Counter[str] = Counter()
     notes: tuple[str, ...] = ()
-    with unsound_is_refused(name, "MCAP file's", MEND), path.open("rb") as file:
+    with streams.unsound_is_refused(name, "MCAP file's", MEND), path.open("rb") as file:
         try:
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
                 topic = channel.topic
@@ -68,18 +56,17 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
                 raise
             notes = ("the file ends within a chunk: its recorder was stopped; read up to there",)
         by_kind: dict[str, Rows] = {}
-        streams = []
+        readings = []
         for topic, part in rows.items():
             if kind := _mavlink(topic):
                 by_kind.setdefault(kind, []).extend(part)
             else:
                 fields = _columns([data for _, data in part], _named(topic, columns.sources))
-                streams.append(taken(topic, np.array([at for at, _ in part]), fields, {}, columns))
+                readings.append(streams.taken(topic, np.array([at for at, _ in part]), fields, {}, columns))
         messages = {kind: _json_message(sorted(part, key=lambda row: row[0])) for kind, part in by_kind.items()}
         holds = tuple(f"{topic} ({count})" for topic, count in counted.items())
         recorded = recording(of_the_vehicle(messages), columns, holds, notes)
-    all_streams = (*recorded.streams, *streams)
-    return on_one_clock(replace(recorded, streams=all_streams), columns, name)
+    return streams.on_one_clock(replace(recorded, streams=(*recorded.streams, *readings)), columns, name)
 
 
 def _mavlink(topic: str) -> str:
@@ -151,13 +138,13 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     if profile not in (None, "ros2"):
         return _read_json_channels(path, name, columns)
     ros1 = path.suffix.lower() == ".bag"
-    library = needed("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", "ros", name, "ROS bags")
-    with unsound_is_refused(name, "bag's", MEND), library.Reader(path) as bag:
+    library = streams.needed("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", "ros", name, "ROS bags")
+    with streams.unsound_is_refused(name, "bag's", MEND), library.Reader(path) as bag:
         sources = columns.sources
         connections = [link for link in bag.connections if link.msgcount and _wanted(link, sources)]
         topics = list(_topics(bag, connections, ros1, sources))
         holds = {link.topic: f"{link.topic} ({link.msgtype.replace('/msg/', '/')})" for link in bag.connections}
-    return on_one_clock(_recording(topics, tuple(holds.values()), columns), columns, name)
+    return streams.on_one_clock(_recording(topics, tuple(holds.values()), columns), columns, name)
 
 
 FORMAT = Format("ROS bag or MCAP", (".bag", ".db3", ".mcap"), read, begins=(b"#ROSBAG", b"SQLite format 3\0", MCAP))
@@ -221,8 +208,7 @@ def _named(topic: str, sources: Iterable[str]) -> list[str]:
 
 
 def _columns(messages: list[Any], paths: Iterable[str]) -> Fields:
-    """The fields of numbers and words at these paths, such as `pose.x` or `data[3]`, shape (N,): NaN where a message
-    lacks one; none that all lack."""
+    """The fields of numbers or words at paths such as `pose.x` or `data[3]`, (N,), NaN where a message lacks one."""
     fields: Fields = {}
     for path in paths:
         keys = re.findall(r"[^.\[\]]+", path)
@@ -244,12 +230,12 @@ def _inside(value: Any, keys: list[str]) -> Any:
     return value
 
 
-def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) -> Recording:
+def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) -> streams.Recording:
     motions = {topic.name: _motion(topic) for topic in topics if topic.kind in POSES}
     turning = [topic for topic in topics if "heading" in motions.get(topic.name, {})]
     turning.sort(key=lambda topic: list(POSES).index(topic.kind))  # among those of one type the bag's order
     shift, notes = _clocks(turning)
-    streams = []
+    readings = []
     free = {**POSE_COLUMNS, "voltage": "voltage_V"}  # of several sensors of one kind the first serves
     for topic in [*turning, *(topic for topic in topics if topic not in turning)]:
         time = np.where(np.isnan(topic.stamped), topic.recorded + shift, topic.stamped)
@@ -257,18 +243,18 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
         names = {key: name for key, name in free.items() if key in motion or (topic.kind, key) == (BATTERY, "voltage")}
         free = {key: name for key, name in free.items() if key not in names}
         fields = {**topic.fields, **motion}
-        streams.append(taken(topic.name, time, fields, names, columns, keep=topic.kind.startswith(STANDARD)))
+        readings.append(streams.taken(topic.name, time, fields, names, columns, keep=topic.kind.startswith(STANDARD)))
         if topic.kind == STATE:
-            states = {"mode": fields["mode"], "armed": arming(fields["armed"] > 0)}
-            streams.append(Stream(topic.name, time, states, lasting=True))
-    serving = {stream.name for stream in streams if stream.columns}
+            states = {"mode": fields["mode"], "armed": streams.arming(fields["armed"] > 0)}
+            readings.append(streams.Stream(topic.name, time, states, lasting=True))
+    serving = {stream.name for stream in readings if stream.columns}
     if unstamped := [topic.name for topic in topics if np.isnan(topic.stamped).any() and topic.name in serving]:
         notes.append(f"without stamps of their own, at the time of recording: {listed(unstamped)}")
     if turning:
         others = f", not of {listed(topic.name for topic in turning[1:])}" if len(turning) > 1 else ""
         turned = "turned from ROS's east, north, up and forward, left, up to clockwise from north"
         notes.insert(0, f"heading of {turning[0].name}{others}, {turned}")
-    return Recording(streams, holds, tuple(notes))
+    return streams.Recording(readings, holds, tuple(notes))
 
 
 def _motion(topic: Topic) -> Fields:
@@ -276,7 +262,7 @@ def _motion(topic: Topic) -> Fields:
     quaternion, angular, linear = POSES[topic.kind]
     x, y, z, w = (topic.fields[f"{quaternion}.{dof}"] for dof in "xyzw")
     channels = {}
-    yaw = yaw_of(w, x, y, z)
+    yaw = streams.yaw_of(w, x, y, z)
     yaw[topic.fields.get(NOT_MEASURED, np.zeros(len(yaw))) == -1] = np.nan
     if not np.isnan(yaw).all():
         channels["heading"] = (np.pi / 2 - yaw) % (2 * np.pi)

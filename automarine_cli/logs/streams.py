@@ -1,9 +1,7 @@
 """Streams of messages, each on its own clock, become one table on the clock of the heading.
 
-A command is held until the next one, never interpolated, and so is every other value but what moves on meanwhile
-(`MOTION`); how old the last known values are is told. Beside it what logs of vehicles' own computers share: libraries
-that not everybody has, directions, names of states.
-"""
+Every value is held until the next, but what moves on meanwhile (`MOTION`); how old values are is told. Beside it what
+logs of vehicles' own computers share: libraries that not everybody has, directions, names of states."""
 
 import contextlib
 import importlib
@@ -57,8 +55,7 @@ def unsound_is_refused(source: str, what: str, mend: str = "copy the file again"
 
 
 def yaw_of(w: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
-    """Yaw [rad] of unit quaternions, shape (N,), from -pi to pi: the last of the turns z-y-x (Diebel 2006, eq. 290);
-    NaN where there is no direction, which PX4 and ROS write as zeros or NaN."""
+    """Return the yaw [rad] of unit quaternions, (N,), -pi to pi (Diebel 2006, eq. 290); NaN for zeros or NaN."""
     yaw = np.arctan2(2 * (w * z + x * y), w**2 + x**2 - y**2 - z**2)
     with np.errstate(invalid="ignore"):
         return np.where(w**2 + x**2 + y**2 + z**2 > 0.5, yaw, np.nan)
@@ -105,18 +102,15 @@ class NoHeading(LogError):
 
 
 PAUSE_S = 5.0  # s without a heading: the recorder stood still
+# what moves on between two messages: no position that wraps
 MOTION = {*VELOCITIES, *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps)}
-"""What moves on between two messages: no position that wraps."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """The messages of one kind in a file: `time` [s] and the columns, each of shape (N,), of numbers or of words.
-
-    A column of a canonical name is in its unit, and `also` says what the file calls it; a `lasting` stream tells
-    changes of a state, whose age means nothing. No value is taken that is older than `oldest` [s]; with `nearest` the
-    next one may be taken too.
-    """
+    """The messages of one kind: `time` [s] and columns, (N,) each, of numbers or of words. `also` says what the file
+    calls canonical columns; a `lasting` stream tells changes of a state, whose age means nothing. No value is taken
+    that is older than `oldest` [s]; with `nearest` the next one may be taken too."""
 
     name: str
     time: Floats
@@ -141,8 +135,8 @@ def taken(
     name: str, time: Floats, fields: Mapping[str, NDArray[Any]], names: Mapping[str, str], columns: ColumnMap,
     keep: bool = False,
 ) -> Stream:  # fmt: skip
-    """The stream of those fields of a message that serve: `names` (field -> name) under these unless the
-    column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all."""
+    """Make a stream of the fields of a message that serve: `names` (field -> name), unless the column map takes that
+    quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all."""
     sources = columns.sources
     mapped = {CANONICAL[key].quantity for key in columns.columns if key in CANONICAL}
     used, also = {}, {}
@@ -156,8 +150,8 @@ def taken(
 
 
 def on_one_clock(recording: Recording, columns: ColumnMap, source: str) -> RawLog:
-    """All streams on the clock of the one that holds the heading (in a thruster test: the force), whose messages rows
-    count. Raises LogError that lists what the file holds where there is neither."""
+    """Bring all streams onto the clock of the one that holds the heading (in a thruster test: the force). Raises
+    LogError that lists what the file holds where there is neither."""
     streams = [stream for stream in recording.streams if len(stream.time) and stream.columns]
     also = {name: column for stream in reversed(streams) for name, column in stream.also.items()}
     bollard = _is_bollard(streams, also, columns)
@@ -260,8 +254,7 @@ def joined(
     raw: RawLog, clock: tuple[str, Floats], other: RawLog, theirs: tuple[str, Floats], names: tuple[str, str],
     columns: ColumnMap, join: Join,
 ) -> RawLog:  # fmt: skip
-    """A log with the columns of another file on its clock, each value held as `join` says; the log's own of the same
-    name stay. Clocks are columns and seconds (N,). Raises LogError where they never meet."""
+    """Add columns of another file, held as `join` says. Raises LogError where the clocks [s], (N,), never meet."""
     (column, time), master = theirs, Stream(names[0], clock[1], {})
     sound = np.isfinite(time)
     stream = Stream(names[1], time[sound], {}, oldest=join.max_age_s, nearest=join.take == "nearest")

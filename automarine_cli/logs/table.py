@@ -15,30 +15,9 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
+from automarine_cli.logs import columns as naming
 from automarine_cli.logs import formats
-from automarine_cli.logs.columns import (
-    ARMED,
-    BY,
-    CANONICAL,
-    COMMANDS,
-    LABELS,
-    MODE,
-    RUN,
-    TIMESTAMP,
-    Canonical,
-    ColumnMap,
-    ColumnRule,
-    called,
-    driven,
-    foreign,
-    likely_canonical,
-    likely_column,
-    motion_of,
-    motions_in,
-    names_of,
-    quantities_of,
-    unit_in,
-)
+from automarine_cli.logs.columns import BY, CANONICAL, COMMANDS, LABELS, RUN, Canonical, ColumnMap, ColumnRule
 from automarine_cli.logs.find import ENDINGS, format_of
 from automarine_cli.logs.formats import LOGGED, Format, LogFile, Origin, RawLog
 from automarine_cli.logs.parquet import read_table
@@ -49,8 +28,7 @@ from automarine_cli.text import listed, printable, quoted
 
 @dataclass(frozen=True)
 class Labels:
-    """A column of words: the `names` in the order in which they first appear, and `code`, shape (N,), which of them
-    each row has (-1: none)."""
+    """A column of words: `names` in order of appearance, `code` (N,) which each row has (-1: none)."""
 
     names: tuple[str, ...]
     code: NDArray[np.int64]
@@ -58,14 +36,10 @@ class Labels:
 
 @dataclass(frozen=True)
 class LogTable:
-    """One log file, read: `columns` of canonical quantities (`CANONICAL`) in SI units, each of shape (N,), a missing
-    value NaN; positions that wrap as logged, control signals in the file's own unit.
-
-    `units` tell newtons from a normalised force. Every other numeric column is in `extras` under the file's own name.
-    `rows` are 1-based line numbers in the file (Parquet: row numbers), `names` all its columns, `notes` what a person
-    should know. `labels` are the columns of `LABELS` that there are, `words` others of few words; `holds` and `origin`
-    as in `RawLog`.
-    """
+    """One log file, read: `columns` of canonical quantities in SI units, (N,) each, NaN where missing; positions wrap
+    as logged, control signals keep the file's unit. `units` tell newtons from a normalised force; `extras` are other
+    columns of numbers under the file's names, `names` all columns, `rows` 1-based numbers in the file. `labels` are the
+    columns of `LABELS`, `words` others of few words; `holds` and `origin` as in `RawLog`."""
 
     source: str
     columns: Mapping[str, Floats]
@@ -108,17 +82,14 @@ class _Use:
 def read_log(
     file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None, motion: Motion | None = None
 ) -> LogTable:
-    """Read one log of a motion (None: that its columns show), or of a `motion` of several degrees of freedom.
-
-    Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
-    command cannot do without are asked for afterwards, with `require`.
-    """
+    """Read one log of a motion (None: that its columns show), or of a `motion` of several degrees of freedom. Raises
+    LogError with file, row, column, what was found, what was expected and what to do; see also `require`."""
     columns, source = (columns or ColumnMap()).of(file.path), file.name
     raw = whole_log(file, columns)
     if dof is None:
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
-        dof = motion_of(raw.names, mapped)
-    uses, notes = _assigned(raw, columns, source, foreign(dof, motion))
+        dof = naming.motion_of(raw.names, mapped)
+    uses, notes = _assigned(raw, columns, source, naming.foreign(dof, motion))
     used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
     extras: dict[str, Floats] = {}
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
@@ -126,20 +97,12 @@ def read_log(
             values = array.to_numpy()
             extras[printable(name)] = np.where(np.isinf(values), np.nan, values)
     values_of = {use.canonical.quantity: _values(raw, use, source, notes) for use in uses}
+    units = {use.canonical.quantity: _unit(use, values_of[use.canonical.quantity]) for use in uses}
+    words = categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)})
     return LogTable(
-        source=source,
-        columns=values_of,
-        rows=raw.rows,
-        labels=labels_of(raw, columns, source),
-        units={use.canonical.quantity: _unit(use, values_of[use.canonical.quantity]) for use in uses},
-        extras=extras,
-        names=raw.names,
-        notes=(*raw.notes, *notes),
-        holds=raw.holds,
-        origin=raw.origin,
-        words=categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)}),
-        dof=dof,
-    )
+        source, values_of, raw.rows, labels_of(raw, columns, source), units, extras, raw.names, (*raw.notes, *notes),
+        raw.holds, raw.origin, words, dof=dof,
+    )  # fmt: skip
 
 
 def whole_log(file: LogFile, columns: ColumnMap) -> RawLog:
@@ -248,7 +211,7 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
 
 def _unit(use: _Use, values: Floats) -> str:
     """The unit of a column: for a control signal the one that its rule or its name tells; no pulse is negative."""
-    unit = use.canonical.unit or use.rule.unit or unit_in(use.rule.source)
+    unit = use.canonical.unit or use.rule.unit or naming.unit_in(use.rule.source)
     signed = use.rule.subtract == 0.0 and bool(np.any(values < 0) and np.any(values > 0))
     return "" if unit == "us" and use.rule.unit is None and signed else unit
 
@@ -262,7 +225,7 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
     """One canonical column in SI units, shape (N,); what to know of its reading goes to the notes."""
     array, rule = raw.arrays[use.index], use.rule
     unit, stamped, factor = rule.unit or use.canonical.unit, pa.types.is_timestamp(array.type), 1.0
-    if use.canonical.quantity == "time" and (unit == TIMESTAMP or stamped):
+    if use.canonical.quantity == "time" and (unit == naming.TIMESTAMP or stamped):
         values = _seconds(raw, use, source, notes)
     elif raw.is_numeric(use.index):
         values, factor = array.to_numpy(), use.canonical.factor(unit)
@@ -286,8 +249,7 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
 
 
 def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
-    """A column of calendar or clock times [s]. Raises LogError where a cell is none, and where nothing says whether
-    the day or the month comes first."""
+    """A column of calendar or clock times [s]. Raises LogError where a cell is none, or day and month are open."""
     array, column = raw.arrays[use.index], printable(raw.names[use.index])
     if raw.is_numeric(use.index):
         raise LogError(
@@ -311,20 +273,20 @@ def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
 
 
 def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | list[str]]:
-    """Rows `first` to `stop - 1` under the canonical names (in degrees, in the unit of the moment or force, else in SI
-    units), then every other column, then mode and arming; none that has a canonical name without being read as that."""
+    """Return rows `first` to `stop - 1` under the canonical names (in degrees, in the unit of the moment or force, else
+    in SI units), then every other column, then mode and arming."""
     rows = slice(first, stop)
     columns: dict[str, Floats | list[str]] = {}
     for quantity in dict.fromkeys(canonical.quantity for canonical in CANONICAL.values()):
         if quantity in table.columns:
             command = quantity == table.dof.command
-            names = [n for n in names_of(quantity) if not command or CANONICAL[n].unit == table.moment_unit]
+            names = [n for n in naming.names_of(quantity) if not command or CANONICAL[n].unit == table.moment_unit]
             name = next((n for n in names if "_deg" in n or command), None)
             name = name or next(n for n in names if CANONICAL[n].factor() == 1)
             plain = table.columns[quantity][rows] / CANONICAL[name].factor()
             columns[name] = np.round(plain, 9) if "_deg" in name else plain  # radians and back leave rounding behind
     columns |= {name: c[rows] for name, c in table.extras.items() if name not in CANONICAL and name not in LABELS}
-    for name in (MODE, ARMED):
+    for name in (naming.MODE, naming.ARMED):
         if labels := table.labels.get(name):
             words = [*labels.names, ""]
             columns[name] = [words[code] for code in labels.code[rows]]
@@ -345,8 +307,7 @@ PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label
 
 
 def labels_of(raw: RawLog, columns: ColumnMap, source: str) -> dict[str, Labels]:
-    """Return what the columns of `LABELS` name in each row, those that there are. Raises LogError with the row where
-    one is empty that names runs, or parts of a table such as thrusters."""
+    """Return the columns of `LABELS`. Raises LogError with the row for an empty cell of what names runs or parts."""
     labels = {}
     for label in LABELS:
         if (index := raw.place(columns.source_of(label))) is None:
@@ -362,8 +323,7 @@ def labels_of(raw: RawLog, columns: ColumnMap, source: str) -> dict[str, Labels]
 
 
 def categorical_columns(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
-    """Columns of words that may name runs or parts of a table: of MIN_ROWS rows a name and more, two to MAX_NAMES
-    names; none of those in `taken`."""
+    """Columns of words that may name runs or parts: MIN_ROWS rows a name, two to MAX_NAMES names; none in `taken`."""
     columns = {} if raw.holds else {name: c for name, c in zip(raw.names, raw.arrays) if name and name not in taken}
     return {
         printable(name): _labels(array)
@@ -374,8 +334,7 @@ def categorical_columns(raw: RawLog, taken: Container[str]) -> dict[str, Labels]
 
 
 def splitting(names: Iterable[str], bollard: bool) -> dict[str, str]:
-    """The line of a column map for the first of columns of few words that is called like what it names, if one is: the
-    thrusters of a bollard test, or runs."""
+    """Return the line of a column map for the first column of few words whose name says what it splits by."""
     key, called = (BY, PART_WORDS) if bollard else (RUN, RUN_WORDS)
     return next(({key: name} for name in names if set(re.findall("[a-z]+", name.lower())) & called), {})
 
@@ -397,19 +356,18 @@ def _word(value: object) -> str | None:
 
 
 def require(table: LogTable, quantities: Sequence[str]) -> None:
-    """Raise LogError for a table that lacks one of the quantities (names as in `LogTable.columns`), with the columns
-    that it has and what to write in the `--columns` file."""
+    """Raise LogError for a table that lacks one of the quantities, with what to write in a column map."""
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
     if not lacking:
         return
-    missing = f"{table.source}: no {' and '.join(map(called, lacking))}"
+    missing = f"{table.source}: no {' and '.join(map(naming.called, lacking))}"
     if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
         raise LogError(f"{missing}; {table.origin.why_not}")
     free = _free(table.names)
-    lines = [_line(q, guess) for q in lacking if (guess := likely_column(q, free))]
-    hint = " and ".join(lines or [f'{names_of(lacking[0])[0]} = "NAME"'])
+    lines = [_line(q, guess) for q in lacking if (guess := naming.likely_column(q, free))]
+    hint = " and ".join(lines or [f'{naming.names_of(lacking[0])[0]} = "NAME"'])
     holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
-    unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
+    unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in naming.names_of(q))]
     raise LogError(
         f"{missing}; found the columns {listed(table.names)}{holds}; expected {'; '.join(map(_expected, lacking))}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
@@ -418,10 +376,9 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
 
 
 def require_motion(table: LogTable) -> None:
-    """Refuse a table that is no log of its motion: time, position (or velocity, which can be summed up), and a moment
-    or force or every thruster command."""
+    """Refuse a table without time, position (or velocity), or command of its motion."""
     dof, free = table.dof, _free(table.names)
-    by_name = likely_column(dof.position, free) is None and likely_column(dof.velocity, free) is not None
+    by_name = naming.likely_column(dof.position, free) is None and naming.likely_column(dof.velocity, free) is not None
     velocity = dof.position not in table.columns and (dof.velocity in table.columns or by_name)
     by_thrusters = dof.command not in table.columns and {*dof.thrusters} & set(table.columns)
     commands = dof.thrusters if by_thrusters else (dof.command,)
@@ -437,19 +394,20 @@ def is_thruster_test(table: LogTable) -> bool:
 
 
 def means_thruster_test(held: Set[str], names: Sequence[str], dof: Dof) -> bool:
-    """Whether a log of these quantities, in columns of these names, is or seems meant as a thruster test rather than
-    as a log of a motion."""
-    commanded = dof.command in held or driven(dof, held)
+    """Tell whether a log of these quantities, in columns of these names, is or seems meant as a thruster test."""
+    commanded = dof.command in held or naming.driven(dof, held)
     if dof.position in held or (dof.velocity in held and commanded):
         return False
     free = _free(names)
-    return "force" in held or (likely_column("force", free) is not None and likely_column(dof.position, free) is None)
+    return "force" in held or (
+        naming.likely_column("force", free) is not None and naming.likely_column(dof.position, free) is None
+    )
 
 
 def _line(quantity: str, column: str) -> str:
     """The line of a column map for a column; pulses to thrusters rest at 1500 us."""
-    key, name = likely_canonical(quantity, column), printable(column)
-    pulses = quantity in COMMANDS and unit_in(column) == "us"
+    key, name = naming.likely_canonical(quantity, column), printable(column)
+    pulses = quantity in COMMANDS and naming.unit_in(column) == "us"
     return f'{key} = {{ from = "{name}", subtract = 1500 }}' if pulses else f'{key} = "{name}"'
 
 
@@ -457,14 +415,14 @@ def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
     """What the table is instead, and the command that reads it; empty where its columns make no whole log."""
     if set(lacking) == {"time"}:
         return ""
-    quantities = quantities_of(table.names)
-    for dof in motions_in(quantities):
+    quantities = naming.quantities_of(table.names)
+    for dof in naming.motions_in(quantities):
         return f"This is a log of {dof.name}: give it to automarine fit-{dof.name}"
     return "This is a thruster test: give it to automarine fit-thrusters" if quantities >= {"n", "force"} else ""
 
 
 def _expected(quantity: str) -> str:
-    names = " or ".join(names_of(quantity))
+    names = " or ".join(naming.names_of(quantity))
     thrusters = next((dof.thrusters for dof in DOFS.values() if dof.command == quantity), ())
     return f"{names} or {'both ' * (len(thrusters) > 1)}{' and '.join(thrusters)}" if thrusters else names
 

@@ -1,9 +1,8 @@
 """MAVLink telemetry logs of a ground station (.tlog): ATTITUDE, SERVO_OUTPUT_RAW, SYS_STATUS, HEARTBEAT.
 
-Each packet stands behind eight bytes of the ground station's clock. The vehicle's own stamps are kept where a message
-has them: the station's hold the delays of the link. Packets are found here and unpacked by pymavlink, only those that
-serve. Source: MAVLink 1 and 2, packet serialisation.
-"""
+Each packet stands behind eight bytes of the ground station's clock, which holds the delays of the link: the vehicle's
+own stamps are used where there are some. Only packets that serve are unpacked, by pymavlink. Source: MAVLink 1 and
+2."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -58,8 +57,7 @@ def serves(kind: str, sources: Iterable[str]) -> bool:
 
 
 def _messages(data: bytes, sources: Iterable[str], dialect: Any) -> tuple[dict[str, Message], Counter[str], int]:
-    """Fields of the vehicle's messages that serve by name, with the station's clock as `received` [s]; how many there
-    are of every kind; how many of those that serve are damaged."""
+    """Fields of messages that serve, `received` [s] by the station's clock; counts of all kinds, and of damaged."""
     decode, kinds = dialect.MAVLink(None).decode, dialect.mavlink_map
     wanted = {number for number, kind in kinds.items() if serves(kind.msgname, sources)}
     rows: dict[int, list[tuple[float, Any]]] = {}
@@ -144,8 +142,7 @@ def recording(
 
 
 def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:
-    """When on the station's clock each start of the vehicle was first heard of [s], and when it was [s], as the packet
-    tells that was quickest on its way."""
+    """When each start of the vehicle was first heard of, and when it was, on the station's clock [s]."""
     message = messages.get("ATTITUDE", {})
     if "time_boot_ms" not in message:
         return np.zeros(0), np.zeros(0)

@@ -1,12 +1,9 @@
 """PX4 logs (.ulg): heading of vehicle_attitude, vehicle_angular_velocity, motors, battery, mode and arming.
 
-PX4's axes are north, east, down and forward, right, down, so that its signs are ours. The commanded moment and forces
-are worked back from the motors: PX4 sends them the pseudo-inverse of what each does by its place, axis and thrust
-(`CA_ROTORn_PX`, ...), scaled so that the most moved motor follows a yaw command of 1 by 1, and the motors on the mean
-a thrust of 1 by 1. Sources: the ULog file format and the message definitions of PX4-Autopilot; there, in
-src/modules/control_allocator, ActuatorEffectivenessRotors.cpp (`computeEffectivenessMatrix`) and
-ControlAllocationPseudoInverse.cpp (`updateControlAllocationMatrixScale`).
-"""
+PX4's signs are ours. Moment and forces are worked back from the motors, to which PX4 sends the pseudo-inverse of what
+each does by place, axis and thrust (`CA_ROTORn_PX`, ...), scaled so that the most moved motor follows a yaw command of
+1 by 1, and the motors on the mean a thrust of 1 by 1. Sources: the ULog file format; PX4-Autopilot,
+src/modules/control_allocator, ActuatorEffectivenessRotors.cpp and ControlAllocationPseudoInverse.cpp."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -97,8 +94,7 @@ def _recording(
 
 
 def _demand(topics: Topics, history: mixing.Parameters) -> tuple[mixing.Demand, Fields]:
-    """What PX4 asked of the vehicle: by what it sent to the motors and where these are; else its own setpoints, as
-    fields to take by topic."""
+    """What PX4 asked of the vehicle, by the motors; else its own setpoints, as fields to take by topic."""
     demand = mixing.Demand()
     if MOTOR_TOPICS[0] in topics:
         data = topics[MOTOR_TOPICS[0]]

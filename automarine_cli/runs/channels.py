@@ -1,11 +1,8 @@
-"""Which of the sensors in the logs count as evidence: those that agree, unless somebody says otherwise.
+"""Which sensors count as evidence: those that agree, unless the user says otherwise.
 
-Over a stretch of a run the position is  x(t) = c + b t + s V(t + d) + noise, with V the sum of the velocities read, b
-the sensor's bias, s its scale and d how late it is. c and b are each stretch's own; s and d are the sensor's, and are
-told robustly: a stretch with a slipping compass has no more say than another. Where the position is nothing but noise,
-its noise and that of a sensor of its own have nothing in common; a velocity that was computed from it, or with it by
-one estimator, follows it.
-"""
+Over a stretch of a run the position is x(t) = c + b t + s V(t + d) + noise, with V the sum of the velocities read, bias
+b of the stretch, and scale s and delay d of the sensor, estimated robustly. A velocity that was computed from the
+position follows its noise where the position is nothing but noise."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,8 +20,7 @@ MIN_VELOCITIES = 8  # Readings of a velocity that is compared
 
 
 def unbiased_velocity(run: Run) -> Floats | None:
-    """The velocity logged, (N,), less its bias, by which its sum runs away from the position; NaN where there is no
-    reading, None where there are hardly any."""
+    """Return the velocity, (N,), less its bias against the position; NaN without a reading, None for hardly any."""
     velocity = run.extras.get(run.dof.velocity)
     if velocity is None or np.isfinite(velocity).sum() < MIN_VELOCITIES:
         return None
@@ -42,8 +38,7 @@ def velocity_noise(run: Run) -> float:
 
 SEGMENT_LENGTHS = (16, 32, 128)  # Samples of a segment of the spectra: filters of different length show in each
 MIN_SEGMENTS, MIN_SEGMENTS_OF_OCTAVES = 10, 24  # Segments of a spectrum, and from which on single octaves can be told
-CHANCE_COHERENCE = 9.0
-"""Coherence in a bin, times the segments, that chance exceeds in one of a thousand: these overlap by half."""
+CHANCE_COHERENCE = 9.0  # coherence in a bin, times the overlapping segments, that chance exceeds in one of a thousand
 NOISE_BAND_RATIO = (
     1.6  # The position is noise at frequencies where its spectrum is no more than so many times the lowest
 )
@@ -51,13 +46,11 @@ ARITHMETIC_NOISE = 1e-6  # Of positions [rad or m]; what is less is arithmetic
 
 
 def noise_followed(pairs: Sequence[tuple[Floats, Floats]]) -> float | None:
-    """Share of a velocity's power that the position's noise explains through any linear filter, in the octave where it
-    explains most among the frequencies where the position is nothing but noise; None where too little is logged, or
-    nothing there is noise.
+    """Return the share of a velocity's power that the position's noise explains through any linear filter, in the
+    octave where it is largest among the frequencies where the position is only noise; None where that cannot be told.
 
-    Spectra of third differences of the position and second ones of the velocity, which take smooth motion off, over
-    the quieter half of the segments: where a command changed both see the same kink.
-    """
+    Spectra of third differences of the position and second ones of the velocity, over the quieter half of the
+    segments."""
     rough = [(np.diff(position, 3), np.diff(velocity, 2)) for position, velocity in pairs]
     return max((share for size in SEGMENT_LENGTHS if (share := _coherence(rough, size)) is not None), default=None)
 
@@ -95,9 +88,7 @@ MAX_STRETCH_S = 20.0  # Longer runs are cut up, for biases wander
 MIN_STRETCH_SAMPLES = 12
 MIN_STRETCHES, MAX_COMPARED = 3, 200  # Stretches whose scatter tells anything, and that are looked at, evenly
 STRETCH_GAP = 3.0  # Sample periods; a longer hole parts two stretches
-MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0
-"""A stretch tells of scale and clock if its motion, less a line, is so many times what noise makes of the summed
-velocities, and of the position: the former would bias the scale, the latter only blurs it."""
+MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0  # times what noise makes of sums and positions
 MAX_DELAY_S = 5.0  # Clocks are not looked at further apart
 COARSE_DELAYS, FINE_DELAYS = 60, 40  # Tried to either side: first over all, then between neighbours of the best
 MAX_LOG_SCALE = np.log(1.5)  # Scales this near to one, as a logarithm, may be those of a sensor whose clock is off
@@ -108,8 +99,8 @@ MIN_BEND = 0.04  # Share of all its way by which a position then leaves a straig
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples of a run in which both sensors read: arrays (n,), times since the first [s]. The velocity's noise is its
-    `way_noise` in one sample [rad or m], of which the sum is a random walk."""
+    """Samples of a run in which both sensors read, (n,) each; time since the first [s]. `way_noise` is the velocity's
+    noise in one sample [rad or m], whose sum is a random walk."""
 
     time: Floats
     position: Floats
@@ -122,11 +113,9 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Agreement:
-    """What `moving` stretches say of a velocity sensor: `correlation` of its sum with the position, both less a line;
-    `scale` and `late` [s] by which it reads too small and too late, with standard errors, and whether the `clock`
-    explains more of what is left than the scale; `period` [s] of the slower of the two sensors; `follows` the share of
-    its power, where the position is noise, that is this noise filtered (None: not to be told); `stuck` the runs in
-    which it repeats one value while the vehicle moves, with this value."""
+    """What `moving` stretches say of a velocity sensor: `correlation` of its sum with the position; `scale` and `late`
+    [s] with standard errors, and whether the `clock` explains more than the scale; `period` [s] of the slower sensor;
+    `follows`: see `noise_followed`; `stuck`: runs in which it repeats this value while the vehicle moves."""
 
     moving: int = 0
     correlation: float = 0.0
@@ -140,12 +129,17 @@ class Agreement:
     stuck: Mapping[str, float] = field(default_factory=dict)
 
 
-def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
-    """Compare the channel `quantity`, a velocity, with the positions of the runs that have both."""
-    both = [run for run in runs if run.channel(quantity) is not None and not run.summed_up]
-    long = [run for run in both if len(run) >= MIN_STRETCH_SAMPLES]
-    stuck = {run.name: at for run in long if (at := _stuck_at(run, quantity)) is not None}
-    parts = [part for run in long if run.name not in stuck for part in stretches(run, quantity)]
+def agreement(runs: Sequence[Run]) -> Agreement:
+    """Compare the velocities of runs with their positions, where they have both."""
+    parts, stuck = list[Stretch](), dict[str, float]()
+    for run in runs:
+        readings = run.extras.get(run.dof.velocity)
+        if readings is None or run.summed_up or np.isfinite(readings).sum() < MIN_STRETCH_SAMPLES:
+            continue
+        if (value := _stuck_at(run, readings)) is not None:
+            stuck[run.name] = value
+        else:
+            parts += stretches(run, readings)
     if len(parts) > MAX_COMPARED:
         parts = [parts[i] for i in np.linspace(0, len(parts) - 1, MAX_COMPARED).astype(int)]
     nothing = Agreement(follows=noise_followed([(part.position, part.velocity) for part in parts]), stuck=stuck)
@@ -164,12 +158,9 @@ def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
     return Agreement(len(moving), *of_scale, late, late_error, clock, period, nothing.follows, stuck)
 
 
-def stretches(run: Run, quantity: str) -> list[Stretch]:
+def stretches(run: Run, readings: Floats) -> list[Stretch]:
     """The parts of a run in which both sensors read without a hole."""
-    readings = run.channel(quantity)
-    rows = np.flatnonzero(np.isfinite(readings)) if readings is not None else np.zeros(0, dtype=int)
-    if readings is None or len(rows) < MIN_STRETCH_SAMPLES:
-        return []
+    rows = np.flatnonzero(np.isfinite(readings))
     steps, clock = np.diff(run.time[rows]), run.time[rows] - run.time[rows[0]]
     period = median(steps)
     part = np.concatenate([[0], np.cumsum(steps > STRETCH_GAP * period)]) * 1000.0
@@ -183,18 +174,12 @@ def stretches(run: Run, quantity: str) -> list[Stretch]:
     return parts
 
 
-def _stuck_at(run: Run, quantity: str) -> float | None:
-    """The one value that the sensor repeats while the position goes elsewhere, and bends, as a steady turn repeats a
-    coarse reading rightly; or None."""
-    readings = run.channel(quantity)
-    assert readings is not None
-    good, way = readings[np.isfinite(readings)], float(np.ptp(run.position))
-    if len(good) < MIN_STRETCH_SAMPLES or way < max(run.dof.limits.unmoved, 5.0 * run.noise):
-        return None
-    values, counts = np.unique(good, return_counts=True)
-    at = float(values[counts.argmax()])
+def _stuck_at(run: Run, readings: Floats) -> float | None:
+    """The value that the sensor repeats while the position leaves a straight line; or None."""
+    values, counts = np.unique(readings[np.isfinite(readings)], return_counts=True)
+    at, way = float(values[counts.argmax()]), float(np.ptp(run.position))
     same = readings == at
-    if counts.max() < STUCK_SHARE * len(good):
+    if way < max(run.dof.limits.unmoved, 5.0 * run.noise) or counts.max() < STUCK_SHARE * counts.sum():
         return None
     bent = _freed(run.time[same], run.position[same])
     return at if np.ptp(bent) > max(5.0 * run.noise, MIN_BEND * way) else None
@@ -234,8 +219,7 @@ def _ahead(part: Stretch, delays: Floats) -> Floats:
 
 
 def _misfit(moving: Sequence[Stretch], delays: Floats, scale: float | None) -> Floats:
-    """What each delay leaves of each stretch's positions, as half its log likelihood (stretches, delays); the scale is
-    the stretch's own where it is None."""
+    """Minus log likelihood of each stretch at each delay (stretches, delays); `scale` None: the stretch's own."""
     rows = []
     for part in moving:
         position, summed = _freed(part.time, part.position), _freed(part.time, _ahead(part, delays))
@@ -270,8 +254,7 @@ def _lowest(at: Floats, values: Floats) -> float:
 
 
 def _scale(parts: Sequence[Stretch], late: float, *, line: bool = True) -> tuple[float, float, float]:
-    """Correlation of positions with sums, the correlation that four of five stretches reach, to the side of most (sums
-    of anything look alike in one); median scale and its standard error. Without `line` only means are taken off."""
+    """Correlation that four of five stretches reach; median scale, less a `line` or means; its standard error."""
     products = []
     for part in parts:
         position = _freed(part.time, part.position, line=line)
@@ -329,8 +312,7 @@ class ChannelVerdict:
 
 @dataclass(frozen=True)
 class ChannelChoice:
-    """The sensors of a campaign. `names` are those that count, None where only positions are logged and nothing was
-    to be chosen; `stuck` are the runs whose velocity is left out."""
+    """The sensors of a campaign: `names` that count (None: no choice), `stuck` runs without their velocity."""
 
     verdicts: tuple[ChannelVerdict, ...] = ()
     names: tuple[str, ...] | None = None
@@ -367,22 +349,19 @@ def parse_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
 
 
 def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_position: bool = False) -> ChannelChoice:
-    """Judge the sensors of all runs and choose, as `which` says.
-
-    "auto" takes every sensor that does not contradict the position and tells something of its own, "position" that
-    alone, "all" every one; else they are named, with commas between. With `late_position` a position that is read late
-    is no contradiction: who asks has a name for that. Raises SettingError for a sensor that no log holds.
-    """
+    """Judge the sensors of all runs and choose: "auto" every one that agrees with the position and adds information,
+    "position", "all", or names with commas between. With `late_position` a late position is no contradiction. Raises
+    SettingError for a sensor that no log holds."""
     names = parse_channels(which, dof)
-    has_velocity = any((x := run.channel(dof.velocity)) is not None and np.isfinite(x).any() for run in runs)
+    has_velocity = any(np.isfinite(run.extras.get(dof.velocity, np.nan)).any() for run in runs)
     logged = {dof.position: any(not run.summed_up for run in runs), dof.velocity: has_velocity}
-    lacking = [name for name in dof.channels if names and name in names and not logged[name]]
+    lacking = next((name for name in dof.channels if name in (names or ()) and not logged[name]), None)
     if lacking and runs:
-        what, columns = lacking[0].replace("_", " "), ", ".join(names_of(lacking[0]))
+        what, columns = lacking.replace("_", " "), ", ".join(names_of(lacking))
         raise SettingError(f"channels is {which!r}, and no log holds {what}; name its column {columns} with --columns")
     if not has_velocity:
         return NOTHING_TO_CHOOSE
-    sensors, not_named = agreement(runs, dof.velocity), "It was not asked for (--channels)."
+    sensors, not_named = agreement(runs), "It was not asked for (--channels)."
     trouble = trouble_of(sensors, dof, late_position) if logged[dof.position] else ""
     position = logged[dof.position] and (names is None or dof.position in names)
     velocity = dof.velocity in names if names else which == ALL or not trouble

@@ -1,15 +1,11 @@
 """Is a run what its columns say, and did its commands move it? A check returns a sentence, or None where all is well.
 
-Runs that stood still under a command that moves the vehicle in other runs (a thruster that did not start, a tether that
-held) say nothing of drag or inertia. Runs that something moved which their log does not hold were steered from another
-console, or pushed: without a command drag only slows a vehicle down, a current carries it slowly, and a constant force
-takes it one way, so what gathers speed again and again with nothing commanded was moved by something else.
+Without a command drag only slows a vehicle down, a current carries it slowly, and a constant force takes it one way:
+what gathers speed again and again with nothing commanded was moved by something that the log does not hold.
 
-Moments that the thrusters cannot give are told from logs that hold both the total and single thrusters. Where no
-thruster is at a limit, control allocation is one law, tau = sum c_i |n_i|^p sgn(n_i), with c_i of each way; it is
-fitted there, and says what the thrusters gave where one stands at its limit. Source: Fossen (2021), Handbook of Marine
-Craft Hydrodynamics and Motion Control, second edition (control allocation; thrust against propeller speed).
-"""
+Where no thruster is at a limit, control allocation is one law, tau = sum c_i |n_i|^p sgn(n_i), with c_i of each way.
+Fitted there, it says what the thrusters gave at their limits. Source: Fossen (2021), Handbook of Marine Craft
+Hydrodynamics and Motion Control, second edition."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,8 +28,8 @@ MIN_PERIOD_S = 2e-4  # s between samples
 WAY_S = 1.0  # s over which a way is measured: it is longer than its noise
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
 DEGREES_AS_RADIANS = 360.0
+# how the reasons begin that prove the unit of a column
 IN_OTHER_UNITS = tuple(f"units look wrong: the {dof.position} " for dof in DOFS.values() if dof.wraps)
-"""How the reasons begin that prove the unit of a column, and so of that column in all logs."""
 
 
 def clock_trouble(time: Floats) -> str | None:
@@ -54,8 +50,7 @@ def clock_trouble(time: Floats) -> str | None:
 
 
 def beyond(position: Floats, dof: Dof) -> NDArray[np.bool_]:
-    """Which positions, (N,), are further than any vehicle gets: what some sensors say instead of nothing. Ways count
-    from the middle one, since they may be measured from anywhere."""
+    """Tell which positions, (N,), no vehicle reaches: what some sensors say instead of nothing."""
     return np.asarray(np.abs(position - (0.0 if dof.wraps else median(position))) > dof.limits.far)
 
 
@@ -116,8 +111,7 @@ def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
 
 
 def is_slow(position: Floats, repeats: int) -> bool:
-    """Whether `repeats` of one value are how the sensor works: it answers more seldom than the log asks, so that the
-    other values of the run, (N,), are held for about as long."""
+    """Tell whether `repeats` of one value are how a slow sensor works: other values are held for about as long."""
     edges = np.flatnonzero(np.diff(position)) + 1
     lengths = np.sort(np.diff(np.concatenate([[0], edges, [len(position)]])))[:-1]
     # each sample asks how long its own value stays
@@ -138,11 +132,8 @@ STILL_PIECE_S = 1.0  # positions are averaged over pieces of about this length, 
 
 
 def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[ExcludedRun, ...]]:
-    """The runs that may be modelled, and those that stood still though another run was moved by no more.
-
-    Stuck is a run of one constant moment that never moved, where a run that did was pushed no harder to that side and
-    no further: so a command within a dead band, which moves nothing in any run, is none.
-    """
+    """Return the runs that may be modelled, and those of one constant moment that never moved, though another run did,
+    pushed no harder to that side and no further: a command within a dead band moves no run."""
     moved = [run for run in runs if _moved(run)]
     good, aside = [], []
     for run in runs:
@@ -168,8 +159,7 @@ def _moved(run: Run) -> bool:
 
 
 def _push(run: Run) -> float:
-    """Largest moment times the squared time that one acts: how far it would turn a vehicle without drag, but for its
-    inertia."""
+    """Largest moment times the squared time that one acts: the way without drag, but for the inertia."""
     acting = float(np.sum(np.diff(run.time)[run.command[:-1] != 0]))
     return float(np.abs(run.command).max()) * acting**2
 
@@ -203,12 +193,10 @@ def without_undriven(runs: Sequence[Run]) -> tuple[list[Run], tuple[ExcludedRun,
 
 
 def undriven(run: Run) -> str | None:
-    """Why the commands of a run cannot be what moved it, or None. Raises RunError where it has none.
+    """Say why the commands of a run cannot have moved it, or None. Raises RunError where it has none.
 
-    Mean speeds of pieces are compared with those of the pieces before: speed counts as gathered with nothing commanded
-    where no command acts in either or shortly before. The run went far, and nearly all its speed, gathered several
-    times, and both ways where a constant force acts, is of that kind.
-    """
+    Mean speeds of pieces are compared with those of the pieces before. Speed is gathered with nothing commanded where
+    no command acts in either or shortly before: nearly all of it, several times, both ways under a constant force."""
     dof, extent = run.dof, float(np.ptp(run.position))
     pieces = max(1, int((run.time[-1] - run.time[0]) / SPEED_PIECE_S))
     edges = np.linspace(run.time[0], run.time[-1], pieces + 1)
@@ -240,8 +228,7 @@ def _times(true: NDArray[np.bool_]) -> int:
 
 Mask = NDArray[np.bool_]
 
-THRUSTER_COLUMN = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")
-"""Names of columns that hold the command or speed of one thruster."""
+THRUSTER_COLUMN = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")  # command or speed of one thruster
 EXPONENTS = (2.0, 1.5, 1.0)  # Of thrust against speed, of normalised commands against thrust, and between
 MAX_LAW_RESIDUAL = 0.01  # Share of the commands' root mean square that a law leaves of them; more is no law
 MIN_SHORTFALL = 0.01  # Share of the largest command from which on what was given is not what was asked
@@ -250,8 +237,7 @@ MIN_LIMIT_SAMPLES = 3  # Samples at one largest value that make it a limit, and 
 
 @dataclass(frozen=True)
 class Commanded:
-    """Total command (N,) [`unit`] of a degree of freedom beside the thrusters' commands (N, T) called `names`, without
-    gaps."""
+    """Total command (N,) [`unit`] of a degree of freedom, and commands (N, T) of its thrusters `names`."""
 
     dof: Dof
     unit: str
@@ -262,8 +248,8 @@ class Commanded:
 
 @dataclass(frozen=True)
 class AllocationLimit:
-    """What the thrusters did not give: `share` of the samples; of the worst of them what was `asked` and `given`
-    [`unit`], and the `thrusters` at their limits, by name with the command there."""
+    """What the thrusters did not give: `share` of the samples; in the worst what was `asked` and `given` [`unit`], and
+    the commands of the `thrusters` at their limits."""
 
     dof: Dof = field(metadata=FILLER)
     unit: str
@@ -292,8 +278,8 @@ class AllocationLimit:
 
 @dataclass(frozen=True)
 class AllocationLaw:
-    """An allocation as logs show it: coefficients (2 T,) of every thruster ahead and astern, the exponent, and the
-    commands (T,) at which thrusters are at a limit, infinite where they never were."""
+    """An allocation: coefficients (2 T,) of every thruster ahead and astern, the exponent, and the commands (T,) at
+    their limits, infinite where they never were."""
 
     names: tuple[str, ...]
     coefficients: Floats
@@ -385,8 +371,7 @@ def limit_of(law: AllocationLaw, several: Sequence[Commanded]) -> AllocationLimi
 
 
 def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit, ...]]:
-    """The runs of one campaign driven by what their thrusters gave, where that is not what was commanded, which the
-    notes of each tell; and what all of them together asked beyond the limits."""
+    """Return runs driven by what their thrusters gave, and what all of them asked beyond the limits."""
     limited, limits = list(runs), []
     for law, commands in laws_of([commanded(run) for run in runs]):
         limit = limit_of(law, [*commands.values()])

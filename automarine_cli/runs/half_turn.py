@@ -1,11 +1,8 @@
-"""Steps (where a run holds one constant moment or force, from when, from rest or not) and the first half-turn of each:
-|psi - psi0| <= pi, both directions alike; what was kept, what cut it, why not used.
+"""Steps of one constant moment or force, and the first half-turn of each: |psi - psi0| <= pi.
 
-Walls, tether and the vehicle's own wake spoil what comes after half a turn (the source paper's section 3.2),
-so each run is trimmed to it. Ending at the first noisy sample beyond pi would let the noise choose the last
-sample, which biases the drag by about 0.1 %: the samples within three standard deviations before pi are
-dropped as well.
-"""
+Walls, tether and the vehicle's own wake spoil what comes after half a turn (the source paper's section 3.2). To end at
+the first noisy sample beyond pi biases the drag by about 0.1 %: the samples within three standard deviations before pi
+are dropped as well."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -31,40 +28,47 @@ REST_STDERRS = 4.0  # standard errors
 class Step:
     """Samples `first` to `stop - 1` of `run` hold the constant `moment` [the run's unit].
 
-    The command switched somewhere in (`switch_from`, `switch_to`] [s, campaign clock]: after the last sample
-    that does not show the moment, at the latest with the first that does. If the log begins with the moment
-    already on (`begins_log`), `switch_from` is one sample period before. `rest` are the samples before the
-    step at zero moment during which the vehicle stood still, `start_position` [rad or m] the mean position over
-    them; both None where there are none. `from_rest` says whether the step starts from standstill,
-    `start_rate` [rad/s or m/s] what rate it seems to start with. `ends_log`: the log ends with the moment still on.
-    """
+    The command switched somewhere in (`switch_from`, `switch_to`] [s, campaign clock]: after the sample before, or one
+    sample period before a log that begins with the moment on. `rest` are the samples at zero moment before it during
+    which the vehicle stood still, `start_position` [rad or m] their mean (None: there are none). `start_rate` [rad/s or
+    m/s] is what rate it seems to start with."""
 
     run: Run
     first: int
     stop: int
     moment: float
-    switch_from: float
-    switch_to: float
-    start_position: float | None
     rest: slice | None
     from_rest: bool
     start_rate: float
-    begins_log: bool
-    ends_log: bool
-    notes: tuple[str, ...] = ()
+
+    @property
+    def switch_from(self) -> float:
+        run = self.run
+        return float(run.time[self.first - 1] if self.first else run.time[0] - run.sample_period)
+
+    @property
+    def switch_to(self) -> float:
+        return float(self.run.time[self.first])
 
     @property
     def switch_mid(self) -> float:
         """Middle of the interval in which the command switched [s]."""
         return (self.switch_from + self.switch_to) / 2
 
+    @property
+    def start_position(self) -> float | None:
+        return None if self.rest is None else float(self.run.position[self.rest].mean())
+
+    @property
+    def begins_log(self) -> bool:
+        return self.first == 0
+
 
 ALREADY_ON = "the log begins with the {force} already on: its switch is taken within the sample period before"
 
 
 def find_steps(run: Run) -> tuple[Step, ...]:
-    """Find the stretches of one constant, non-zero moment of at least five samples, in the order of time. Raises
-    RunError where the run has no moment."""
+    """Find the stretches of one constant moment other than 0, in order. Raises RunError without a moment."""
     least = _least_change(run.command)
     stretches = ((a, b, moment) for a, b, moment in segments(run.command) if moment != 0 and b - a >= MIN_STEP_SAMPLES)
     return tuple(_step(run, first, stop, moment, least) for first, stop, moment in stretches)
@@ -93,21 +97,13 @@ def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
         rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], run.noise, limit)
         # too little before the step to tell: its own start decides
         from_rest = first < SHORT_REST_SAMPLES and abs(rate) <= SLOW_RATE_SHARE * abs(pace) + REST_STDERRS * doubt
-    before = run.time[first - 1] if first else run.time[0] - run.sample_period
-    return Step(
-        run, first, stop, moment, switch_from=float(before), switch_to=float(run.time[first]),
-        start_position=float(run.position[rest_from:first].mean()) if rest_from < first else None,
-        rest=slice(rest_from, first) if rest_from < first else None, from_rest=from_rest, start_rate=rate,
-        begins_log=first == 0, ends_log=stop == len(run), notes=() if first else (run.dof.fill(ALREADY_ON),),
-    )  # fmt: skip
+    return Step(run, first, stop, moment, slice(rest_from, first) if rest_from < first else None, from_rest, rate)
 
 
 def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
-    """The first sample of the longest stretch of zero moment right before the samples `first` to `stop` - 1 over which
-    the position shows no slope, `first` where there is none; and the mean rate of these samples [rad/s or m/s].
-
-    Where a constant force acts, the stretch is one of any one command: that may be the one that balances it.
-    """
+    """First sample of the longest stretch of zero moment (under a constant force: of any one) before the samples
+    `first` to `stop` - 1 without a slope of the position, `first` for none; and the mean rate of these samples [rad/s
+    or m/s]."""
     far = np.abs(run.position[first:stop] - run.position[first]) > run.dof.limits.trim
     last = first + int(np.argmax(far)) if far.any() else stop - 1  # as far as a step is followed at most
     pace = 0.0
@@ -136,8 +132,8 @@ def released(run: Run) -> int:
 
 
 def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:
-    """Rate at the first sample [rad/s or m/s] and its standard error, from a parabola through the start of a step: what
-    moved less than `way` [rad or m], at least 6 samples. `sigma` [rad or m] is the noise."""
+    """Estimate the rate at the first sample [rad/s or m/s] and its standard error, by a parabola through what moved
+    less than `way` [rad or m], at least 6 samples. `sigma` [rad or m] is the noise."""
     count = start_length(position, way)
     since, position = time[:count] - time[0], position[:count]
     coefficients, covariance = np.polyfit(since, position, min(2, count - 1), cov="unscaled")
@@ -156,8 +152,8 @@ def start_length(position: Floats, way: float) -> int:
 
 
 def start_position(step: Step) -> float:
-    """Position at the step [rad or m]: the mean over the rest before it, else a parabola through the start of the step,
-    read at the middle of the switch interval (from a standstill without slope there)."""
+    """Estimate the position at the step [rad or m]: the mean over the rest before it, else a parabola through its start
+    at the middle of the switch interval (from a standstill without slope there)."""
     if step.start_position is not None:
         return step.start_position
     position = step.run.position[step.first : step.stop]
@@ -177,15 +173,13 @@ MIN_HALF_TURN_SAMPLES = 8
 MARGIN_IN_SIGMA = 3.0
 MIN_STUCK_STEP_SAMPLES = 10  # samples of one exact position
 MAX_RATE_CHANGE = 0.1  # of the last third's rate
-MAX_REST_SAMPLES = 200
-"""Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
+MAX_REST_SAMPLES = 200  # of rest before a step that are used; more would say much of slow drifts
 
 
 @dataclass(frozen=True)
 class Trim:
-    """How far a step is followed [rad or m]: `reach` from its start (None: as its motion has it, half a turn in yaw),
-    and only while the position is between `low` and `high`.
-    """
+    """How far a step is followed [rad or m]: `reach` from its start (None: half a turn, or as its motion has it), and
+    only between the positions `low` and `high`."""
 
     reach: float | None = None
     low: float = -math.inf
@@ -211,13 +205,8 @@ UNTRIMMED = Trim()
 
 @dataclass(frozen=True)
 class HalfTurn:
-    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `position` [rad or m]
-    theirs.
-
-    `start_position` [rad or m] is psi0; `cut_by` is what ended it, in words; `turned` [rad or m] the signed way from
-    psi0 to the end; `steady` whether the rate had settled; `why` the sentence for which the half-turn is set aside, or
-    empty.
-    """
+    """The samples `kept` of a step, their `time` [s, campaign clock] and `position` [rad or m]; `start_position` psi0;
+    what it was `cut_by`, the signed way `turned`, whether the rate was `steady`; `why` it is set aside, or empty."""
 
     step: Step
     time: Floats
@@ -280,7 +269,7 @@ def _half_turn(step: Step, trim: Trim) -> HalfTurn:
     end = position[-6:].mean() + rate * (time[-1] - time[-6:].mean())
     turn = HalfTurn(
         step, time, position, slice(first, stop), zero, step.moment,
-        cut_by=trim.ended(dof) if crossed else LOG_ENDS if step.ends_log else dof.fill(COMMAND_ENDS),
+        cut_by=trim.ended(dof) if crossed else LOG_ENDS if step.stop == len(run) else dof.fill(COMMAND_ENDS),
         turned=float(end - zero), steady=_is_steady(time, position, noise), why="",
     )  # fmt: skip
     return replace(turn, why=_why_not(turn, crossed))
@@ -343,13 +332,13 @@ def _why_not(turn: HalfTurn, crossed: bool) -> str:
     if not dof.wraps and steady:
         return f"ended too soon: {after}. {longer}"
     settled = f"its {words.speed} was still changing" if not steady else f"{words.reach} was not near"
-    ended = "ended before steady" if step.ends_log else f"{force} changed before steady"
+    ended = "ended before steady" if step.stop == len(run) else f"{force} changed before steady"
     return f"{ended}: {after}, and {settled}. {longer}"
 
 
 def without_contrary(runs: Sequence[Run]) -> tuple[list[Run], tuple[ExcludedRun, ...]]:
     """Return the runs that may be modelled, and those whose first step drove them far against it though another run,
-    pushed by no more to that side, went with it: a constant moment may turn small steps round, but not those alone."""
+    pushed by no more to that side, went with it."""
     firsts = [None if run.dof.has_constant else next(iter(find_steps(run)), None) for run in runs]
     turns = {i: _half_turn(step, UNTRIMMED) for i, step in enumerate(firsts) if step is not None and step.from_rest}
     turns = {i: turn for i, turn in turns.items() if abs(turn.turned) >= turn.step.run.dof.limits.least}

@@ -1,14 +1,12 @@
-"""`load_runs`: all logs of a campaign become runs (the clock rises, the position is unwrapped, everything dropped is
-counted); what is unusable is set aside with its reason.
+"""Logs of a campaign become runs: the clock rises, the position is unwrapped, what is dropped is counted, what is
+unusable is set aside with its reason.
 
-Runs of motion in the plane (`read_planar`) hold heading and moment as in yaw, and as `extras`, where logged, `north`
-and `east` [m], `surge` and `sway` [m/s], `yaw_rate` [rad/s], `force_X` and `force_Y` [N]; NaN where a sensor has no
-reading of its own.
-"""
+Runs of motion in the plane hold heading and moment as in yaw, and as `extras`, where logged, `north` and `east` [m],
+`surge` and `sway` [m/s], `yaw_rate` [rad/s], `force_X` and `force_Y` [N]; NaN without a reading of its own."""
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -18,24 +16,14 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import FitError, LogError, RunError
+from automarine_cli.errors import ExcludedRun, FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.columns import RUN, driven, names_of
 from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs import checks
-from automarine_cli.runs.run import (
-    NORMAL,
-    ExcludedRun,
-    Run,
-    fresh_readings,
-    median,
-    named_apart,
-    own_name,
-    slope,
-    summed,
-)
+from automarine_cli.runs.run import NORMAL, Run, fresh_readings, median, named_apart, own_name, slope, summed
 from automarine_cli.text import plural
 
 Indices = NDArray[np.int64]
@@ -49,15 +37,12 @@ MIN_PART_S = 5.0  # s; what is left between two jumps has to be worth fitting a 
 
 
 class NotUsable(RunError):
-    """An unusable run."""
+    pass
 
 
 def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
-    """Clean the rows `chosen` of one run (indices into the table, shape (N,)); a wide gap may split it into several.
-
-    Rows without time, position or command are dropped and counted, as are repeated stamps and spikes of the position.
-    Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
-    """
+    """Clean the rows `chosen` (N,) of a run: drop and count rows without time, position or command, repeated stamps and
+    spikes; split it at wide gaps. Raises RunError where the clock steps back, NotUsable for an unusable run."""
     dof = table.dof
     summed = dof.position not in table.columns  # of a velocity
     commands = (dof.command,) if dof.command in table.columns else dof.thrusters
@@ -77,14 +62,14 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
     _refuse(checks.clock_trouble(columns["time"]))
-    if not summed:
-        _refuse(checks.position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
         if (largest := float(np.abs(columns[key]).max(initial=0.0))) > MAX_COMMAND:
             what = dof.words.force if key == dof.command else "thruster command"
             _refuse(f"units look wrong: a {what} of {largest:.3g}. Check which column is the {what}")
     if not summed:
-        glitch = find_glitches(columns["time"], columns[dof.position], dof) | checks.beyond(columns[dof.position], dof)
+        time, position = columns["time"], columns[dof.position]
+        _refuse(checks.position_trouble(time, position, dof))
+        glitch = find_glitches(time, position, dof) | checks.beyond(position, dof)
         counts["glitches"] = int(np.count_nonzero(glitch))
         columns = _only(columns, ~glitch)
         _refuse(checks.clock_trouble(columns["time"]))
@@ -178,8 +163,7 @@ TREND_STDERRS = 4.0  # Standard errors within which the readings of a standstill
 
 
 def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> float:
-    """What the sensor reads before the first command, if the vehicle stands still there (no trend, and no more than a
-    bias may be); else zero."""
+    """Return what the sensor reads before the first command if the vehicle stands still there; else zero."""
     acting = command != (command[0] if dof.has_constant else 0.0)
     first = int(np.argmax(acting)) if acting.any() else 0
     if first < MIN_STANDSTILL:
@@ -205,8 +189,7 @@ def wrapped(angle: Floats, turn: float) -> Floats:
 
 
 def _scatter(steps: Floats) -> float:
-    """Robust standard deviation of steps (N - 1,), by their second differences: those of white noise are root three
-    times as wide; 0 for fewer than two steps."""
+    """Robust standard deviation of steps (N - 1,), by their second differences; 0 for fewer than two steps."""
     return NORMAL * median(np.abs(np.diff(steps))) / np.sqrt(3.0) if len(steps) > 1 else 0.0
 
 
@@ -214,9 +197,7 @@ def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
     """Find spikes of one or two samples in a position (N,) [rad or m]: far off both neighbours, which agree.
 
     A spike stands out against the local rate by eight robust standard deviations and the motion's least spike, and by
-    half as much again as the vehicle moves from sample to sample around it; the samples on either side of it continue
-    each other. A jump that stays (a stale sensor that catches up) is no spike, nor is a sharp reversal.
-    """
+    half as much again as the vehicle moves around it. A jump that stays is no spike, nor is a sharp reversal."""
     bad = np.zeros(len(time), dtype=bool)
     if len(time) < MIN_SPIKE_SAMPLES:
         return bad
@@ -239,8 +220,7 @@ def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
 
 
 def _median_beside(steps: Floats, before: Indices, after: Indices) -> Floats:
-    """The median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,), as far
-    as the first and last step."""
+    """Median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,)."""
     places = np.array([before - 3, before - 2, before - 1, after, after + 1, after + 2])
     values = np.sort(steps[np.clip(places, 0, len(steps) - 1)], axis=0)
     return np.asarray((values[2] + values[3]) / 2)
@@ -276,11 +256,9 @@ JUMP_IN_SIGMA = 5.0  # Of steps that are noise
 def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
     """Find the samples, of a position (N,) [rad or m] without spikes, after which a jump follows that stays.
 
-    A jump is a step beyond noise that is several times faster than every step beside it, on both sides, and that a
-    vehicle would need more than the motion's largest acceleration to begin and to end within its span (two parabolas:
-    four times the step by the square of the span). A sensor that had stopped catches up over the span since its last
-    change. What comes back is no jump, nor is a move, whose rate has to grow and to fall.
-    """
+    A jump is a step beyond noise, several times faster than every step on both sides, for which a vehicle would need
+    more than the motion's largest acceleration (two parabolas: four times the step by the square of the span). A sensor
+    that had stopped catches up over the span since its last change."""
     most = dof.limits.acceleration
     steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
     sizes, moved = np.abs(steps), np.flatnonzero(steps)
@@ -300,14 +278,9 @@ def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
 
 
 def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> tuple[Floats, tuple[int, ...]]:
-    """Unwrap a heading (N,) [rad]; `gaps` are the samples after which the log has a hole. Return it, and after which
-    samples the turn count is unknown. What never wraps is whole as it is.
-
-    Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
-    turned; if they leave it open by more than a quarter of a turn, and the vehicle was seen fast enough to turn as far
-    in that time, the run breaks there. A log that counts turns itself (more than a turn wide, without jumps) is taken
-    as it is.
-    """
+    """Unwrap a heading (N,) [rad] with holes after the samples `gaps`. Return it, and the gaps at which the turn count
+    is unknown: where the rates on both sides leave it open by more than a quarter of a turn, and the vehicle was seen
+    fast enough to turn as far. A log that counts turns itself, and what never wraps, stays as it is."""
     turn, raw = dof.turn, np.diff(position)
     inside = np.ones(len(raw), dtype=bool)
     inside[gaps] = False
@@ -345,7 +318,6 @@ def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices)
 
 OfOneLog = tuple[list[Run], list[ExcludedRun]]
 ANGLE_SLACK = 1.001
-Reading = Callable[..., OfOneLog]
 
 MAX_REASONS = 3  # reasons shown when nothing is left
 PARALLEL_FROM_LOGS = 3000  # logs; to start processes takes longer than to read fewer
@@ -353,8 +325,7 @@ PARALLEL_FROM_LOGS = 3000  # logs; to start processes takes longer than to read 
 
 @dataclass(frozen=True)
 class LoadedRuns:
-    """The runs of one campaign on one clock, in file order; what was set aside; the files read (no links that lead
-    nowhere); what was commanded beyond the limits of the thrusters."""
+    """The runs of a campaign, in file order; what was set aside; the files read; commands beyond limits."""
 
     runs: tuple[Run, ...]
     set_aside: tuple[ExcludedRun, ...]
@@ -363,17 +334,14 @@ class LoadedRuns:
 
 
 def load_runs(
-    logs: Logs, columns: ColumnMap | None = None, *, dof: Dof, strict: bool = False, progress: Progress = silent,
-    jobs: int = 1, read: Reading | None = None,
+    logs: Logs, columns: ColumnMap | None = None, *, dof: Dof, planar: bool = False, strict: bool = False,
+    progress: Progress = silent, jobs: int = 1,
 ) -> LoadedRuns:  # fmt: skip
-    """Read and clean the logs of a motion meant by files, directories and globs, on `jobs` processes.
-
-    `read` is what makes runs of logs, by default `read_runs`. Raises LogError or RunError for a log named
-    on the command line that cannot be read right, for anything that would be set aside if `strict`, and if no run is
-    left.
-    """
+    """Read and clean the logs of a motion (`planar`: in the plane) meant by files, directories and globs, on `jobs`
+    processes. Raises LogError or RunError for a log named on the command line that cannot be read right, for anything
+    that would be set aside if `strict`, and if no run is left."""
     files = find_logs(logs)
-    work = partial(read or read_runs, columns=columns, dof=dof)
+    work = partial(read_runs, columns=columns, dof=dof, planar=planar)
     runs: list[Run] = []
     aside: list[ExcludedRun] = []
     jobs = jobs if len(files) > PARALLEL_FROM_LOGS else 1
@@ -381,37 +349,28 @@ def load_runs(
         runs += good
         aside += bad
     require_usable(runs, aside, len(files), strict)
-    _refuse_other_units(aside, files, columns, dof)
+    _refuse_other_units(aside, runs, {file.name: (columns or ColumnMap()).of(file.path).columns for file in files})
     runs = named_apart(runs)
     _refuse_two_units(runs)
     limited, limits = checks.within_limits(runs)
     return LoadedRuns(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
 
 
-def _refuse_other_units(
-    aside: Sequence[ExcludedRun], files: Sequence[LogFile], columns: ColumnMap | None, dof: Dof
-) -> None:
-    """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and other logs
-    that were read alike look so too: they are as wrong, and only smoother."""
+def _refuse_other_units(aside: Sequence[ExcludedRun], runs: Sequence[Run], maps: Mapping[str, object]) -> None:
+    """Raise RunError where a log proves that a column of angles is in another unit than it was read in, and most runs
+    of other logs with the same rules (`maps` by file) look so too: they are as wrong, and only smoother."""
     proof = next((run for run in aside if run.why.startswith(checks.IN_OTHER_UNITS)), None)
     if proof is None:
         return
-    maps = {file.name: (columns or ColumnMap()).of(file.path).columns for file in files}
-    bad = {run.file for run in aside}
-    others = [file for file in files if file.name not in bad and maps[file.name] == maps[proof.file]]
-    spans = []
-    for file in others:
-        with contextlib.suppress(LogError):
-            position = read_log(file, columns, dof=dof).columns.get(dof.position)
-            spans += [] if position is None else [float(np.nanmax(position) - np.nanmin(position))]
+    others = [run for run in runs if maps[run.source] == maps[proof.file]]
     radians = "wraps at 2 pi where" in proof.why  # that are called degrees; the other proofs are of the contrary
-    turn = checks.RADIANS_AS_DEGREES if radians else dof.turn
-    alike = sum(0.5 * turn < span <= ANGLE_SLACK * turn if radians else span > ANGLE_SLACK * turn for span in spans)
-    if alike > 0.5 * len(spans):
-        many = f"{plural(alike, 'other log')}"
+    turn = checks.RADIANS_AS_DEGREES if radians else 2 * np.pi
+    turns = {run.source: float(np.ptp(run.position)) / turn for run in others}
+    alike = sum(0.5 < turn <= ANGLE_SLACK if radians else turn > ANGLE_SLACK for turn in turns.values())
+    if alike > 0.5 * len(turns):
         raise RunError(
-            f"{proof.file}, run {proof.run!r}: {proof.why}. The same column of {many} looks so too, and nothing "
-            "was used; where only one log differs, give it a map of its own under [[columns_of]]"
+            f"{proof.file}, run {proof.run!r}: {proof.why}. The same column of {plural(alike, 'other log')} looks so "
+            "too, and nothing was used; where only one log differs, give it a map of its own under [[columns_of]]"
         )
 
 
@@ -421,8 +380,7 @@ def has_bytes(file: LogFile) -> bool:
 
 
 def require_usable(usable: Sized, aside: Sequence[ExcludedRun], logs: int, strict: bool) -> None:
-    """Raise RunError for the first of those set aside if `strict`; with the first reasons, if of so many logs nothing
-    is usable."""
+    """Raise RunError for the first set aside if `strict`, and with the first reasons if nothing is usable."""
     if strict and aside:
         first = aside[0]
         raise RunError(f"{first.file}, run {first.run!r}: {first.why} (refused because of --strict)")
@@ -448,14 +406,15 @@ def append_exclusions(aside: Sequence[ExcludedRun]) -> Iterator[None]:
         raise type(refusal)(f"{refusal} ({before})") from None
 
 
-def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> OfOneLog:
-    """Read the runs of a log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
-    RunError if the log was named and is unreadable.
-    """
+def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof, planar: bool = False) -> OfOneLog:
+    """Read the runs of a log of a motion, and those set aside. Raises LogError or RunError if the log was named and is
+    unreadable, or, of motion in the plane, drives nothing but the heading."""
     try:
-        return runs_of_table(file, read_log(file, columns, dof=dof))
+        table = read_log(file, columns, dof=dof, motion=PLANAR if planar else None)
+        runs, aside = runs_of_table(file, _with_forces(table) if planar else table)
     except LogError as error:
         return [], [unreadable(file, error)]
+    return [_on_the_water(run) for run in runs] if planar else runs, aside
 
 
 def unreadable(file: LogFile, error: Exception, run: str | None = None) -> ExcludedRun:
@@ -467,8 +426,7 @@ def unreadable(file: LogFile, error: Exception, run: str | None = None) -> Exclu
 
 
 def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
-    """The runs of a table, and those set aside. Raises LogError or RunError if the log was named and is unusable, or
-    is none of its motion."""
+    """Return the runs of a table, and those set aside. Raises LogError or RunError for a named log that is unusable."""
     require_motion(table)
     runs: list[Run] = []
     aside: list[ExcludedRun] = []
@@ -516,24 +474,10 @@ EQUATORIAL_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257223563  # m; World Geode
 SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))  # Quantities that come out of one sensor each
 
 
-def read_planar(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = YAW) -> OfOneLog:
-    """Read the runs of a log of motion in the plane, and those set aside. Raises LogError or RunError if the log was
-    named and is unreadable, or drives nothing but the heading."""
-    try:
-        table = read_log(file, columns, dof=dof, motion=PLANAR)
-        _require_forces(table)
-        runs, aside = runs_of_table(file, _with_forces(table))
-    except LogError as error:
-        return [], [unreadable(file, error)]
-    return [_with_fresh_readings(_on_the_water(run)) for run in runs], aside
-
-
 def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
-    """Metres north and east of the first fix, of latitudes and longitudes [rad] (N,) of which some may be NaN.
+    """Convert latitudes and longitudes [rad] (N,), some NaN, to metres north and east of the first fix; 0, 0 is none.
 
-    Radii of curvature of the meridian and the prime vertical at the first fix (WGS 84); Fossen (2021), chapter 2. A
-    kilometre away the error is below 0.2 m at the latitudes where ships go. A fix of exactly 0, 0 is none.
-    """
+    Radii of curvature at the first fix (WGS 84; Fossen 2021, chapter 2): within 0.2 m a kilometre away."""
     none = ~(np.isfinite(latitude) & np.isfinite(longitude)) | ((latitude == 0) & (longitude == 0))
     if none.all():
         return np.full(len(none), np.nan), np.full(len(none), np.nan)
@@ -548,9 +492,9 @@ def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
     return np.where(none, np.nan, north), np.where(none, np.nan, east)
 
 
-def _require_forces(table: LogTable) -> None:
-    """Refuse a table that drives nothing but the heading, or in normalised units, of which each has a scale of its
-    own."""
+def _with_forces(table: LogTable) -> LogTable:
+    """The table without headings where a force is missing, so that `clean` drops these rows. Raises LogError for one
+    that drives only the heading, or in normalised units."""
     for dof in PLANAR.dofs:
         newtons = dof.units.forces[1]
         if (unit := table.units.get(dof.command, newtons)) != newtons:
@@ -560,58 +504,48 @@ def _require_forces(table: LogTable) -> None:
                 f"need newtons and newton metres. Map it with a scale, such as {dof.column(dof.command, newtons)} = "
                 f'{{ from = "{name}", scale = 40 }}, in a --columns file'
             )
-    pushed = any(dof.command in table.columns for dof in (SURGE, SWAY))
-    if not pushed and not driven(YAW, table.columns.keys()):
-        forces = " or ".join(dof.column(dof.command, "N") for dof in (SURGE, SWAY))
+    forces = [table.columns[dof.command] for dof in (SURGE, SWAY) if dof.command in table.columns]
+    if not forces and not driven(YAW, table.columns.keys()):
+        names = " or ".join(dof.column(dof.command, "N") for dof in (SURGE, SWAY))
         raise LogError(
-            f"{table.source}: no force in the log ({forces}), by which surge and sway are driven; name its column "
+            f"{table.source}: no force in the log ({names}), by which surge and sway are driven; name its column "
             "with --columns, or give the log to automarine fit-yaw"
         )
-
-
-def _with_forces(table: LogTable) -> LogTable:
-    """The table without headings where a force is missing: `clean` drops these rows, and counts them."""
     heading = table.columns.get(YAW.position)
     if heading is None:
         return table
-    for dof in (SURGE, SWAY):
-        heading = np.where(np.isnan(table.columns.get(dof.command, heading)), np.nan, heading)
-    return replace(table, columns={**table.columns, YAW.position: heading})
+    lacking = np.any([np.zeros(len(table), dtype=bool), *map(np.isnan, forces)], axis=0)
+    return replace(table, columns={**table.columns, YAW.position: np.where(lacking, np.nan, heading)})
 
 
 def _on_the_water(run: Run) -> Run:
+    """A run of motion in the plane with places in metres, and without what a slow sensor repeats."""
     extras = dict(run.extras)
-    if not {"lat", "lon"} <= extras.keys() or {"north", "east"} <= extras.keys():
-        return run
-    north, east = local_plane(extras.pop("lat"), extras.pop("lon"))
-    return replace(run, extras={**extras, "north": north, "east": east})
-
-
-def _with_fresh_readings(run: Run) -> Run:
+    if {"lat", "lon"} <= extras.keys() and not {"north", "east"} <= extras.keys():
+        extras["north"], extras["east"] = local_plane(extras.pop("lat"), extras.pop("lon"))
+    notes = []
     for names in SENSORS:
-        again = repeats(*(run.extras[name] for name in names)) if run.extras.keys() >= {*names} else np.zeros(1)
-        if again.any():
-            fresh = {name: np.where(again, np.nan, run.extras[name]) for name in names}
+        if not extras.keys() >= {*names}:
+            continue
+        if (again := repeats(*(extras[name] for name in names))).any():
             share = f"{' and '.join(names).replace('_', ' ')}: {100 * float(again.mean()):.0f} % of the rows"
-            note = f"{share} repeat the reading before them, as of a slow sensor, and do not count"
-            run = replace(run, extras={**run.extras, **fresh}).noted(note)
-    return run
+            notes.append(f"{share} repeat the reading before them, as of a slow sensor, and do not count")
+            extras |= {name: np.where(again, np.nan, extras[name]) for name in names}
+    return replace(run, extras=extras).noted(*notes)
 
 
 MIN_CHANGES = 8  # Changes of a value that tell anything of its sensor
 FINE_STEP_RATIO = 5.0  # Of the median step to the smallest: two readings in a row are then hardly ever equal
 COARSE_STEP_RATIO = 2.0  # The same below which a value that stands may as well be one that creeps
 CHANCE_REPEATS = 0.1  # Share of repeats below which they are chance, and cost nothing
-MAX_ADJACENT_CHANGES = 0.1
-"""Share of changes that follow each other without a row between, up to which a coarse sensor counts as held."""
+MAX_ADJACENT_CHANGES = 0.1  # share of changes next to each other, up to which a coarse sensor counts as held
 
 
 def repeats(*columns: Floats) -> Mask:
-    """Which rows (N,) repeat the reading before them; `columns` (N,) come out of one sensor, NaN where it is silent.
+    """Tell which rows (N,) repeat the reading before; `columns` (N,) come out of one sensor, NaN where it is silent.
 
-    None where the sensor is read in every row: a coarse one may give the same number twice. Of a held one the first
-    row is a repeat too, for nobody knows how old its reading is.
-    """
+    None where it is read in every row: a coarse one may give a number twice. The first row of a held one is a repeat
+    too, for nobody knows how old its reading is."""
     values = np.stack(columns)
     sound = np.all(np.isfinite(values), axis=0)
     repeated = np.zeros(values.shape[1], dtype=bool)
@@ -621,7 +555,6 @@ def repeats(*columns: Floats) -> Mask:
         return repeated
     coarseness, spans = float(np.median(sizes) / sizes.min()), np.diff(np.flatnonzero(changed))
     often = np.median(spans) >= 2 and np.mean(spans == 1) <= MAX_ADJACENT_CHANGES
-    if coarseness < COARSE_STEP_RATIO or (coarseness < FINE_STEP_RATIO and not often):
-        return repeated
-    repeated[sound] = np.concatenate([[True], ~changed])
+    if coarseness >= FINE_STEP_RATIO or (coarseness >= COARSE_STEP_RATIO and often):
+        repeated[sound] = np.concatenate([[True], ~changed])
     return repeated

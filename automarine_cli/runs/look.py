@@ -1,5 +1,4 @@
-"""What can be said of logs without fitting anything: their runs and thruster tests, as `check` lists them; of a folder,
-for `init`, what its columns are taken for, and what kind of test each log is."""
+"""What logs hold, without fitting: runs and thruster tests for `check`; columns and kinds of tests for `init`."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,7 @@ from automarine_cli.logs.columns import CANONICAL, driven, names_of, quantities_
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of
 from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
-from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, segments, why_none
+from automarine_cli.runs.half_turn import ALREADY_ON, HalfTurn, all_half_turns, segments, why_none
 from automarine_cli.runs.load import rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run, misfit_of, position_noise, undirected
 
@@ -27,8 +26,8 @@ MAX_LOGGED_LEVELS = 64  # more different values than this are a signal, not leve
 
 @dataclass(frozen=True)
 class RunSeen:
-    """One run of a log. `noise` of its position is as people see it, `extent` how far it went in all [turns, or m];
-    `levels` are its moments or forces (None: they never stay), `why` says why no step serves."""
+    """One run of a log: `noise` of its position as people see it, `extent` how far it went in all [turns, or m],
+    `levels` its moments or forces (None: they never stay), `why` no step serves."""
 
     dof: Dof
     file: str
@@ -105,8 +104,7 @@ def look_at_log(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[
 
 
 def look_at_run(run: Run) -> RunSeen:
-    """Describe a run. Thruster commands without a moment or force are seen as they add up: in yaw port less
-    starboard."""
+    """Describe a run. Thruster commands without a moment or force are seen as they add up."""
     driven = run.as_commanded()
     turns = all_half_turns(driven)
     spans = np.diff(run.time)
@@ -123,13 +121,13 @@ def look_at_run(run: Run) -> RunSeen:
         levels=levels if len(levels) <= min(MAX_LOGGED_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns], half_turn=None if best is None else _step_seen(best),
         why=None if best is not None else why_none(driven, turns), columns=sorted(run.extras),
-        notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)], commanded=commanded(run),
+        notes=[*run.notes, *(run.dof.fill(ALREADY_ON) for turn in turns if turn.step.begins_log)],
+        commanded=commanded(run),
     )  # fmt: skip
 
 
 def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:
-    """Tell of each run of a campaign what it asks of its thrusters beyond their limits, as all runs of its motion show
-    these."""
+    """Add to each run what it asks of its thrusters beyond the limits that all runs of its motion show."""
     runs = list(runs)
     for motion in dict.fromkeys(run.dof for run in runs):
         for law, commands in laws_of([run.commanded if run.dof is motion else [] for run in runs]):
@@ -144,19 +142,13 @@ def _step_seen(turn: HalfTurn) -> dict[str, Any]:
     """A step as in check.json: its start in the unit of logs, how far it went as people see it."""
     step, dof = turn.step, turn.step.run.dof
     return {
-        dof.words.force: step.moment,
-        "switch_from_s": step.switch_from,
-        "switch_to_s": step.switch_to,
-        "ends_s": float(step.run.time[step.stop - 1]),
-        "from_rest": step.from_rest,
+        dof.words.force: step.moment, "switch_from_s": step.switch_from, "switch_to_s": step.switch_to,
+        "ends_s": float(step.run.time[step.stop - 1]), "from_rest": step.from_rest,
         f"start_{dof.words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
-        "kept_samples": len(turn.time),
-        "kept_s": float(turn.time[-1] - turn.time[0]),
+        "kept_samples": len(turn.time), "kept_s": float(turn.time[-1] - turn.time[0]),
         f"{dof.words.gone_key}_{dof.units.shown}": float(dof.shown(turn.turned)),
-        "cut_by": turn.cut_by,
-        "steady": turn.steady,
-        "why": turn.why or None,
-    }
+        "cut_by": turn.cut_by, "steady": turn.steady, "why": turn.why or None,
+    }  # fmt: skip
 
 
 def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[ExcludedRun]]:
@@ -186,16 +178,13 @@ HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit 
 VALIDATION_SUFFIX = "_validation"  # and how they may end
 MIN_TURNED_SHARE = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
 
-Placed = Mapping[str, tuple[LogFile, ...]]
-"""Logs by the kind of test that they are."""
+Placed = Mapping[str, tuple[LogFile, ...]]  # logs by the kind of test that they are
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What a folder of logs holds: kinds of files with what their columns are taken for, the map of all columns, the
-    runs of each log, what could not be read; the logs of yaw and the bollard tests by kind, and those of other motions.
-    `unread` are logs that show what they are only once a question is answered, `strangers` are files of no vehicle.
-    """
+    """What a folder of logs holds: kinds of files with their columns, the map of all columns, the runs of each log;
+    logs by kind, of yaw and of other motions. `unread` logs wait for an answer, `strangers` are of no vehicle."""
 
     folder: Path
     layouts: tuple[Layout, ...]
@@ -239,8 +228,7 @@ class Survey:
 
     @property
     def misfit(self) -> str:
-        """How the commands of the logs do not fit those of the bollard tests, which would make their map; "" where
-        they do."""
+        """Say how commands of the logs do not fit those of the bollard tests; "" where they do."""
         ends = {column.key: end for layout in self.layouts for column in layout.columns
                 if (end := layout.ends(column)) is not None}  # fmt: skip
         if not {"n", *YAW.thrusters} <= ends.keys():
@@ -268,8 +256,7 @@ TEST_KINDS = ("thrusters", "steps", "manoeuvres", "validation")
 
 
 def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int, progress: Progress) -> Survey:
-    """Look at every log: its columns first (by the map `columns` where the user has one), then which files are one log,
-    then its runs by what the columns are taken for, then its kind."""
+    """Look at every log: its columns (by the user's map where there is one), then its runs, then its kind."""
     logs, layouts, maps, errors = layouts_of(folder, files, columns, jobs, progress)
     layout_of = {file: layout for layout in layouts for file in layout.files}
     readable = [file for file in logs if file in layout_of]

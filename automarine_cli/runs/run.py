@@ -1,5 +1,4 @@
-"""`Run`: one log of one test, cleaned and frozen; its noise, and whether its commands fit the map that makes moments
-of them. What becomes of an unusable run."""
+"""`Run`: one log of one test, cleaned and frozen; its noise, and whether its commands fit the map of the thrusters."""
 
 import math
 from collections import Counter
@@ -19,17 +18,15 @@ from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 SAME_POSITION = 1e-9  # rad or m; positions closer than this are one
-HELD_SHARE = 0.2  # Of exact repeats, from which on a sensor is slower than the log: its repeats are no readings
-QUANTISED_RATIO = 3.0  # Smallest steps of a quantised sensor in its usual steps, from which on repeats are held values
+HELD_SHARE = 0.2  # of exact repeats, from which on a sensor is slower than the log: its repeats are no readings
+QUANTISED_RATIO = 3.0  # smallest steps of a quantised sensor in its usual steps, from which on repeats are held values
 
 
 def position_noise(time: Floats, position: Floats) -> float:
     """Estimate the standard deviation [rad or m] of the white noise on a position of shape (N,); 0 if N < 7.
 
-    Each sample is compared with the cubic through two neighbours on either side at their true times, which
-    removes any smooth motion and any clock jitter; the median makes glitches harmless. A quantised position that
-    often repeats itself has at least its quantum / sqrt(12).
-    """
+    Each sample is compared with the cubic through two neighbours on either side, which removes smooth motion and clock
+    jitter; the median makes glitches harmless. A quantised position has at least its quantum / sqrt(12)."""
     if len(time) < 7:
         return 0.0
     last = len(time) - 2
@@ -56,9 +53,7 @@ def median(values: Floats) -> float:
 
 
 def slope(time: Floats, position: Floats) -> tuple[float, float]:
-    """Least-squares slope [rad/s or m/s] and its standard error for a noise of 1 rad or m a sample; (0, inf) for one
-    sample.
-    """
+    """Fit a slope [rad/s or m/s]; its standard error is for a noise of 1 rad or m. (0, inf) for one sample."""
     centred = time - time.mean()
     square = float(centred @ centred)
     return (float(centred @ (position - position.mean())) / square, square**-0.5) if square else (0.0, math.inf)
@@ -70,30 +65,24 @@ def summed(time: Floats, velocity: Floats) -> Floats:
 
 
 def fresh_readings(read: Floats) -> NDArray[np.bool_]:
-    """The samples (N,) whose readings do not only hold the one before, because the sensor is slower than the log.
+    """Tell which samples (N,) are readings, and do not hold the one before of a sensor slower than the log.
 
-    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
-    """
+    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum."""
     fresh = np.isfinite(read)
     at = np.flatnonzero(fresh)
     moved = np.abs(np.diff(read[at]))
-    same = moved < 1e-9
+    same = moved < SAME_POSITION
     if len(at) < 3 or same.mean() < HELD_SHARE or same.all():
         return fresh
-    if median(moved[~same]) < QUANTISED_RATIO * moved[~same].min():
-        return fresh
-    fresh[at[1:][same]] = False
+    if median(moved[~same]) >= QUANTISED_RATIO * moved[~same].min():
+        fresh[at[1:][same]] = False
     return fresh
 
 
-MAX_EXTRAPOLATION, IMPOSSIBLE_EXTRAPOLATION = 1.05, 3.0
-"""Times the range of the map from which a thrust is extrapolated, and from which the commands are not of this map."""
+MAX_EXTRAPOLATION, IMPOSSIBLE_EXTRAPOLATION = 1.05, 3.0  # times the range of the map: a guess; of another map
 SMALL_COMMANDS, IMPOSSIBLE_COMMANDS, HALF_RANGE = 0.1, 0.02, 0.5
 """The same towards zero, shares of the range; below half of it the largest command must not be exactly 1 or 100."""
-FULL_SCALES = {
-    1.0: "normalised (-1 to 1)",
-    100.0: "like percent",
-}  # What commands are whose largest value comes near these
+FULL_SCALES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}  # by the largest value that comes near these
 
 
 @dataclass(frozen=True)
@@ -193,12 +182,10 @@ class Run:
     """One test of one vehicle, checked once: arrays of shape (N,), SI units.
 
     `time` [s] rises strictly on the campaign's clock; `position` of the motion `dof` [rad or m] is unwrapped; `moment`
-    [`moment_unit`] is the commanded moment or force, held until the next sample, or None where the log has thruster
-    commands instead. `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `voltage` [V], ...).
-    `counts` says what cleaning did (name -> number), `notes` what a person should know, of which `reading` tell how the
-    log was read. Where `summed_up` the log has no position: it is that of the velocity, added up to trim runs by and
-    to look at, and no evidence. `commanded` is the range of the thruster commands of which a map made the moment.
-    """
+    [`moment_unit`] is the command, held until the next sample (None: the log has thruster commands instead); `extras`
+    are all other numeric columns. `counts` say what cleaning did, `notes` what a person should know, of which `reading`
+    tell how the log was read. Where `summed_up` the position is the sum of the velocity, and no evidence. `commanded`
+    is the range of the thruster commands of which a map made the moment."""
 
     name: str
     source: str
@@ -240,8 +227,7 @@ class Run:
         return self.position if quantity == self.dof.position else self.extras.get(quantity)
 
     def signal(self, name: str) -> Floats | None:
-        """What effects may need of a log, (N,): a column, the campaign's clock, or the time since the command last
-        changed [s], both by their names; None where there is no such column."""
+        """Return a column (N,), the campaign's clock, or the time since the command last changed [s]; or None."""
         if name == CLOCK:
             return self.time
         return self.since_change if name == SINCE else self.extras.get(name)
@@ -259,8 +245,7 @@ class Run:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation [rad or m] of the white noise on the position at the start of the run, see
-        `position_noise`."""
+        """Estimate the white noise on the position [rad or m] at the start of the run, see `position_noise`."""
         return position_noise(self.time[:NOISE_SAMPLES], self.position[:NOISE_SAMPLES])
 
     def noted(self, *notes: str) -> "Run":
@@ -280,8 +265,8 @@ class Run:
         self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None,
         commanded: CommandRange | None = None,
     ) -> "Run":  # fmt: skip
-        """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
-        of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays as LOGGED_COMMAND."""
+        """Return the run driven by another moment, of which `parts` are those of single thrusters
+        (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays as LOGGED_COMMAND."""
         beside = parts is not None and self.moment is not None and unit == self.moment_unit
         logged = {LOGGED_COMMAND: self.command} if beside else {}
         return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **logged, **(parts or {})},
@@ -289,12 +274,10 @@ class Run:
 
     def cut(self, start: int, stop: int) -> "Run":
         """Samples start:stop of this run."""
+        moment = None if self.moment is None else self.moment[start:stop]
+        extras = {name: column[start:stop] for name, column in self.extras.items()}
         return replace(
-            self,
-            time=self.time[start:stop],
-            position=self.position[start:stop],
-            moment=None if self.moment is None else self.moment[start:stop],
-            extras={name: column[start:stop] for name, column in self.extras.items()},
+            self, time=self.time[start:stop], position=self.position[start:stop], moment=moment, extras=extras
         )
 
 
@@ -341,8 +324,7 @@ def named_apart(runs: Sequence[Run]) -> list[Run]:
 
 
 def make_unique(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Names for runs (name, file): those of one name get their file's name in front, without its ending where that is
-    enough."""
+    """Name runs (name, file): those of one name get their file's name in front."""
     names = [name for name, _ in runs]
     for prefix in (stem_of, str):
         times = Counter(names)

@@ -24,10 +24,8 @@ NOT_ARMED = ("disarmed", "0", "false", "no", "off", "")
 
 @dataclass(frozen=True)
 class Slice:
-    """Rows `first` to `stop - 1` of a table, of one run and with a clock that never steps back; `state` is the mode,
-    "armed", or the constant command. `moving`: a command acted until shortly before, so that the vehicle did
-    not stand still, which a run alone could not show. `why` it became no run (else empty).
-    """
+    """Rows `first` to `stop - 1` of a table, of one run; `state` is the mode, "armed", or the constant command.
+    `moving`: the vehicle did not stand still before. `why` it became no run (else empty)."""
 
     first: int
     stop: int
@@ -39,11 +37,8 @@ class Slice:
 def find_slices(
     table: LogTable, by: By, keep: tuple[str, ...] = (), lead: float = 2.0, shortest: float = 1.0
 ) -> list[Slice]:
-    """Cut a table into runs and what lies between them, in the order of its rows.
-
-    `keep` are the modes to keep (all if empty), `lead` [s] how much of the rest before a constant command comes
-    along, `shortest` [s] the shortest run. Raises LogError where the log does not tell what it is to be cut by.
-    """
+    """Cut a table into runs and what lies between them. `keep` are the modes to keep (all if empty), `lead` [s] the
+    rest kept before a constant command, `shortest` [s] the shortest run. Raises LogError without the column."""
     require(table, ("time",))
     time, modes = table.columns["time"], {word.lower() for word in keep}
     slices: list[Slice] = []

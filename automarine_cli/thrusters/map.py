@@ -18,7 +18,7 @@ from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Document, ResultKind, ResultRecord, Source, json_document, keyed, read_plain
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.load import LoadedRuns, load_runs, read_planar, require_usable
+from automarine_cli.runs.load import LoadedRuns, load_runs, require_usable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run
 from automarine_cli.simulation.specification import Bollard, levels_of, normal, uniform
 from automarine_cli.text import format_value, printable
@@ -308,7 +308,7 @@ def load_planar(
     """The runs of the logs, driven by forces ahead and abeam and a moment, which `thrusters` and `arm` [m] make of the
     commands of two. Raises LogError, RunError and SettingError as the fits of one motion do."""
     drive = map_and_arm(thrusters, arm, columns, YAW)
-    campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=read_planar)
+    campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, planar=True)
     good, aside = driven_by(campaign.runs, lambda run: driven(run if drive is None else by_two_thrusters(run, *drive)))
     aside = [*campaign.set_aside, *aside]
     require_usable(good, aside, len(campaign.inputs), strict)

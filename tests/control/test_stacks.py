@@ -25,7 +25,6 @@ AT_REST = np.zeros((1, 1))
 
 
 def halfway(target: Target, plant: Vehicles) -> Gains:
-    """Gains in the middle of what a target proposes."""
     proposed = target.propose(np.full((1, target.numbers), 0.5), nominal_of(plant, 1.0))
     return {key: value[:, None] for key, value in proposed.items()}
 

@@ -56,7 +56,6 @@ def model(
 
 
 def written(folder: Path, content: Mapping[str, Any], name: str = "model.json") -> str:
-    """Content as a file; its path."""
     path = folder / name
     path.write_text(json.dumps(content))
     return str(path)

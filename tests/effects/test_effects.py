@@ -63,7 +63,6 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plan
 
 
 def headings(model: Model, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1) -> Floats:
-    """Simulated headings (P, R, N) from the STARTS."""
     needs = {need for term in model.terms for need in effects.get(term.name).needs}
     batch = make_batch(runs, 0.05, sorted(needs))
     start = Start(position=sign * np.array([STARTS[: len(runs)]]))
@@ -78,13 +77,11 @@ def with_effect(name: str, values: Sequence[float] | None = None) -> Model:
 
 @cache
 def of_base(name: str) -> Floats:
-    """Headings of the base vehicle of an effect."""
     return headings(base_for(name))
 
 
 @cache
 def of_planted(name: str) -> Floats:
-    """Headings of a law of an effect at its planted sizes."""
     return headings(with_effect(name))
 
 

@@ -26,7 +26,6 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
 
 
 def headings(model: Model, runs: Sequence[Run], start: Start | None = None) -> Floats:
-    """Simulated headings (R, N)."""
     return simulate(model, make_batch(runs, 0.05), start=start).position[0]
 
 
@@ -56,7 +55,6 @@ def turning(rate: float, pushed: float, slip: float | None = None) -> float:
 
 
 def root(moment: float) -> float:
-    """The propeller's speed that gives a moment."""
     return float(np.sign(moment) * np.sqrt(abs(moment)))
 
 
@@ -200,7 +198,6 @@ def test_the_current_pulls_the_compass_at_once() -> None:
 
 
 def fitted(study: DiagnosisProblem, name: str, start: Sequence[float]) -> CandidateFit:
-    """The effect fitted from `start`."""
     model = BASE.with_effect(name, start)
     fit = study.fit(model)
     return CandidateFit((name,), study.with_fitted_values(model, fit), fit, -2.0 * fit.log_likelihood)

@@ -42,12 +42,10 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def on(vessel: Vessel, folder: Path, text: str = MOMENT, drive: TwinThrusters | None = None) -> CanBus:
-    """What drives the vessel."""
     return CanBus(f"virtual:{vessel.channel}", read_column_map(column_map(folder, text)), drive, vessel.speed)
 
 
 def rows_of(log: bytes) -> list[dict[str, str]]:
-    """The rows of a log, without its remark."""
     return list(csv.DictReader(line for line in log.decode().splitlines() if not line.startswith("#")))
 
 

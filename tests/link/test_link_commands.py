@@ -25,14 +25,12 @@ Run = Callable[..., Result]
 
 @pytest.fixture
 def model(tmp_path: Path) -> str:
-    """A yaw model as a file."""
     file = tmp_path / "yaw_model.json"
     file.write_text(json.dumps(MODEL_FILE))
     return str(file)
 
 
 def written(folder: Path, campaign: LinkCampaign) -> list[str]:
-    """The option that names a campaign's file."""
     (folder / "campaign.json").write_text(campaign.text)
     return ["--campaign", str(folder / "campaign.json")]
 

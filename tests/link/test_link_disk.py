@@ -42,7 +42,6 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def fill(folder: Path) -> None:
-    """Leave no byte."""
     with contextlib.suppress(OSError), (folder / "camera").open("wb", buffering=0) as file:
         while True:
             file.write(bytes(4096))
@@ -59,7 +58,6 @@ def sub_of(vehicle: FakeSub) -> ArduSub:
 
 
 def arms(vehicle: FakeSub) -> int:
-    """How often it was told to arm."""
     return sum(one.name == "COMMAND_LONG" and one.message.command == 400 and one.message.param1 == 1
                for one in vehicle.packets)  # fmt: skip
 

@@ -185,7 +185,6 @@ class SpoiltLink(Client):
 
 
 def spoil(content: bytes, at: int) -> bytes:
-    """One byte of it is another."""
     at %= len(content)
     return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
 

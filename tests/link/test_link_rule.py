@@ -30,7 +30,6 @@ Act = Callable[[Store], object]
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A player that looks often."""
     monkeypatch.setattr(player, "TICK_S", 0.005)
 
 

@@ -33,13 +33,11 @@ WITH_MODEL = ("validate", "diagnose")
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All broken logs in one folder."""
     return make(tmp_path_factory.mktemp("made") / "broken")
 
 
 @pytest.fixture(scope="module")
 def campaign(broken: Path) -> Path:
-    """The broken logs among good ones."""
     (broken / "good").mkdir()
     for seed, moment in enumerate(MOMENTS):
         (broken / "good" / f"tau_{moment:+}.csv").write_bytes(csv_of(good_table(moment, seed)))
@@ -52,7 +50,6 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def options(command: str, model: Path) -> list[object]:
-    """What the command needs beside its logs."""
     return ["--model", model] if command in WITH_MODEL else []
 
 
@@ -62,7 +59,6 @@ def says(sentence: str, parts: str) -> bool:
 
 
 def stem(file: str) -> str:
-    """The name of the run that is alone in a file."""
     return file.rsplit("/", 1)[-1].split(".")[0]
 
 

@@ -26,12 +26,10 @@ def content() -> bytes:
 
 
 def read(folder: Path, content: bytes, name: str = "dive.slcan", columns: ColumnMap = CAN) -> LogTable:
-    """A capture of these bytes, read with the columns of the dive."""
     return read_log(log(folder, content, name), columns, dof=YAW)
 
 
 def with_dbc(folder: Path, text: str) -> ColumnMap:
-    """The columns of the dive with a DBC of this text."""
     (folder / "other.dbc").write_text(text)
     return ColumnMap(CAN.columns, dbc=str(folder / "other.dbc"))
 

@@ -26,7 +26,6 @@ from automarine_cli.logs.columns import ColumnsOf, Join
 
 
 def written(folder: Path, text: str | bytes) -> Path:
-    """A column map file of this text."""
     path = folder / "columns.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
@@ -85,7 +84,6 @@ def test_refused_with_the_key_s_path(tmp_path: Path, text: str | bytes, parts: t
 
 
 def mapped(folder: Path, content: str, **rules: ColumnRule) -> LogTable:
-    """The table of this text through a column map."""
     return read_log(log(folder, content.encode()), ColumnMap(rules), dof=YAW)
 
 
@@ -108,7 +106,6 @@ BENCH = "PWM_us,rpm,load\n1100,3000,-40\n1300,1500,-10\n1500,0,0\n1700,1600,12\n
 
 
 def bench(folder: Path, **rules: object) -> LogTable:
-    """A bollard test under these rules."""
     return read_log(log(folder, BENCH.encode()), ColumnMap(column_rules(rules, "columns.toml")), dof=YAW)
 
 
@@ -158,7 +155,6 @@ RULES = column_rules({"time_s": "stamp", "n_port": "port_cmd", "n_stbd": "stbd_c
 
 
 def write(path: Path, columns: Mapping[str, object]) -> LogFile:
-    """A CSV file of these columns."""
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = zip(*(list(values) for values in columns.values()))  # type: ignore[call-overload]
     path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n", encoding="utf-8")

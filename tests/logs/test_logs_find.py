@@ -27,7 +27,6 @@ def touched(folder: Path, *names: str) -> None:
 
 
 def names(logs: list[LogFile]) -> list[str]:
-    """What results call them."""
     return [log.name for log in logs]
 
 

@@ -28,12 +28,10 @@ ROWS = np.searchsorted(DIVE.command_time, DIVE.time, side="right") - 1
 
 
 def read(folder: Path, made: Dive, name: str = "dive.bin", columns: ColumnMap | None = None) -> LogTable:
-    """The log of a dive as a table."""
     return read_log(log(folder, WRITERS[name](made), name), columns, dof=YAW)
 
 
 def commands(table: LogTable) -> dict[str, np.ndarray]:
-    """The commands of a table by their names."""
     return {"tau": table.columns["moment"], **{name: table.extras[name] for name in WISHED[1:] if name in table.extras}}
 
 

@@ -165,7 +165,6 @@ def cells_of(*cells: str) -> pa.ChunkedArray:
 
 
 def stamps(*cells: str, day_first: bool | None = None) -> Stamps:
-    """The times of these cells."""
     times = read_stamps(cells_of(*cells), day_first)
     assert times is not None
     return times

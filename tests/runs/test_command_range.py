@@ -9,7 +9,6 @@ from automarine_cli.runs.run import CommandRange, command_warnings, misfit_of
 
 
 def commands(low: float, high: float, of_map: tuple[float, float], usual: float = 0.0, unit: str = "") -> CommandRange:
-    """The commands of one run."""
     return CommandRange(low, high, usual, ("n_port", "n_stbd"), of_map, unit)
 
 

@@ -25,7 +25,6 @@ def honest() -> list[Run]:
 
 
 def changed(runs: Sequence[Run], make: Callable[[Run, Floats], Floats]) -> list[Run]:
-    """The runs with another column in place of the gyro's."""
     return [replace(run, extras={"yaw_rate": make(run, run.extras["yaw_rate"])}) for run in runs]
 
 

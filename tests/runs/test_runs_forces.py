@@ -98,7 +98,6 @@ def test_specifications_are_refused_in_the_words_of_their_motion(change: dict[st
 
 
 def made(commands: list[list[float]], **campaign: object) -> Run:
-    """One simulated heave run of these commands."""
     group = {"kind": "sequence", "commands": commands}
     spec = {**HEAVE_SPEC, "runs": [group], "campaign": {"rest_before_s": 2.0, **campaign}}
     (run,) = make_runs(specification_from(spec))

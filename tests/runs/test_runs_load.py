@@ -27,7 +27,6 @@ def loaded(folder: Path, change: Change) -> LoadedRuns:
 
 
 def odd(campaign: LoadedRuns) -> Run:
-    """The run of odd.csv."""
     return next(run for run in campaign.runs if run.source.endswith("odd.csv"))
 
 

@@ -10,7 +10,7 @@ import pytest
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import read_column_map
-from automarine_cli.runs.load import EQUATORIAL_RADIUS, load_runs, local_plane, read_planar, repeats
+from automarine_cli.runs.load import EQUATORIAL_RADIUS, load_runs, local_plane, repeats
 from automarine_cli.runs.run import Run
 
 TIME = np.arange(0, 40, 0.2)
@@ -26,12 +26,11 @@ def columns(**more: object) -> dict[str, object]:
 
 
 def loaded(folder: Path, table: Mapping[str, object], suffix: str = "csv", map: str = "") -> Run:
-    """The one run of a log with these columns."""
     path, frame = folder / f"log.{suffix}", pd.DataFrame(table)
     _ = frame.to_parquet(path) if suffix == "parquet" else frame.to_csv(path, index=False)
     (folder / "map.toml").write_text(map)
     rules = read_column_map(folder / "map.toml") if map else None
-    (run,) = load_runs([path], rules, dof=YAW, read=read_planar).runs
+    (run,) = load_runs([path], rules, dof=YAW, planar=True).runs
     return run
 
 

@@ -46,7 +46,6 @@ def steered(size: float) -> np.ndarray:
 
 
 def both_ways(run: Run) -> list[Run]:
-    """The run, and the same to the other side."""
     return [run, replace(run, position=-run.position, moment=-run.command)]
 
 
@@ -110,7 +109,6 @@ def test_such_a_run_is_set_aside_beside_others_and_all_are_refused() -> None:
 
 
 def answer(*arguments: object) -> str:
-    """What a command that is refused says."""
     result = CliRunner().invoke(automarine, [str(argument) for argument in arguments])
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit), result.output
     return result.stderr
@@ -141,7 +139,6 @@ def test_real_vehicles_that_were_driven_are_kept(folder: str, name: str) -> None
 
 
 def mirrored_too(runs: list[Run]) -> list[list[Run]]:
-    """The runs, and the same turning the other way."""
     return [runs, [replace(mirrored(run), name=run.name) for run in runs]]
 
 

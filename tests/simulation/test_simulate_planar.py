@@ -14,7 +14,7 @@ from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import read_mapping
-from automarine_cli.runs.load import load_runs, read_planar
+from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.specification import Specification, specification_from
@@ -89,7 +89,7 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
     settings = read_mapping(SAMPLE_RUNS / "planar.toml")
     settings["runs"] = [settings["runs"][0] | {"repeats": 2}]
     simulate(specification_from(settings, "planar.toml"), out=tmp_path / "out")
-    for run in load_runs([tmp_path / "out" / "planar"], dof=YAW, read=read_planar).runs:
+    for run in load_runs([tmp_path / "out" / "planar"], dof=YAW, planar=True).runs:
         fresh = np.flatnonzero(np.isfinite(run.extras["surge"]))
         assert set(fresh % 5) == {0} and len(fresh) >= 38
         assert np.isfinite(run.extras["north"]).all() and run.moment_unit == "N m"

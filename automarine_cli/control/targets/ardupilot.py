@@ -1,10 +1,8 @@
-"""ArduPilot's stacks: ArduSub's yaw, Rover's steering, and what they share: the gyro's low-pass, the square-root law of
-the angle loops, parameter files.
+"""ArduPilot's stacks: ArduSub's yaw, Rover's steering, and what they share.
 
 Source: ArduPilot, libraries AC_AttitudeControl (AC_AttitudeControl and AC_AttitudeControl_Sub, .cpp and .h),
 APM_Control/AR_AttitudeControl.cpp, AC_PID, AP_Math/control.cpp and AP_Scheduler; the gyro's low-pass in
-AP_InertialSensor (INS_GYRO_FILTER, 20 Hz in Sub, 4 Hz in Rover), the order of the loop in ArduSub/Sub.cpp.
-"""
+AP_InertialSensor (INS_GYRO_FILTER, 20 Hz in Sub, 4 Hz in Rover), the order of the loop in ArduSub/Sub.cpp."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
@@ -33,8 +31,8 @@ def gyro_response(z: Complexes, dt: float, cutoff: float) -> Complexes:
 
 
 def root_law(gain: Floats, limit: Floats, step: float) -> Callable[[Floats], Floats]:
-    """Velocity towards a target, by what is left: in proportion near it, further off the one from which `limit` can
-    still stop, in loops of `step` [s] never beyond the target; in proportion everywhere where the limit is 0."""
+    """Return the velocity towards a target by what is left: in proportion near it, further off that from which `limit`
+    can still stop; in proportion everywhere where the limit is 0."""
     gain = np.maximum(gain, 1e-6)
     linear_range, twice = np.where(limit > 0, limit, np.inf) / gain**2, 2.0 * np.maximum(limit, 0.0)
 
@@ -67,8 +65,8 @@ class ParameterFile(Target):
         return min(super().crossover(nominal), self.range_of(f"{self.rate}_P")[1] / nominal.inertia)
 
     def cascade(self, numbers: Floats, nominal: NominalPlant, angle: str, least: float) -> dict[str, Floats]:
-        """Defaults, but a crossover of the rate loop in shares of what the delays and its range allow, and the gain of
-        the `angle` loop and of the sum, which is `least` of it or more, in shares of that."""
+        """Defaults, but a rate loop with a crossover in shares of what delays and range allow, and in shares of that
+        the gain of the `angle` loop and of the sum, which is `least` of it or more."""
         inner, outer, summed, _, _, lead = numbers.T
         lag = nominal.lag + self.own_lag
         crossover = spread(inner, 0.06, 1.0) * self.crossover(nominal)
@@ -89,10 +87,10 @@ class ParameterFile(Target):
 class ArduSub(ParameterFile):
     """Reference shaping, angle loop, rate loop. ATC_RAT_YAW_FF has no effect in Sub and is no parameter here.
 
-    In each of its 400 loops a second the rate controller and the motors come first, the angle loop after them: what
-    that asks for acts one loop later. The integrator rests while the last output was at its limit, unless it would come
-    back. Defaults are also those of a BlueROV2's log (4.1), but for SCHED_LOOP_RATE, 200 there and 400 in the source.
-    The default of ATC_ACCEL_Y_MAX lies outside its documented range; later sources hold it in deg/s² (1100)."""
+    In each of its 400 loops a second the rate controller and the motors come first: what the angle loop asks for acts
+    one loop later. The integrator rests while the last output was at its limit, unless it would come back. Defaults are
+    those of a BlueROV2's log (4.1), but for SCHED_LOOP_RATE, 200 there. That of ATC_ACCEL_Y_MAX lies outside its
+    documented range."""
 
     name = "ardusub"
     file = "ardusub.param"
@@ -181,10 +179,8 @@ class ArduSub(ParameterFile):
 
 class ArduRover(ParameterFile):
     """Angle loop, rate loop with feed-forward of what the drag takes at a steady rate, fifty loops a second
-    (SCHED_LOOP_RATE), for boats that turn by their thrusters.
-
-    Defaults of ATC_STR_ANG_P, RAT_MAX and ACC_MAX are 2.0, 120 and 120; older sources have 2.5, 360 and 180. Not flown:
-    the limit by ATC_TURN_MAX_G, beyond 300 deg/s below 1 m/s."""
+    (SCHED_LOOP_RATE), for boats that turn by their thrusters. Older sources have defaults of 2.5, 360 and 180 for
+    ATC_STR_ANG_P, RAT_MAX and ACC_MAX. Not flown: the limit by ATC_TURN_MAX_G, beyond 300 deg/s below 1 m/s."""
 
     name = "ardurover"
     file = "ardurover.param"

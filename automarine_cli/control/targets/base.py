@@ -1,12 +1,10 @@
 """What a target of `tune` is, and the recipe for the next one.
 
-Recipe: one file in this folder with one subclass of `Target` that says what it is called (`name`), its `parameters` in
-its own names and units, and does five things: `propose` makes gains of design numbers, `start` and `controller` are the
-stack as it runs, loop by loop, `paths` the same stack in frequency, `text` its file. `__init__.py` lists the targets.
-All arrays are over sets (S) by flights (R): a set is one vehicle with one set of gains.
-
-Outputs are from -1 to 1, positions and velocities in base units [rad or m].
-"""
+Recipe: one file in this folder with one subclass of `Target`, listed in `__init__.py`. It has a `name`, its
+`parameters` in its own names and units, and does five things: `propose` makes gains of design numbers, `start` and
+`controller` are the stack as it runs, `paths` the same stack in frequency, `text` its file. Arrays are over sets (S) by
+flights (R): a set is one vehicle with one set of gains. Outputs are from -1 to 1, positions and velocities in base
+units [rad or m]."""
 
 import re
 from abc import ABC, abstractmethod
@@ -32,8 +30,7 @@ LINE = re.compile(r"^\s*(?:\d+[\s,]+\d+[\s,]+)?([A-Z][A-Z0-9_]*)\s*[,\s]\s*(\S+)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a stack: what it is in `unit`, its default (None where there is none), and the range that its
-    maker documents; `searched` if a design moves it."""
+    """One parameter of a stack: its default, if any, its documented range; `searched` if a design moves it."""
 
     name: str
     meaning: str
@@ -46,8 +43,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class NominalPlant:
-    """The vehicle as a designer sees it: `inertia` per moment at the whole output, which is `full`, all lags and delays
-    of the vehicle together [s], the `fastest` steady velocity, and the step of the reference."""
+    """The vehicle as a designer sees it: `inertia` per moment of the whole output `full`, all its lags and delays [s],
+    the `fastest` steady velocity, and the step of the reference."""
 
     dof: Dof
     inertia: float
@@ -90,10 +87,6 @@ class Target(ABC):
     def within(self) -> str:
         return " within the documented ranges" if self.ranged else ""
 
-    @property
-    def has_defaults(self) -> bool:
-        return len(self.defaults) == len(self.parameters)
-
     @abstractmethod
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
         """Make gains (C,) by name of design numbers (C, numbers) between 0 and 1; within the documented ranges."""
@@ -104,8 +97,7 @@ class Target(ABC):
 
     @abstractmethod
     def controller(self, gains: Gains) -> Controller:
-        """Return one loop of the stack: of state, reference, position and velocity it makes the next state, and the
-        output (S, R) held until the next loop."""
+        """Return one loop: of state, reference, position and velocity the next state and the output (S, R)."""
 
     @abstractmethod
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
@@ -139,14 +131,13 @@ class Target(ABC):
 
 
 def present_gains(target: Target, source: Source | None) -> Mapping[str, float] | None:
-    """Read what a target flies with now: its defaults with the values of a file; None where it has neither.
-
-    Lines are those of ground stations, NAME,VALUE or NAME VALUE. Raises SettingError with the line for a value that is
-    no number or lies outside the documented range."""
+    """Read what a target flies with now: its defaults with the values of a ground station's file (NAME,VALUE or NAME
+    VALUE); None where it has neither. Raises SettingError with the line for a value that is wrong."""
+    complete = len(target.defaults) == len(target.parameters)
     if source is None:
-        return target.defaults if target.has_defaults else None
+        return target.defaults if complete else None
     name = printable(source.name)
-    if not target.has_defaults:
+    if not complete:
         raise SettingError(f"{target.name} reads no parameter file; leave out --present")
     parameters, present = {p.name: p for p in target.parameters}, {}
     with source.open("rb") as file:

@@ -39,13 +39,8 @@ class Pid(Target):
         w = spread(speed, 0.03, 0.8) / (nominal.lag + self.own_lag)
         d = nominal.inertia * w * spread(damping, 0.7, 2.5)
         p = nominal.inertia * w**2 * spread(damping, 0.5, 1.0)
-        return {
-            "K_p": p,
-            "K_i": p * w * spread(summed, 0.01, 0.4),
-            "K_d": d,
-            "b": weight,
-            "T_f": np.maximum(0.5 * self.period, d / (DERIVATIVE_FILTER_RATIO * p)),
-        }
+        filtered = np.maximum(0.5 * self.period, d / (DERIVATIVE_FILTER_RATIO * p))
+        return {"K_p": p, "K_i": p * w * spread(summed, 0.01, 0.4), "K_d": d, "b": weight, "T_f": filtered}
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
         zero = np.zeros_like(position)
@@ -76,12 +71,9 @@ class Pid(Target):
         units = {p.name: p.unit.replace("{x}", nominal.dof.units.base) for p in self.parameters}
         numbers = {name: {"value": gains[name], "unit": units[name]} for name in gains}
         content = {
-            "schema": "automarine/pid/1",
-            "motion": nominal.dof.name,
+            "schema": "automarine/pid/1", "motion": nominal.dof.name,
             "law": "u = K_p (b r - y) + K_i sum (r - y) T_s - K_d y', u from -1 to 1; y' = differences of y through a "
             "first-order low-pass T_f; the sum rests while u is at its limit and the error would carry it further",
-            "sample_time_s": self.period,
-            "parallel": numbers,
-            "notes": [*notes],
+            "sample_time_s": self.period, "parallel": numbers, "notes": [*notes],
         }  # fmt: skip
         return json.dumps(content, indent=1, ensure_ascii=False) + "\n"

@@ -1,9 +1,7 @@
 """What drives runs, as the player knows it, and the clock that it keeps.
 
-A vehicle's `drive` yields the lines of the run's log one by one, each when its time has come, with the command as it
-was sent; before every command it asks `halted`, and then sends none but neutral. The head comes before the run's first
-command: a log without a line is one of a run that never began.
-"""
+A vehicle's `drive` yields the lines of the run's log, each when its time has come, with the command as it was sent;
+before every command it asks `halted`, and then sends none but neutral. The head comes before the first command."""
 
 import _thread
 import time
@@ -29,9 +27,7 @@ class Vehicle(Protocol):
         """Raise SettingError for a campaign that it cannot drive."""
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
-        """The lines of a run's log, header first; ends early when `halted`, after neutral.
-
-        Whatever it raises says that the vehicle cannot be driven (any further): the campaign is then stopped."""
+        """Yield the lines of a run's log; end early when `halted`, after neutral. What it raises stops the campaign."""
 
 
 def refuse_beyond(campaign: LinkCampaign, full: float) -> None:

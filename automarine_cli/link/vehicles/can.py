@@ -1,8 +1,6 @@
 """A vehicle on a CAN bus: commands go out as frames of its DBC at a steady rate, the compass comes in the same way.
 
-The column map that reads captures of the bus drives it as well: `[can] dbc` describes the frames, `[columns]` says
-which signal is which column of ours.
-"""
+The column map that reads captures of the bus drives it: `[can] dbc` describes frames, `[columns]` names signals."""
 
 import contextlib
 import time
@@ -23,14 +21,10 @@ from automarine_cli.pipeline.records import Document, Source
 from automarine_cli.planning.candidates import CommandTable, command_table, drive_of
 from automarine_cli.thrusters.map import TwinThrusters, map_and_arm
 
-BUS_LISTEN_S = 0.5
-"""So long a run listens before it sends, to a compass that speaks; to one that does not, `MAX_MUTE_S`."""
-MAX_MUTE_S = 2.0
-"""A compass that has not been heard of for so long is gone."""
-NEUTRAL_FRAMES, NEUTRAL_PAUSE_S = 5, 0.1
-"""How often, and after what time, neutral is sent at the end of a run: a plug may be loose for a moment."""
-SEND_S = 0.5
-"""A command that has not left after this is none any more."""
+BUS_LISTEN_S = 0.5  # before a run sends; `MAX_MUTE_S` to a compass that does not speak
+MAX_MUTE_S = 2.0  # A compass that has not been heard of for so long is gone
+NEUTRAL_FRAMES, NEUTRAL_PAUSE_S = 5, 0.1  # at the end of a run: a plug may be loose for a moment
+SEND_S = 0.5  # A command that has not left after this is none any more
 HEADINGS = tuple(name for name, column in CANONICAL.items() if column.quantity == YAW.position)
 
 
@@ -45,8 +39,8 @@ class Step:
 
 @dataclass(frozen=True)
 class CanBus:
-    """The bus `place` (python-can's INTERFACE:CHANNEL, with @BITRATE where the interface wants it), with the signals
-    that `names` gives, sent and received; a `drive` makes commands of two thrusters of the moments."""
+    """The bus `place` (python-can's INTERFACE:CHANNEL, with @BITRATE where needed), with the signals that `names`
+    gives; `drive_by` makes commands of two thrusters of the moments."""
 
     place: str
     names: ColumnMap

@@ -24,8 +24,7 @@ from automarine_cli.simulation.rollout import Start, simulate, step_for
 from automarine_cli.simulation.specification import normal
 from automarine_cli.text import listed, printable
 
-COMPASS_NOISE_DEG = 1.0
-"""Of the simulated compass, as the paper's."""
+COMPASS_NOISE_DEG = 1.0  # of the simulated compass, as the paper's
 
 
 @dataclass(frozen=True)
@@ -36,9 +35,7 @@ class Simulated:
 
     @classmethod
     def of(cls, path: Path, speed: float, full: float | None = None) -> "Simulated":
-        """The preferred model of a file; it takes moments up to `full` in its unit, or where that is None up to what
-        the model was fitted to, and 1 nu.
-
+        """Read the preferred model; it takes moments up to `full` in its unit (None: up to those fitted, and 1 nu).
         Raises ModelError, and SettingError where nothing says how large moments may be."""
         file, stored = file_and_models(read_plain(path, "JSON", ModelError), printable(path.name))
         if stored.dof is not YAW:
@@ -65,12 +62,10 @@ class Simulated:
         """How the vehicle would turn, without noise: time [s since the start], heading [rad] and moment, (N,) each."""
         logger = Logger(YAW, campaign.moment_unit, campaign.rate_hz, campaign.rest_s, None, None)
         on_paper = logger.run(run.candidate)
-        moment = on_paper.moment
-        assert moment is not None
-        step = step_for(self.model, float(np.max(np.abs(moment))))
+        step = step_for(self.model, float(np.max(np.abs(on_paper.command))))
         start = Start(position=np.deg2rad([[run.start_heading_deg]]))
         simulated = simulate(self.model, make_batch([on_paper], step), start=start)
-        return on_paper.time, simulated.position[0, 0], moment
+        return on_paper.time, simulated.position[0, 0], on_paper.command
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log: time on the campaign's clock, heading and the moment as commanded."""
@@ -94,9 +89,8 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What a campaign would be, run by run: its `name`, when its log begins (`begins_s`), how long it is driven
-    (`driven_s`), how far the simulated vehicle turns (`turned_deg`, None without a model), and what is left in the
-    battery (`left_Ah`)."""
+    """What a campaign would be, run by run: `name`, `begins_s` of its log, `driven_s`, `turned_deg` of the simulated
+    vehicle (None without a model), and `left_Ah` of the battery."""
 
     campaign: LinkCampaign
     planned: tuple[dict[str, Any], ...]

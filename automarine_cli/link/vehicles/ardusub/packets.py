@@ -16,8 +16,7 @@ from automarine_cli.logs.streams import needed
 from automarine_cli.logs.tlog import MAV_MODE_ARMED, NO_VOLTAGE
 from automarine_cli.text import printable
 
-STATION_ID = (255, 190)
-"""System and component that we send as: those of a ground station, whose sticks ArduSub takes."""
+STATION_ID = (255, 190)  # system and component that we send as: those of a ground station, whose sticks ArduSub takes
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1: cameras and companions beat too, and some seem armed
 STATION, NO_AUTOPILOT = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 STICK_MESSAGES = ("MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE")
@@ -29,8 +28,8 @@ ADDRESS = re.compile(r"(?P<way>udpin|udpout|tcp):(?P<where>[^:]+:\d{1,5})|serial
 
 @dataclass(frozen=True)
 class Attitude:
-    """A reading: `time` [s] since the autopilot started, `heading` [deg, unwrapped], `rate` [deg/s], and what else was
-    known then: `pulses` [us] by number of the output, supply [V], `depth` [m], and the yaw `stick` last sent."""
+    """`time` [s] since the autopilot started, `heading` [deg, unwrapped], `rate` [deg/s]; `pulses` [us] by output,
+    supply [V], `depth` [m] and the yaw `stick` sent, as they were then."""
 
     time: float
     heading: float

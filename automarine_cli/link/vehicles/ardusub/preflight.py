@@ -17,12 +17,9 @@ from automarine_cli.logs.mixing import Part, Unclear, part_of
 from automarine_cli.thrusters.curves import PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
-STICK_CENTRE, STICK_SPAN = 1500.0, 0.4
-"""Of the pulse that a stick becomes [us]: its middle, and what each thousandth adds at a gain of 1."""
-USUAL = 3.375
-"""The ACRO_YAW_P at which a whole pulse is the whole output in MANUAL."""
-ANGLE_DEG = 45.0
-"""A whole pulse in STABILIZE; times ACRO_YAW_P it is a turn rate [deg/s]."""
+STICK_CENTRE, STICK_SPAN = 1500.0, 0.4  # us: a stick in the middle, and what each thousandth adds at a gain of 1
+USUAL = 3.375  # the ACRO_YAW_P at which a whole pulse is the whole output in MANUAL
+ANGLE_DEG = 45.0  # A whole pulse in STABILIZE; times ACRO_YAW_P it is a turn rate [deg/s]
 FULL_STICK = 1000
 
 
@@ -42,14 +39,10 @@ class Stick:
         """As the vehicle tells; what it does not tell is as delivered."""
         parameters = heard.parameters
         centre = parameters.get("RC4_TRIM", STICK_CENTRE)
-        return cls(
-            heard.named_values.get("PilotGain", parameters.get("JS_GAIN_DEFAULT", 0.5)),
-            parameters.get("ACRO_YAW_P", USUAL),
-            centre - parameters.get("RC4_MIN", 1100.0),
-            parameters.get("RC4_MAX", 1900.0) - centre,
-            -1.0 if parameters.get("RC4_REVERSED", 0.0) else 1.0,
-            parameters.get("RC4_DZ", 40.0),
-        )
+        gain = heard.named_values.get("PilotGain", parameters.get("JS_GAIN_DEFAULT", 0.5))
+        down, up = centre - parameters.get("RC4_MIN", 1100.0), parameters.get("RC4_MAX", 1900.0) - centre
+        way = -1.0 if parameters.get("RC4_REVERSED", 0.0) else 1.0
+        return cls(gain, parameters.get("ACRO_YAW_P", USUAL), down, up, way, parameters.get("RC4_DZ", 40.0))
 
     @property
     def reach(self) -> float:
@@ -112,8 +105,8 @@ PREFLIGHT_PARAMETERS = (
 def preflight(
     link: Link, campaign: LinkCampaign, number: int, authority: TwinThrusters, depth_limit: float
 ) -> tuple[Stick, Part]:
-    """How the sticks work, and how the outputs are read, of a vehicle that may be armed for a campaign from the run of
-    a `number` on, down to `depth_limit` [m]. Raises SettingError."""
+    """Return how sticks work and outputs are read, of a vehicle that may be armed for a campaign from the run of a
+    `number` on, down to `depth_limit` [m]. Raises SettingError."""
     if not link.wait(FIRST_S, lambda: "HEARTBEAT" in link.heard.last):
         remedy = "check --mavlink, and where the vehicle sends"
         raise SettingError(f"no autopilot was heard on {link.address} in {FIRST_S:g} s; {remedy}")
@@ -137,9 +130,7 @@ def preflight(
 
 
 def _complaints(heard: Heard, output: float, seconds: float) -> Iterator[str]:
-    """Yield a sentence for each rule broken in so many seconds by a vehicle that has to reach an `output`.
-
-    Raises SettingError where its frame is unclear."""
+    """Yield a sentence for each rule broken in so many seconds by a vehicle that has to reach an `output`."""
     parameters, ours = heard.parameters, STATION_ID[0]
     if heard.armed:
         yield "the vehicle is armed already, so somebody else drives it; make them disarm it"
@@ -199,9 +190,8 @@ def _battery_and_depth(heard: Heard, campaign: LinkCampaign, number: int, depth_
 
 
 def another_pilot(heard: Heard) -> str:
-    """Return a sentence where somebody else sends sticks, or is a ground station under our number; else nothing.
-
-    The last stick wins, and such a station's heartbeat would keep the vehicle from noticing that ours is gone."""
+    """Return a sentence where somebody else sends sticks (the last wins), or is a ground station under our number,
+    whose heartbeat would hide that ours is gone; else nothing."""
     for (system, component), packet in heard.senders.items():
         return (
             f"somebody else sends {packet} (system {system}, component {component}), and the last one wins; switch off "

@@ -22,14 +22,10 @@ from automarine_cli.thrusters.map import TwinThrusters
 
 STABILIZE, MANUAL = 0, 19
 DO_SET_MODE, ARM_DISARM = 176, 400
-NEUTRAL_STICKS = 10
-"""So many sticks in the middle come before silence."""
-MAX_SILENT_S, STALE_S = 3.0, 1.0
-"""So long may the vehicle, and its attitude, not be heard."""
-MAX_OUTPUT_ERROR, MAX_OUTPUT_ERROR_S = 0.1, 1.0
-"""How far, and for how long, the outputs may be from what was sent."""
-TURN_DEG_S, SLOWEST_DEG_S, PER_S = 20.0, 4.0, 0.5
-"""Turning to a heading: fastest, slowest, and how fast for each degree that is left."""
+NEUTRAL_STICKS = 10  # so many sticks in the middle come before silence
+MAX_SILENT_S, STALE_S = 3.0, 1.0  # so long may the vehicle, and its attitude, not be heard
+MAX_OUTPUT_ERROR, MAX_OUTPUT_ERROR_S = 0.1, 1.0  # how far, and for how long, the outputs may be from what was sent
+TURN_DEG_S, SLOWEST_DEG_S, PER_S = 20.0, 4.0, 0.5  # turning to a heading: fastest, slowest, for each degree left
 NEAR_DEG, STILL_DEG_S, STILL_S = 3.0, 1.0, 1.0
 TURN_PATIENCE_S = 30.0
 
@@ -214,10 +210,10 @@ class ArduSub(Settings):
             preflight(link, campaign, 0, self._authority(campaign), self.limits.depth)
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
-        """The lines of a run's log: the moment as the vehicle's outputs made it, and the outputs.
+        """Yield the lines of a run's log: the moment as the vehicle's outputs made it, and the outputs.
 
-        Each run is a whole: the vehicle is checked, armed, driven, turned back and disarmed, then there is silence.
-        Raises SettingError where the vehicle must not be driven, or not any further."""
+        The vehicle is checked, armed, driven, turned back and disarmed, then there is silence. Raises SettingError
+        where it must not be driven (any further)."""
         run, yaw_authority = campaign.runs[number], self._authority(campaign)
         after = campaign.runs[min(number + 1, len(campaign.runs) - 1)]
         with closing(Link(self.address, halted, self.clock)) as link, suppress(Halt):
