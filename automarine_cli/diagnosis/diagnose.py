@@ -30,7 +30,7 @@ from automarine_cli.diagnosis.search import (
     variants,
     without,
 )
-from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, log_density, missed, run_effects_given, study_of
+from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, log_density, missed, study_of
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
@@ -113,11 +113,7 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
     runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
     if trial.fit.driven:
         return missed(study, trial.model, trial.fit)
-    problem = study.problem(trial.model)
-    if fitted:
-        return study.residual(trial.fit.fitted)
-    simulated = run_effects_given(problem, problem.parameters.search(trial.fit.theta), trial.fit.variances)[1]
-    return study.residual(simulated)
+    return study.residual(trial.fit.fitted if fitted else study.responses_of(trial.model, trial.fit)[0])
 
 
 def gap_from_commands(

@@ -150,6 +150,7 @@ def _integrate(
     followed = model.motion.turns or any(term.effect.uses_position for term in movers)
     tau = _delivered(batch, commands, start, shape)
     clock, signals = commands[0], commands[0].signals
+    curves = foreknown(movers, signals)
     lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (clock.length, clock.start))
     position = np.array(np.broadcast_to(start.position, shape), dtype=float)
     velocity = np.array(np.broadcast_to(start.velocity, shape), dtype=float)
@@ -167,6 +168,7 @@ def _integrate(
     for m, (h, begin, force) in enumerate(zip(lengths, begins, map(tuple, tau))):
         if signals:
             logged = {name: column[:, m] for name, column in signals.items()}
+            logged |= {name: curve[:, m] for name, curve in curves.items()}
         times = begin, begin + 0.5 * h, begin + h
         way, velocity, water = rk4(slope, position, velocity, water, (force,) * 3, times, h, logged, followed)
         position = position + way if followed else position
@@ -193,6 +195,12 @@ def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: 
         rows.append(np.broadcast_to(force, (*shape[1:], force.shape[2])))
     together = rows[0][None] if len(rows) == 1 else np.stack(rows)
     return np.ascontiguousarray(np.moveaxis(together, 3, 0))
+
+
+def foreknown(terms: Sequence[Bound], signals: Mapping[str, Floats]) -> dict[str, Floats]:
+    """What logged columns (R, M) alone make of effects, whatever the motion, by their names, (P, M, R)."""
+    curves = {term.effect.name: term.effect.foreknown(signals, term.values) for term in terms}
+    return {name: curve for name, curve in curves.items() if curve is not None}
 
 
 def right_hand_side(
