@@ -189,7 +189,8 @@ class Step:
         signals |= {name: np.tile(curve[:, m], (self._copies, 1)) for name, curve in self._curves.items()}
         gain = np.exp(every[places.gain])
         force, rise = (
-            (level[:, None] * gain).reshape(dofs, *flat.shape[1:]) for level in (self.delivered[m], 0.5 * h * self.tilt[m])
+            (level[:, None] * gain).reshape(dofs, *flat.shape[1:])
+            for level in (self.delivered[m], 0.5 * h * self.tilt[m])
         )
         forces = force - rise, force, force + rise
         pushed, x = flat[self._pushed], flat[:dofs]
@@ -357,7 +358,7 @@ def follow(
             moved = covariance.copy()
             moved[:dynamic] = np.einsum("dcpr,cnpr->dnpr", slopes, covariance[columns])
             moved[summed] += covariance[summed]
-            moved[pushed] *= fade[m]
+            moved[pushed] *= fade[m][:, None]
             covariance = moved.copy()
             covariance[:, :dynamic] = np.einsum("ncpr,dcpr->ndpr", moved[:, columns], slopes)
             covariance[:, summed] += moved[:, summed]

@@ -9,7 +9,7 @@ Order of the axes of what is returned: parameter sets P, runs R, samples N, degr
 freedom come first, so that one alone is a plain array of sets by runs.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from itertools import islice
@@ -158,27 +158,64 @@ def _integrate(
     if current is not None:
         velocity = velocity - in_body_axes(current, position[2])
     count = sum(len(term.effect.states) for term in movers)
-    slope = right_hand_side(model.motion, movers, model.inertia_matrix(theta), current, position)
-    steps = len(tau)
-    velocities, travelled = np.empty((steps + 1, *shape)), np.empty((steps + 1, *shape))
+    inertia, steps = model.inertia_matrix(theta), len(tau)
+    velocities, travelled = np.empty((steps + 1, *shape)), np.zeros((steps + 1, *shape))
     stirred = np.empty((steps + 1, count, *shape[1:]))
     velocities[0], travelled[0], stirred[0] = velocity, position, start.water
-    water = list(stirred[0])
     logged: Mapping[str, Floats] = {}
-    for m, (h, begin, force) in enumerate(zip(lengths, begins, map(tuple, tau))):
-        if signals:
-            logged = {name: column[:, m] for name, column in signals.items()}
-            logged |= {name: curve[:, m] for name, curve in curves.items()}
-        times = begin, begin + 0.5 * h, begin + h
-        way, velocity, water = rk4(slope, position, velocity, water, (force,) * 3, times, h, logged, followed)
-        position = position + way if followed else position
-        travelled[m + 1], velocities[m + 1] = way, velocity
-        if water:
-            stirred[m + 1] = water
+    for first, last, on in _stretches(batch.length):
+        origin, now, way_of = (
+            travelled[0][..., on],
+            velocities[first][..., on],
+            travelled[first + 1 : last + 1][..., on],
+        )
+        rate_of, state_of = np.empty_like(way_of), np.empty((last - first, *stirred.shape[1:-1], int(on.sum())))
+        there, water = position[..., on], list(stirred[first][..., on])
+        held = {name: column[on, first:last].T for name, column in signals.items()}
+        held |= {name: curve[:, first:last, on].swapaxes(0, 1) for name, curve in curves.items()}
+        slope = right_hand_side(model.motion, [of_runs(term, on) for term in movers], inertia, current, origin)
+        grid = (x[first:last][..., on] for x in (lengths, begins, tau))
+        for m, (h, begin, force) in enumerate(zip(*grid)):
+            if held:
+                logged = {name: column[m] for name, column in held.items()}
+            times = begin, begin + 0.5 * h, begin + h
+            way, now, water = rk4(slope, there, now, water, (tuple(force),) * 3, times, h, logged, followed)
+            there = there + way if followed else there
+            way_of[m], rate_of[m] = way, now
+            if water:
+                state_of[m] = water
+        position[..., on] = there
+        for nodes, reached in ((travelled, way_of), (velocities, rate_of), (stirred, state_of)):
+            nodes[first + 1 : last + 1][..., on] = reached
+        for nodes in (velocities, stirred):  # runs that have ended stay as they are
+            nodes[first + 1 : last + 1][..., ~on] = nodes[first][..., ~on]
     np.cumsum(travelled, axis=0, out=travelled)
     if current is not None:
         velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
     return np.moveaxis(travelled, 0, 3), np.moveaxis(velocities, 0, 3), np.moveaxis(stirred, 0, 3)
+
+
+SHRINKS = 0.75  # share of the runs that may be left when those that have ended are no longer integrated
+
+
+def _stretches(length: Floats) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
+    """Begin and end of stretches of the steps of `length` (R, M), and the runs (R,) that have not ended before: padding
+    costs as much as motion."""
+    moves = length > 0
+    ends = np.where(moves.any(axis=1), length.shape[1] - moves[:, ::-1].argmax(axis=1), 0)
+    first = 0
+    while first < length.shape[1]:
+        on = ends > first
+        last = int(np.sort(ends[on])[int((1.0 - SHRINKS) * on.sum())]) if on.any() else length.shape[1]
+        yield first, last, on
+        first = last
+
+
+def of_runs(term: Bound, on: NDArray[np.bool_]) -> Bound:
+    """Return a term of some of the runs (R,) alone."""
+    if not term.effect.per_run:
+        return term
+    return replace(term, values=tuple(v[:, on] if v.shape[1] == len(on) else v for v in term.values))
 
 
 def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: tuple[int, ...]) -> Floats:
