@@ -188,10 +188,8 @@ class Step:
         signals = {name: column[:, m] for name, column in self.signals.items()}
         signals |= {name: np.tile(curve[:, m], (self._copies, 1)) for name, curve in self._curves.items()}
         gain = np.exp(every[places.gain])
-        force, rise = (
-            (level[:, None] * gain).reshape(dofs, *flat.shape[1:])
-            for level in (self.delivered[m], 0.5 * h * self.tilt[m])
-        )
+        levels = self.delivered[m], 0.5 * h * self.tilt[m]
+        force, rise = ((level[:, None] * gain).reshape(dofs, *flat.shape[1:]) for level in levels)
         forces = force - rise, force, force + rise
         pushed, x = flat[self._pushed], flat[:dofs]
 

@@ -164,31 +164,29 @@ def _integrate(
     velocities[0], travelled[0], stirred[0] = velocity, position, start.water
     logged: Mapping[str, Floats] = {}
     for first, last, on in _stretches(batch.length):
-        origin, now, way_of = (
-            travelled[0][..., on],
-            velocities[first][..., on],
-            travelled[first + 1 : last + 1][..., on],
-        )
-        rate_of, state_of = np.empty_like(way_of), np.empty((last - first, *stirred.shape[1:-1], int(on.sum())))
-        there, water = position[..., on], list(stirred[first][..., on])
+        way_of = np.empty((last - first, *shape[:-1], len(on)))
+        rate_of, state_of = np.empty_like(way_of), np.empty((last - first, *stirred.shape[1:-1], len(on)))
+        starts = (travelled[0], position, velocities[first], stirred[first])
+        origin, there, now, water = (x.take(on, axis=-1) for x in starts)
         held = {name: column[on, first:last].T for name, column in signals.items()}
-        held |= {name: curve[:, first:last, on].swapaxes(0, 1) for name, curve in curves.items()}
+        held |= {name: curve[:, first:last].take(on, axis=-1).swapaxes(0, 1) for name, curve in curves.items()}
         slope = right_hand_side(model.motion, [of_runs(term, on) for term in movers], inertia, current, origin)
-        grid = (x[first:last][..., on] for x in (lengths, begins, tau))
+        grid = (x[first:last].take(on, axis=-1) for x in (lengths, begins, tau))
         for m, (h, begin, force) in enumerate(zip(*grid)):
             if held:
                 logged = {name: column[m] for name, column in held.items()}
             times = begin, begin + 0.5 * h, begin + h
-            way, now, water = rk4(slope, there, now, water, (tuple(force),) * 3, times, h, logged, followed)
+            way, now, water = rk4(slope, there, now, list(water), (tuple(force),) * 3, times, h, logged, followed)
             there = there + way if followed else there
             way_of[m], rate_of[m] = way, now
             if water:
                 state_of[m] = water
         position[..., on] = there
-        for nodes, reached in ((travelled, way_of), (velocities, rate_of), (stirred, state_of)):
+        ended = np.setdiff1d(np.arange(shape[-1]), on)
+        travelled[first + 1 : last + 1][..., on] = way_of
+        for nodes, reached in ((velocities, rate_of), (stirred, state_of)):
             nodes[first + 1 : last + 1][..., on] = reached
-        for nodes in (velocities, stirred):  # runs that have ended stay as they are
-            nodes[first + 1 : last + 1][..., ~on] = nodes[first][..., ~on]
+            nodes[first + 1 : last + 1][..., ended] = nodes[first][..., ended]
     np.cumsum(travelled, axis=0, out=travelled)
     if current is not None:
         velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
@@ -198,24 +196,22 @@ def _integrate(
 SHRINKS = 0.75  # share of the runs that may be left when those that have ended are no longer integrated
 
 
-def _stretches(length: Floats) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
-    """Begin and end of stretches of the steps of `length` (R, M), and the runs (R,) that have not ended before: padding
+def _stretches(length: Floats) -> Iterator[tuple[int, int, NDArray[np.int64]]]:
+    """Begin and end of stretches of the steps of `length` (R, M), and the runs that have not ended before: padding
     costs as much as motion."""
     moves = length > 0
     ends = np.where(moves.any(axis=1), length.shape[1] - moves[:, ::-1].argmax(axis=1), 0)
     first = 0
     while first < length.shape[1]:
-        on = ends > first
-        last = int(np.sort(ends[on])[int((1.0 - SHRINKS) * on.sum())]) if on.any() else length.shape[1]
+        on = np.flatnonzero(ends > first)
+        last = int(np.sort(ends[on])[int((1.0 - SHRINKS) * len(on))]) if len(on) else length.shape[1]
         yield first, last, on
         first = last
 
 
-def of_runs(term: Bound, on: NDArray[np.bool_]) -> Bound:
-    """Return a term of some of the runs (R,) alone."""
-    if not term.effect.per_run:
-        return term
-    return replace(term, values=tuple(v[:, on] if v.shape[1] == len(on) else v for v in term.values))
+def of_runs(term: Bound, on: NDArray[np.int64]) -> Bound:
+    """Return a term of some of the runs alone."""
+    return replace(term, values=tuple(v[:, on] if v.shape[1] > 1 else v for v in term.values))
 
 
 def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: tuple[int, ...]) -> Floats:
