@@ -190,7 +190,7 @@ def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str
     return follows if (best[1:] <= best[0]).mean() < FOLLOWS else ""
 
 
-LEADERS, MAX_LEADERS, BEHIND = 2, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
+LEADERS, MAX_LEADERS, BEHIND = 4, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
 FAR = 0.2  # share of the best gain by which brief fits may be behind that are taken further
 AS_WELL = 0.02  # of the gain of one effect, within which it does as well as a curve: its law may be off
 SETTLES = 2  # how often the spread is chosen again after a fit

@@ -14,7 +14,7 @@ of Mathematical Statistics 35:73 (readings far off count linearly).
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -438,8 +438,8 @@ def _update(
         if not observed.any():
             continue
         predicted, weights = step.reading(channel, m, mean, covariance)
-        shares: Floats = sum(covariance[place] * weight for place, weight in weights)
-        total = white[c][:, None] + sum(shares[place] * weight for place, weight in weights)
+        shares = reduce(np.add, [covariance[place] * weight for place, weight in weights])
+        total = reduce(np.add, [shares[place] * weight for place, weight in weights], white[c][:, None])
         missed = np.where(observed, channel.values[:, m] - predicted, 0.0)
         innovation[c, :, :, m] = missed
         variance[c, :, :, m] = np.where(observed, total, 0.0)

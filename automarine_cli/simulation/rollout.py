@@ -167,7 +167,8 @@ def _integrate(
         way_of = np.empty((last - first, *shape[:-1], len(on)))
         rate_of, state_of = np.empty_like(way_of), np.empty((last - first, *stirred.shape[1:-1], len(on)))
         starts = (travelled[0], position, velocities[first], stirred[first])
-        origin, there, now, water = (x.take(on, axis=-1) for x in starts)
+        origin, there, now, stored = (x.take(on, axis=-1) for x in starts)
+        water = list(stored)
         held = {name: column[on, first:last].T for name, column in signals.items()}
         held |= {name: curve[:, first:last].take(on, axis=-1).swapaxes(0, 1) for name, curve in curves.items()}
         slope = right_hand_side(model.motion, [of_runs(term, on) for term in movers], inertia, current, origin)
@@ -176,7 +177,7 @@ def _integrate(
             if held:
                 logged = {name: column[m] for name, column in held.items()}
             times = begin, begin + 0.5 * h, begin + h
-            way, now, water = rk4(slope, there, now, list(water), (tuple(force),) * 3, times, h, logged, followed)
+            way, now, water = rk4(slope, there, now, water, (tuple(force),) * 3, times, h, logged, followed)
             there = there + way if followed else there
             way_of[m], rate_of[m] = way, now
             if water:
