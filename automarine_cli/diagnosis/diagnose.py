@@ -655,7 +655,7 @@ def split_by(name: str, rival: str, dof: Dof) -> str:
     return (effect if rival in effect.mistaken_for else effects.get(rival)).card(dof).separated_by
 
 
-DRIVEN_S, STEPPED_S, PLANAR_S = 3e-4, 1e-4, 0.025
+DRIVEN_S, STEPPED_S, PLANAR_S = 1.2e-4, 6e-5, 0.025
 """For each reading (and effect of one motion): driven runs, other runs, the plane; roughly, on a machine of 2020."""
 MIN_RUNS = 4
 MIN_TO_HOLD_OUT = 8

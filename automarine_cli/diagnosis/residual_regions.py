@@ -18,7 +18,7 @@ from scipy import special
 
 from automarine_cli.comparison.validation import compare
 from automarine_cli.diagnosis.search import STANDS, CandidateFit
-from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, missed, run_effects_given
+from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, missed
 from automarine_cli.dofs import DOFS
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -492,11 +492,7 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
     runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
     if trial.fit.driven:
         return missed(study, trial.model, trial.fit)
-    problem = study.problem(trial.model)
-    if fitted:
-        return study.residual(trial.fit.fitted)
-    simulated = run_effects_given(problem, problem.parameters.search(trial.fit.theta), trial.fit.variances)[1]
-    return study.residual(simulated)
+    return study.residual(trial.fit.fitted if fitted else study.responses_of(trial.model, trial.fit)[0])
 
 
 def gap_from_commands(

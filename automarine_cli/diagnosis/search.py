@@ -16,6 +16,7 @@ from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.scores import (
+    Score,
     Scores,
     candidate_shapes,
     candidates,
@@ -329,6 +330,7 @@ def settles(trial: CandidateFit, base: CandidateFit) -> bool:
 
 TIE = 10.0  # difference of evidence (in deviance) below which two explanations count as tied
 LEADERS = 6  # candidates that are fitted in every case: the first by their scores
+ALWAYS = 2  # of these those of driven runs that are fitted whatever their scores
 LIKELY = 0.1  # share of the best score from which the others are fitted
 SEARCH_BRIEF = 4  # iterations that every candidate's fit gets; only those in the running are fitted to the end
 RUNNING = ((0.5, 6), (0.9, ITERATIONS))
@@ -423,7 +425,14 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         best = scores.ranked[0].penalised if scores.ranked else 0.0
         leaders = (2 * LEADERS if first_step else LEADERS) if best > chance else LEADERS // (1 if first_step else 3)
         least = max(LIKELY * best, chance)
-        ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > least]
+        first = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > least]
+
+        def may_reach(of: Score, gained: float) -> bool:
+            """A filter's fit costs a hundred simulations: whether one gets there, if its score tells half of what it
+            gains."""
+            return of.penalised + of.drop > max(LIKELY * gained, scores.threshold(WEAK))
+
+        ranked = [s for i, s in enumerate(first) if i < ALWAYS or not self.study.driven or may_reach(s, best)]
         fits, tried = Fits(), set[str]()
         while ranked:
             work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
@@ -433,10 +442,10 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             fits |= {trial.law: trial for trial in trials if trial is not None}
             tried |= {s.effect for s in ranked}
             leader = min(fits.values(), key=lambda trial: trial.evidence, default=current)
-            if current.evidence - leader.evidence <= chance:
-                break
-            alike = effects.look_alikes(leader.added[-1])
-            ranked = [s for s in scores.ranked if s.effect in alike - tried]
+            gained = current.evidence - leader.evidence
+            alike = effects.look_alikes(leader.added[-1]) if gained > chance else set[str]()
+            further = {s.effect for s in first if self.study.driven and may_reach(s, gained)} | alike
+            ranked = [s for s in scores.ranked if s.effect in further - tried]
         return fits
 
     def _further(self, current: CandidateFit, fits: Fits, share: float, iterations: int) -> Fits:

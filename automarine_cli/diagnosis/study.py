@@ -21,7 +21,7 @@ from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, s
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
-from automarine_cli.fits.mixed_model import Problem, derivatives, fit_mixed
+from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.model import COMMAND_DELAY, Model, Term
 from automarine_cli.models.parameter import Parameters
@@ -338,6 +338,17 @@ class DiagnosisProblem:
     def _predictions(self) -> dict[Fit, tuple[Predicted, ...]]:
         return {}
 
+    @cached_property
+    def _responses(self) -> dict[Fit, tuple[Floats, Floats]]:
+        return {}
+
+    def responses_of(self, model: Model, fit: MixedFit) -> tuple[Floats, Floats]:
+        """Readings (R, N) of these runs as a fit to others has them, and their log densities (R,), worked out once a
+        fit."""
+        if fit not in self._responses:
+            self._responses[fit] = run_effects_given(self.problem(model), fit.theta, fit.variances)
+        return self._responses[fit]
+
     def covariance(self, model: Model, fit: Fit) -> Floats:
         """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
 
@@ -441,22 +452,22 @@ def log_density(study: DiagnosisProblem, model: Model, fit: Fit) -> Floats:
     run effects' posterior means as fits are."""
     if fit.driven:
         return study.driven_problem(model).follow(fit.phi[None]).log_density[0]
-    problem, variances = study.problem(model), fit.variances
-    phi = problem.parameters.search(fit.theta)
-    b, _ = run_effects_given(problem, phi, variances)
-    fitted, by_phi, by_run = derivatives(problem, phi, b)
-    gram = problem.gram(by_phi, by_run, fitted, b)
-    weighted = linear_mixed.weigh(gram, problem.effects, variances)
-    return linear_mixed.predictive(gram, weighted, np.zeros((len(b), len(phi))))
+    return study.responses_of(model, fit)[1]
 
 
-def run_effects_given(problem: Problem, phi: Floats, variances: Floats, rounds: int = 12) -> tuple[Floats, Floats]:
-    """Posterior means of the run effects (R, q) of runs that were not fitted, and the headings with them (R, N).
+def run_effects_given(problem: Problem, theta: Floats, variances: Floats, rounds: int = 12) -> tuple[Floats, Floats]:
+    """Posterior means of the run effects of runs that were not fitted: the headings with them (R, N), and the log
+    density of each run (R,) about them.
 
-    `phi` and `variances` come from other runs. Each round linearises about the last run effects and takes, run by run,
-    the share of the step that fits best, so that no run can wander."""
-    scale = problem.effects.deviation(variances)
-    shares = np.array([1.0, 0.5, 0.2])[:, None, None]
+    `theta` (p,) and `variances` come from other runs. Each round linearises about the last run effects and takes, run
+    by run, the share of the step that fits best, so that no run can wander."""
+    scale, simulated = problem.effects.deviation(variances), problem.response
+    shares, none = np.array([1.0, 0.5, 0.2])[:, None, None], np.zeros(0)
+
+    def response(nothing: Floats, b: Floats) -> Floats:
+        return simulated(np.tile(theta, (len(b), 1)), b)
+
+    problem = replace(problem, response=response, parameters=Parameters(()))  # nothing else is left to be fitted
 
     def costs(fitted: Floats, b: Floats) -> Floats:
         penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
@@ -464,19 +475,19 @@ def run_effects_given(problem: Problem, phi: Floats, variances: Floats, rounds: 
         return np.where(np.isfinite(cost), cost, np.inf)
 
     b = np.zeros_like(problem.effects.scale)
-    fitted, by_phi, by_run = derivatives(problem, phi, b)
     for _ in range(rounds):
-        data = problem.residual(fitted) + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
-        gram = problem.inner(by_phi, by_run, data)
-        step = linear_mixed.posterior_mean(gram, problem.effects, variances, phi) - b
+        fitted, by_theta, by_run = derivatives(problem, none, b)
+        gram = problem.gram(by_theta, by_run, fitted, b)
+        step = linear_mixed.posterior_mean(gram, problem.effects, variances, none) - b
         trials = b + shares * step
-        tried = problem.response(np.tile(problem.parameters.natural(phi), (len(trials), 1)), trials)
-        trial_costs = np.stack([costs(h, e) for h, e in zip(tried, trials)])
+        trial_costs = np.stack([costs(h, e) for h, e in zip(response(none, trials), trials)])
         best, now = trial_costs.argmin(axis=0), costs(fitted, b)
         better = trial_costs.min(axis=0) < now * (1.0 - 1e-6)
         if not better.any():
             break
-        runs = np.arange(len(b))
-        b = np.where(better[:, None], trials[best, runs], b)
-        fitted, by_phi, by_run = derivatives(problem, phi, b)
-    return b, fitted
+        b = np.where(better[:, None], trials[best, np.arange(len(b))], b)
+    else:
+        fitted, by_theta, by_run = derivatives(problem, none, b)
+        gram = problem.gram(by_theta, by_run, fitted, b)
+    weighted = linear_mixed.weigh(gram, problem.effects, variances)
+    return fitted, linear_mixed.predictive(gram, weighted, np.zeros((len(b), 0)))

@@ -288,6 +288,11 @@ class Effect:
         """Moment added to the equation of motion, (P, R), in the moment's unit."""
         return 0.0
 
+    def foreknown(self, signals: Mapping[str, Floats], values: tuple[Floats, ...]) -> Floats | None:
+        """What `moment` finds among the signals by the effect's name, (P, M, R), as logged columns (R, M) alone make it
+        whatever the motion; None where there is no such thing."""
+        return None
+
     def water_rate(self, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> Floats | float:
         """Rate at which the water turns [rad/s], (P, R); water effects only."""
         return 0.0
@@ -314,6 +319,9 @@ Deliver = Callable[[Commands, tuple[Floats, ...]], Floats]
 def choose(law: Floats, *options: Callable[[], Floats]) -> Floats:
     """What each parameter set's law gives, in the shape to which `law` (P, ...) and the options broadcast; only options
     that some set asks for are worked out."""
+    first = law.flat[0]
+    if (law == first).all():
+        return options[round(float(first))]()
     laws = np.unique(law)
     result = options[round(float(laws[0]))]()
     for number in laws[1:]:

@@ -5,14 +5,15 @@ spline through values at KNOTS places, equally far apart from `low` to `high`, a
 it closes on itself. Which curve is likely is said by its `spread` alone, see `roughness`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.effects.base import MIXED, Effect, Parameter, State, choice, reference
+from automarine_cli.effects.base import MIXED, Effect, Parameter, State, choice, choose, reference
 from automarine_cli.errors import ModelError
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 
@@ -93,15 +94,25 @@ class Learned(Effect):
     def acts_in(self, dof: Dof) -> bool:
         return dof.name in self.variable.motions
 
+    def foreknown(self, signals: Mapping[str, Floats], values: tuple[Floats, ...]) -> Floats | None:
+        if not self.needs:
+            return None
+        low, high, _, _, *curve, _ = values  # the ends are the same of all parameter sets: no fit moves them
+        x = signals[self.variable.name].T
+        shape = basis(x.ravel(), float(low.flat[0]), float(high.flat[0]), closed=bool(self.variable.turn))
+        return (np.concatenate(curve, axis=1) @ shape.T).reshape(-1, *x.shape)
+
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         low, high, size, _, *curve, kind = values
-        x = self.variable.read(state)
+        curve_value = state.signals.get(self.name)
         side: Floats | float = 1.0
-        if self.variable.sized:
-            x, side = np.abs(x), np.sign(x)
-        curve_value = spline(x, low, high, curve, closed=bool(self.variable.turn))
-        product = np.where(kind < 1.5, state.delivered, -size * state.relative)
-        return np.asarray(np.where(kind < 0.5, size * side, product) * curve_value)
+        if curve_value is None:
+            x = self.variable.read(state)
+            if self.variable.sized:
+                x, side = np.abs(x), np.sign(x)
+            curve_value = spline(x, low, high, curve, closed=bool(self.variable.turn))
+        factor = choose(kind, lambda: size * side, lambda: state.delivered, lambda: -size * state.relative)
+        return np.asarray(factor * curve_value)
 
 
 def kind_of(values: Sequence[float]) -> str:
@@ -114,21 +125,26 @@ def scale_of(values: Sequence[float]) -> float:
     return 1.0 if kind_of(values) == GAIN else values[2]
 
 
-def spline(x: Floats, low: Floats, high: Floats, values: list[Floats], *, closed: bool) -> Floats:
-    """The curve through `values`, K arrays of one shape that broadcasts with `x`, at equal steps from `low` to `high`.
+def spline(x: Floats, low: Floats, high: Floats, values: Sequence[Floats], *, closed: bool) -> Floats:
+    """The curve through `values`, K arrays (P, 1), at equal steps from `low` to `high`, at `x` (P, R).
 
     The cubic spline, constant beyond; where `closed` the first value comes again at `high`.
     """
+    piece, u = _pieces(x, low, high, closed)
     cubics = _CUBICS[closed]
-    pieces, knots = len(cubics), np.array(values)
+    powers = np.concatenate(values, axis=1) @ cubics.reshape(-1, KNOTS).T  # of each set, piece by piece
+    first = len(cubics) * np.arange(len(powers))[:, None]
+    cubic = powers.reshape(-1, cubics.shape[1]).take(piece + first, axis=0)
+    return np.asarray(((cubic[..., 3] * u + cubic[..., 2]) * u + cubic[..., 1]) * u + cubic[..., 0])
+
+
+def _pieces(x: Floats, low: Floats | float, high: Floats | float, closed: bool) -> tuple[NDArray[np.int64], Floats]:
+    """In which piece of a curve `x` lies, of runaways the first, and how far into it as a share."""
+    pieces = len(_CUBICS[closed])
     at = pieces * (x - low) / (high - low)
     at = at % pieces if closed else np.minimum(np.maximum(at, 0.0), pieces)
-    piece = np.fmin(np.fmax(at, 0.0), pieces - 1.0).astype(int)  # of runaways the first
-    powers = np.moveaxis(np.tensordot(cubics, knots, axes=1), 1, -1)
-    index = np.ogrid[tuple(slice(size) for size in knots.shape[1:])]
-    cubic = powers[(piece, *index)]
-    u = at - piece
-    return np.asarray(((cubic[..., 3] * u + cubic[..., 2]) * u + cubic[..., 1]) * u + cubic[..., 0])
+    piece = np.fmin(np.fmax(at, 0.0), pieces - 1.0).astype(np.int64)
+    return piece, at - piece
 
 
 def _cubics(closed: bool) -> Floats:
@@ -153,8 +169,8 @@ _CUBICS = {closed: _cubics(closed) for closed in (False, True)}
 
 def basis(x: Floats, low: float, high: float, *, closed: bool) -> Floats:
     """What each of the KNOTS values adds to the curve at `x` (n,): (n, KNOTS)."""
-    ends = np.full(1, low), np.full(1, high)
-    return np.stack([spline(x, *ends, [*row[:, None]], closed=closed) for row in np.eye(KNOTS)], axis=1)
+    piece, u = _pieces(x, low, high, closed)
+    return np.asarray(np.einsum("nj,njk->nk", np.stack([u**0, u, u**2, u**3], axis=1), _CUBICS[closed][piece]))
 
 
 def roughness(closed: bool) -> Floats:

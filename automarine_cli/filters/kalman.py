@@ -14,7 +14,7 @@ of Mathematical Statistics 35:73 (readings far off count linearly).
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from automarine_cli.filters.course import Course
 from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
-from automarine_cli.simulation.rollout import in_body_axes, right_hand_side, rk4
+from automarine_cli.simulation.rollout import foreknown, in_body_axes, right_hand_side, rk4
 
 MIN_STATE_SD = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
 MIN_GAIN_SD = 0.02  # difference of the log gain, likewise
@@ -86,7 +86,7 @@ def _places(dofs: int, terms: list[Bound], course: Course) -> States:
 class Step:
     """One model on one course for P parameter sets: commands delivered, steps, readings.
 
-    `delivered` (D, P, R, K) is what the actuators give without the runs' gain, the mean over each step, and `tilt` how
+    `delivered` (K, D, P, R) is what the actuators give without the runs' gain, the mean over each step, and `tilt` how
     it rises over the step [per s]; `inverse` (P, D, D) is that of the inertia, `columns` are the states on which the
     dynamic ones depend nonlinearly, or that push them.
     """
@@ -109,6 +109,7 @@ class Step:
         self.water_moves = model.current(theta)
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.uses_position for t in terms)
+        self._followed = placed or model.motion.turns
         turning = places.position[-1:] if model.motion.turns else ()
         coefficients = [place for group in places.per_run.values() for place in group]
         self.columns = np.array([
@@ -134,7 +135,7 @@ class Step:
         is when they begin in their `run` (A,), and `at` (A, K) are the steps that they are made of."""
         pieces = copy(self)
         pieces.course, pieces.runs = cut, len(run)
-        cuts = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt, *self._before))
+        cuts = (x[at.T, :, :, run].transpose(0, 2, 3, 1) for x in (self.delivered, self.tilt, *self._before))
         pieces.delivered, pieces.tilt, *pieces._before = cuts
         pieces.clock = begin[:, None] + np.concatenate([0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1)
         pieces.signals = {name: column[run[:, None], at] for name, column in self.signals.items()}
@@ -149,6 +150,7 @@ class Step:
         terms = model.forces(wide)
         movers = [self._bound(term) for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
         self._slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]
+        self._curves = foreknown([t for t in model.forces(theta) if t.effect.needs], self.signals)
         inertia, current = model.inertia_matrix(wide), model.current(wide)
         self._slope = right_hand_side(model.motion, movers, inertia, current, origin[:, None])
 
@@ -167,7 +169,7 @@ class Step:
         places, columns, count = self.places, self.columns, len(self.columns)
         every = np.repeat(mean[:, None], self._copies, axis=1)
         every[self._pushed] *= ramp[:, None]
-        sizes = np.sqrt(np.maximum(covariance[..., columns, columns].transpose(2, 0, 1), self._least))
+        sizes = np.sqrt(np.maximum(covariance[columns, columns], self._least))
         every[columns, self._ahead] += sizes
         every[columns, self._behind] -= sizes
         moved = self._moved(m, every).reshape(places.dynamic, self._copies, self.sets, self.runs)
@@ -184,9 +186,10 @@ class Step:
         h = self.course.length[:, m]
         begin, end = self.clock[:, m], self.clock[:, m + 1]
         signals = {name: column[:, m] for name, column in self.signals.items()}
+        signals |= {name: np.tile(curve[:, m], (self._copies, 1)) for name, curve in self._curves.items()}
         gain = np.exp(every[places.gain])
-        force = np.array([(level[:, :, m] * gain).reshape(flat.shape[1:]) for level in self.delivered])
-        rise = np.array([(0.5 * h * tilt[:, :, m] * gain).reshape(flat.shape[1:]) for tilt in self.tilt])
+        levels = self.delivered[m], 0.5 * h * self.tilt[m]
+        force, rise = ((level[:, None] * gain).reshape(dofs, *flat.shape[1:]) for level in levels)
         forces = force - rise, force, force + rise
         pushed, x = flat[self._pushed], flat[:dofs]
 
@@ -196,7 +199,7 @@ class Step:
 
         water = [flat[place] for place in places.water]
         times = begin, 0.5 * (begin + end), end
-        way, velocity, water = rk4(slope, x, flat[dofs : 2 * dofs], water, forces, times, h, signals)
+        way, velocity, water = rk4(slope, x, flat[dofs : 2 * dofs], water, forces, times, h, signals, self._followed)
         out = np.empty((places.dynamic, *flat.shape[1:]))
         out[:dofs], out[dofs : 2 * dofs] = x + way, velocity
         for place, state in zip(places.water, water):
@@ -210,8 +213,7 @@ class Step:
         """What the actuators give as node m is reached, by the commands of rows before it, (P, R, 1)."""
         delivered, tilt = self._before
         step, half = max(m - 1, 0), 0.5 if m else -0.5
-        rise = half * self.course.length[:, step] * tilt[dof, :, :, step]
-        return np.asarray((delivered[dof, :, :, step] + rise)[..., None])
+        return np.asarray((delivered[step, dof] + half * self.course.length[:, step] * tilt[step, dof])[..., None])
 
     def reading(
         self, channel: Channel, m: int, mean: Floats, covariance: Floats
@@ -228,7 +230,7 @@ class Step:
         sensors = [term for term in self.sensors if term.dof == channel.dof]
         if not sensors:
             return mean[place], [(place, ones)]
-        size = np.sqrt(np.maximum(covariance[..., place, place], MIN_STATE_SD**2))
+        size = np.sqrt(np.maximum(covariance[place, place], MIN_STATE_SD**2))
         tried = mean[place] + np.stack([0.0 * size, size, -size])
         time = self.clock[:, m, None]
         for term in sensors:
@@ -249,13 +251,19 @@ def _first_readings(course: Course) -> Floats:
 
 def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats, Floats]:
     """What the actuators deliver over the filter's steps, `late` (P,) [s] after the log has it: means and
-    slopes, (D, P, R, K)."""
+    slopes, (K, D, P, R)."""
     commands = list(course.commands)
     for term in actuators(terms):
         commanded = commands[term.dof]
         commands[term.dof] = replace(commanded, force=term.effect.deliver(commanded, term.wide()))
     lines = [course.averaged(command.force, late) for command in commands]
-    return np.stack([mean for mean, _ in lines]), np.stack([slope for _, slope in lines])
+    mean, slope = (_by_step(np.stack(part)) for part in zip(*lines))
+    return mean, slope
+
+
+def _by_step(values: Floats) -> Floats:
+    """(..., K) as (K, ...), so that what a step needs lies together."""
+    return np.ascontiguousarray(np.moveaxis(values, -1, 0))
 
 
 MAX_Z = 5.0  # beyond which an innovation counts linearly, and its reading as noisier than the others
@@ -315,20 +323,23 @@ def follow(
     A `trace` gets mean and covariance of every node, and what the next step made of them with its Jacobian.
     """
     step = Step(model, course, theta, noises.late)
-    places = step.places
+    places, columns = step.places, step.columns
     sets, runs, nodes = len(theta), len(course.names), course.length.shape[1] + 1
     mean, covariance = _start(step, course, noises, sets)
-    delivered, thrusty, inverse = step.delivered, noises.thrust[:, :, None], step.inverse
     shape = (len(course.channels), sets, runs, nodes)
     innovation, variance = np.zeros(shape), np.zeros(shape)
     states = np.zeros((places.count, sets, runs, nodes)) if keep else None
-    decay = np.exp(-course.length[None, None] / noises.time[:, :, None, None])
-    ramp = (1.0 - decay) * noises.time[:, :, None, None] / np.maximum(course.length, 1e-12)
-    fresh = ((noises.size**2)[:, :, None, None] * (1.0 - decay**2)).transpose(1, 2, 0, 3)
-    fade, root = decay.transpose(1, 2, 0, 3), np.sqrt(np.maximum(course.length, 1e-12))
-    white, identity, dynamic = noises.reading**2, np.eye(places.count), places.dynamic
+    time = noises.time[:, :, None, None]
+    decay = np.exp(-course.length / time)
+    ramp = _by_step((1.0 - decay) * time / np.maximum(course.length, 1e-12))
+    fresh, fade = _by_step((noises.size**2)[:, :, None, None] * (1.0 - decay**2)), _by_step(decay)
+    root = np.sqrt(np.maximum(course.length, 1e-12))
+    thrusty = noises.thrust[None, :, :, None] * np.abs(step.delivered) / _by_step(root)[:, None, None]
+    white, dynamic = noises.reading**2, places.dynamic
     pushed = np.array(places.pushed)
-    of_push = np.searchsorted(step.columns, pushed)
+    of_push = np.searchsorted(columns, pushed)
+    summed = np.setdiff1d(np.arange(dynamic), columns)  # they only add up what others make of them
+    inverse = step.inverse.transpose(1, 2, 0)[..., None]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for m in range(nodes):
             _update(step, course, m, mean, covariance, white, innovation, variance)
@@ -336,23 +347,26 @@ def follow(
                 states[..., m] = mean
             if m == nodes - 1:
                 break
-            force = delivered[..., m]
             before = (mean, covariance)
-            mean, slopes = step.advance(m, mean, covariance, ramp[..., m])
-            bumps = slopes[:, of_push].transpose(2, 3, 0, 1)  # (P, R, dynamic, D): of constant accelerations
-            slopes = slopes.transpose(2, 3, 0, 1).copy()
-            slopes[..., of_push] *= ramp[..., m].transpose(1, 2, 0)[:, :, None]
-            jacobian = np.empty_like(covariance)
-            jacobian[:] = identity
-            jacobian[..., :dynamic, step.columns] = slopes
-            jacobian[..., pushed, pushed] = fade[..., m]
-            mean[pushed] *= decay[..., m]
-            covariance = jacobian @ covariance @ jacobian.swapaxes(2, 3)
-            covariance[..., pushed, pushed] += fresh[..., m]
-            unsteady = thrusty * np.abs(force) * (np.exp(mean[places.gain]) / root[:, m])
-            blown = bumps @ (inverse[:, None] * unsteady.transpose(1, 2, 0)[:, :, None])
-            covariance[..., :dynamic, :dynamic] += blown @ blown.swapaxes(2, 3)
+            mean, slopes = step.advance(m, mean, covariance, ramp[m])
+            blown = np.einsum("djpr,jkpr->dkpr", slopes[:, of_push], inverse * thrusty[m])  # by constant accelerations
+            blown *= np.exp(mean[places.gain])
+            slopes[:, of_push] *= ramp[m]
+            mean[pushed] *= fade[m]
+            moved = covariance.copy()
+            moved[:dynamic] = np.einsum("dcpr,cnpr->dnpr", slopes, covariance[columns])
+            moved[summed] += covariance[summed]
+            moved[pushed] *= fade[m][:, None]
+            covariance = moved.copy()
+            covariance[:, :dynamic] = np.einsum("ncpr,dcpr->ndpr", moved[:, columns], slopes)
+            covariance[:, summed] += moved[:, summed]
+            covariance[:, pushed] *= fade[m]
+            covariance[pushed, pushed] += fresh[m]
+            covariance[:dynamic, :dynamic] += np.einsum("ikpr,jkpr->ijpr", blown, blown)
             if trace is not None:
+                jacobian = np.tile(np.eye(places.count)[..., None, None], (1, 1, sets, runs))
+                jacobian[:dynamic, columns] = slopes
+                jacobian[pushed, pushed] = fade[m]
                 trace.append((*before, mean.copy(), covariance.copy(), jacobian))
     return FilterResult(innovation, variance, states, places)
 
@@ -367,7 +381,9 @@ def smoothed(model: Model, course: Course, theta: Floats, noises: Noises) -> Fil
     assert followed.states is not None
     states = followed.states[:, 0].copy()
     for m in range(len(trace) - 1, -1, -1):
-        mean, covariance, ahead, spread, jacobian = (part[:, 0] if part.ndim == 3 else part[0] for part in trace[m])
+        mean, covariance, ahead, spread, jacobian = (
+            part[:, 0] if part.ndim == 3 else part[:, :, 0].transpose(2, 0, 1) for part in trace[m]
+        )
         moved = (states[..., m + 1] - ahead).T[..., None]
         back = covariance @ jacobian.swapaxes(1, 2) @ np.linalg.pinv(spread, hermitian=True) @ moved
         states[..., m] = mean + back[..., 0].T
@@ -375,7 +391,7 @@ def smoothed(model: Model, course: Course, theta: Floats, noises: Noises) -> Fil
 
 
 def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Floats, Floats]:
-    """Mean (n, P, R) and covariance (P, R, n, n) at the first node."""
+    """Mean (n, P, R) and covariance (n, n, P, R) at the first node."""
     places, dofs = step.places, course.motion.dofs
     mean = np.zeros((places.count, sets, len(course.names)))
     deviation = np.zeros_like(mean)
@@ -395,14 +411,14 @@ def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Float
             deviation[place] = noises.per_run[name][:, None]
     for place, of in places.bias.values():
         deviation[place] = dofs[of].limits.bias_sd
-    covariance = np.zeros((sets, len(course.names), places.count, places.count))
+    covariance = np.zeros((places.count, places.count, sets, len(course.names)))
     diagonal = np.arange(places.count)
-    covariance[..., diagonal, diagonal] = np.moveaxis(deviation**2, 0, 2)
+    covariance[diagonal, diagonal] = deviation**2
     for place in places.memory:  # a slow sensor starts where the vehicle does
         other = places.remembered[place]
-        covariance[..., place, :] = covariance[..., other, :]
-        covariance[..., :, place] = covariance[..., :, other]
-        covariance[..., place, place] = covariance[..., other, other] + 1e-12
+        covariance[place] = covariance[other]
+        covariance[:, place] = covariance[:, other]
+        covariance[place, place] = covariance[other, other] + 1e-12
     return mean, covariance
 
 
@@ -422,18 +438,15 @@ def _update(
         if not observed.any():
             continue
         predicted, weights = step.reading(channel, m, mean, covariance)
-        shares, total = np.zeros(covariance.shape[:3]), np.zeros(predicted.shape) + white[c][:, None]
-        for place, weight in weights:
-            shares = shares + covariance[..., place] * weight[..., None]
-        for place, weight in weights:
-            total = total + shares[..., place] * weight
-        missed = channel.values[:, m] - predicted
-        innovation[c, :, :, m] = np.where(observed, missed, 0.0)
+        shares = reduce(np.add, [covariance[place] * weight for place, weight in weights])
+        total = reduce(np.add, [shares[place] * weight for place, weight in weights], white[c][:, None])
+        missed = np.where(observed, channel.values[:, m] - predicted, 0.0)
+        innovation[c, :, :, m] = missed
         variance[c, :, :, m] = np.where(observed, total, 0.0)
         doubt = np.maximum(np.abs(missed) / (MAX_Z * np.sqrt(total)), 1.0)
-        gain = np.where(observed[:, None], shares / (total * doubt)[..., None], 0.0)
-        mean += gain.transpose(2, 0, 1) * np.where(observed, missed, 0.0)
-        covariance -= gain[..., :, None] * shares[..., None, :]
+        gain = np.where(observed, shares / (total * doubt), 0.0)
+        mean += gain * missed
+        covariance -= gain[:, None] * shares
 
 
 HORIZONS = (2.0, 5.0, 15.0)  # seconds ahead
@@ -554,7 +567,7 @@ def carried(
     )
     pieces = step.of_pieces(cut, course.time[run, origin], run, at)
     mean = np.repeat(states[:, run, origin][:, None], len(theta), axis=1)
-    spread = np.zeros((len(theta), len(run), len(mean), len(mean)))
+    spread = np.zeros((len(mean), len(mean), len(theta), len(run)))
     predicted = np.zeros((len(channels), len(theta), len(run), longest + 1))
     with np.errstate(over="ignore", invalid="ignore"):
         for m in range(longest + 1):

@@ -9,7 +9,7 @@ Order of the axes of what is returned: parameter sets P, runs R, samples N, degr
 freedom come first, so that one alone is a plain array of sets by runs.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from itertools import islice
@@ -150,6 +150,7 @@ def _integrate(
     followed = model.motion.turns or any(term.effect.uses_position for term in movers)
     tau = _delivered(batch, commands, start, shape)
     clock, signals = commands[0], commands[0].signals
+    curves = foreknown(movers, signals)
     lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (clock.length, clock.start))
     position = np.array(np.broadcast_to(start.position, shape), dtype=float)
     velocity = np.array(np.broadcast_to(start.velocity, shape), dtype=float)
@@ -157,26 +158,61 @@ def _integrate(
     if current is not None:
         velocity = velocity - in_body_axes(current, position[2])
     count = sum(len(term.effect.states) for term in movers)
-    slope = right_hand_side(model.motion, movers, model.inertia_matrix(theta), current, position)
-    steps = len(tau)
-    velocities, travelled = np.empty((steps + 1, *shape)), np.empty((steps + 1, *shape))
+    inertia, steps = model.inertia_matrix(theta), len(tau)
+    velocities, travelled = np.empty((steps + 1, *shape)), np.zeros((steps + 1, *shape))
     stirred = np.empty((steps + 1, count, *shape[1:]))
     velocities[0], travelled[0], stirred[0] = velocity, position, start.water
-    water = list(stirred[0])
     logged: Mapping[str, Floats] = {}
-    for m, (h, begin, force) in enumerate(zip(lengths, begins, map(tuple, tau))):
-        if signals:
-            logged = {name: column[:, m] for name, column in signals.items()}
-        times = begin, begin + 0.5 * h, begin + h
-        way, velocity, water = rk4(slope, position, velocity, water, (force,) * 3, times, h, logged, followed)
-        position = position + way if followed else position
-        travelled[m + 1], velocities[m + 1] = way, velocity
-        if water:
-            stirred[m + 1] = water
+    for first, last, on in _stretches(batch.length):
+        way_of = np.empty((last - first, *shape[:-1], len(on)))
+        rate_of, state_of = np.empty_like(way_of), np.empty((last - first, *stirred.shape[1:-1], len(on)))
+        starts = (travelled[0], position, velocities[first], stirred[first])
+        origin, there, now, stored = (x.take(on, axis=-1) for x in starts)
+        water = list(stored)
+        held = {name: column[on, first:last].T for name, column in signals.items()}
+        held |= {name: curve[:, first:last].take(on, axis=-1).swapaxes(0, 1) for name, curve in curves.items()}
+        slope = right_hand_side(model.motion, [of_runs(term, on) for term in movers], inertia, current, origin)
+        grid = (x[first:last].take(on, axis=-1) for x in (lengths, begins, tau))
+        for m, (h, begin, force) in enumerate(zip(*grid)):
+            if held:
+                logged = {name: column[m] for name, column in held.items()}
+            times = begin, begin + 0.5 * h, begin + h
+            way, now, water = rk4(slope, there, now, water, (tuple(force),) * 3, times, h, logged, followed)
+            there = there + way if followed else there
+            way_of[m], rate_of[m] = way, now
+            if water:
+                state_of[m] = water
+        position[..., on] = there
+        ended = np.setdiff1d(np.arange(shape[-1]), on)
+        travelled[first + 1 : last + 1][..., on] = way_of
+        for nodes, reached in ((velocities, rate_of), (stirred, state_of)):
+            nodes[first + 1 : last + 1][..., on] = reached
+            nodes[first + 1 : last + 1][..., ended] = nodes[first][..., ended]
     np.cumsum(travelled, axis=0, out=travelled)
     if current is not None:
         velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
     return np.moveaxis(travelled, 0, 3), np.moveaxis(velocities, 0, 3), np.moveaxis(stirred, 0, 3)
+
+
+SHRINKS = 0.75  # share of the runs that may be left when those that have ended are no longer integrated
+
+
+def _stretches(length: Floats) -> Iterator[tuple[int, int, NDArray[np.int64]]]:
+    """Begin and end of stretches of the steps of `length` (R, M), and the runs that have not ended before: padding
+    costs as much as motion."""
+    moves = length > 0
+    ends = np.where(moves.any(axis=1), length.shape[1] - moves[:, ::-1].argmax(axis=1), 0)
+    first = 0
+    while first < length.shape[1]:
+        on = np.flatnonzero(ends > first)
+        last = int(np.sort(ends[on])[int((1.0 - SHRINKS) * len(on))]) if len(on) else length.shape[1]
+        yield first, last, on
+        first = last
+
+
+def of_runs(term: Bound, on: NDArray[np.int64]) -> Bound:
+    """Return a term of some of the runs alone."""
+    return replace(term, values=tuple(v[:, on] if v.shape[1] > 1 else v for v in term.values))
 
 
 def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: tuple[int, ...]) -> Floats:
@@ -193,6 +229,12 @@ def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: 
         rows.append(np.broadcast_to(force, (*shape[1:], force.shape[2])))
     together = rows[0][None] if len(rows) == 1 else np.stack(rows)
     return np.ascontiguousarray(np.moveaxis(together, 3, 0))
+
+
+def foreknown(terms: Sequence[Bound], signals: Mapping[str, Floats]) -> dict[str, Floats]:
+    """What logged columns (R, M) alone make of effects, whatever the motion, by their names, (P, M, R)."""
+    curves = {term.effect.name: term.effect.foreknown(signals, term.values) for term in terms}
+    return {name: curve for name, curve in curves.items() if curve is not None}
 
 
 def right_hand_side(
