@@ -50,7 +50,6 @@ from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
-from automarine_cli.thrusters.fit import value_json
 
 
 @dataclass(frozen=True)
@@ -394,7 +393,7 @@ class NamedEffect:
     def to_json(self) -> dict[str, object]:
         plain = {
             **vars(self),
-            "parameters": {name: value_json(value) for name, value in self.parameters.items()},
+            "parameters": {name: value.to_json() for name, value in self.parameters.items()},
             "rivals": [_without_blanks(vars(rival)) for rival in self.rivals],
             "learned": self.learned and self.learned.to_json(),
         }
