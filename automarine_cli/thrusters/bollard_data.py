@@ -309,9 +309,9 @@ def _contradictions(n: Floats, force: Floats) -> Outliers:
     """First what breaks the rise of the curve, then, worst first, what lies off its course or repeats."""
     zero, ahead, astern = n == 0.0, n > 0.0, n < 0.0
     if all(map(np.any, (zero, ahead, astern))):  # the zero reading, if the readings next to it bear it out
-        rest = float(np.median(force[zero]))
-        if force[astern][np.argmax(n[astern])] <= rest <= force[ahead][np.argmin(n[ahead])]:
-            force = force - rest
+        reading = float(np.median(force[zero]))
+        if force[astern][np.argmax(n[astern])] <= reading <= force[ahead][np.argmin(n[ahead])]:
+            force = force - reading
     scale = float(np.sort(np.abs(force))[-2:].min(initial=np.inf))  # the second largest, as one reading may be wild
     if not np.isfinite(scale) or scale == 0.0:
         return {}
@@ -623,11 +623,11 @@ def _means(record: Series, number: int, pieces: Sequence[Ints], *, raw: bool) ->
     """One point for the mean of each of the pieces of a record."""
     time = np.arange(float(len(record.n))) if record.time is None else record.time
     volts = np.full(len(time), np.nan) if record.voltage is None else record.voltage
-    rows, rest = [], REST_SHARE * float(np.max(np.abs(record.n))) if raw else 0.0
+    rows, least = [], REST_SHARE * float(np.max(np.abs(record.n))) if raw else 0.0
     for piece in pieces:
         command, force = record.n[piece], record.force[piece]
         n = float(np.mean(command)) if np.ptp(command) else float(command[0])
-        if np.ptp(command) and abs(n) <= rest:  # a measured speed at rest
+        if np.ptp(command) and abs(n) <= least:  # a measured speed at rest
             n = 0.0
         spread = np.std(force, ddof=1) if len(force) > 1 else np.nan
         stderr = standard_error(force) if raw else np.nan

@@ -313,10 +313,10 @@ class PowerForm:
     def read(self, entry: CurveEntry, codec: Codec, place: Place) -> Curve:
         """Return the curve that a file holds. Raises the codec's refusal with the key that is wrong."""
         values = dict[str, float]()
-        for name, given in (entry.values | {"a": entry.a or Given(None)}).items():
-            if given is None or (given.value is None and name == "n_sat"):  # no saturation within the measured range
+        for name, stored in (entry.values | {"a": entry.a or Given(None)}).items():
+            if stored is None or (stored.value is None and name == "n_sat"):  # no saturation within the measured range
                 continue
-            values[name] = number_at(given, codec, (*place, name))
+            values[name] = number_at(stored, codec, (*place, name))
             if values[name] < 0.0 and name == "n_0":
                 raise codec.refusal((*place, name), f"found {values[name]:g}, expected a dead band of zero or more")
             if values[name] <= 0.0 and name != "n_0":

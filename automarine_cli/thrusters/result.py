@@ -68,12 +68,9 @@ class Analysis:
     def n_unit(self) -> str:
         return self.chosen.data.n_unit
 
-    @property
-    def sides(self) -> dict[str, BollardData]:
-        return {name: side for name, (_, side, _) in self.law.sides.items()}
-
     def levels(self, side: str) -> int:
-        return len(np.unique(levels_of(self.sides[side].n))) if side in self.sides else 0
+        n = self.law.data.n
+        return len(np.unique(levels_of(np.abs(n[n * dict(SIDES)[side] > 0]))))
 
     @property
     def estimates(self) -> dict[tuple[str, str], Estimate | Given]:
@@ -221,8 +218,8 @@ class ThrusterFit(Shown):
                 continue
             analysis, sides, p_values = self.parts[name].analysis, dict[str, object](), []
             for side, law in laws[name].items():
-                others = [of[side] for other, of in laws.items() if other != name and side in of]
-                percent, p_value = _difference(law, others)
+                references = [of[side] for other, of in laws.items() if other != name and side in of]
+                percent, p_value = _difference(law, references)
                 p_values += [] if p_value is None else [p_value]
                 sides[side] = {"a": law.to_json(), "differs_percent": percent, "p_value": p_value}
             rows.append({
