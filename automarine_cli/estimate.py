@@ -69,6 +69,11 @@ class Given:
         """A plain number."""
         return cls(value)
 
+    def to_json(self) -> object:
+        """The contract's form without an interval; a plain number where nothing says why it has none."""
+        nothing = {"value": self.value, "stderr": None, "ci95": None, "unit": self.unit, "at_bound": self.at_bound}
+        return nothing if self.at_bound else self.value
+
     @property
     def estimate(self) -> Estimate | None:
         """The estimate; None where the interval is not known."""

@@ -59,7 +59,6 @@ from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
-from automarine_cli.thrusters.fit import value_json
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
@@ -127,7 +126,7 @@ class NamedEffect:
     def to_json(self) -> dict[str, object]:
         plain = {
             **vars(self),
-            "parameters": {name: value_json(value) for name, value in self.parameters.items()},
+            "parameters": {name: value.to_json() for name, value in self.parameters.items()},
             "rivals": [_without_blanks(vars(rival)) for rival in self.rivals],
             "learned": self.learned and self.learned.to_json(),
         }

@@ -16,18 +16,8 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, runs_json
 from automarine_cli.thrusters import selection
 from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs
-from automarine_cli.thrusters.curves import FORMS
-from automarine_cli.thrusters.fit import (
-    ASYMMETRY,
-    SAG,
-    VOLTAGE,
-    BollardData,
-    MapFit,
-    Shape,
-    multiplier_columns,
-    parameters_json,
-    sums_of,
-)  # fmt: skip
+from automarine_cli.thrusters.curves import EFFECT_PARAMETERS, FORMS
+from automarine_cli.thrusters.fit import ASYMMETRY, SAG, VOLTAGE, BollardData, MapFit, Shape
 from automarine_cli.thrusters.map import SIDES, ThrusterMap
 
 WELL_ABOVE = 1.5
@@ -35,7 +25,6 @@ WELL_ABOVE = 1.5
 MATERIAL = 0.005  # share of full scale below which what remains is not worth a verdict: bollard tests repeat no better
 STRUCTURED, THROWS = 0.01, 999
 SWEEP = 0.98  # correlation of run order and command from which they are the same variable
-PARAMETER = {"dead-band": "n_0", "thrust-exponent": "p", "saturation": "n_sat"}
 SAYS = {
     "dead-band": "The thruster gives nothing below a smallest command",
     "thrust-exponent": "Thrust grows with another power of the command than the map's",
@@ -83,7 +72,7 @@ class ThrusterDiagnosis(Shown):
         """Content of extended_model.json: a thruster map (schema automarine/thruster-map/1)."""
         final = self.final
         result = ThrusterMap(final.form.name, *final.both_ways, self.data.n_unit, self.data.n_range).to_json()
-        result["parameters"] = parameters_json(final.estimates, final.both_ways)
+        result["parameters"] = final.parameters_json()
         names = ", ".join(effect.name for effect in self.effects) if self.verdict == NAMED else ""
         notes = [f"The {self.given.form} map refitted" + (f", with {names} added." if names else ".")]
         if final.shape.voltage:
@@ -123,7 +112,7 @@ def start_shape(base: ThrusterMap, data: BollardData, voltage: bool = False) -> 
     tied = base.forward == base.backward and len(data.directions) == 2
     curves = {"both": base.forward} if tied else {name: getattr(base, name) for name in data.directions}
     forms = tuple((name, FORMS[base.form].used_by(curve)) for name, curve in curves.items() if curve is not None)
-    return Shape(forms, voltage and data.step is not None)
+    return Shape(forms, voltage and data.by_voltage)
 
 
 def diagnose_thrusters(
@@ -211,8 +200,7 @@ def _verdict(
 def _neighbours_p_value(fit: MapFit, seed: int) -> float:
     """p-value of neighbouring levels' residuals being alike: products of neighbours, against signs thrown."""
     data, random = fit.data, np.random.default_rng(seed)
-    step = np.zeros(len(data)) if data.step is None else data.step
-    order = np.lexsort((data.n, np.sign(data.n), step))
+    order = np.lexsort((data.n, np.sign(data.n), data.step))
     residual = (np.sqrt(data.weight) * fit.residual)[order]
     together = residual[1:] * residual[:-1]
     signs = random.choice([-1.0, 1.0], size=(THROWS, len(together)))
@@ -251,31 +239,22 @@ def _split_by(fit: MapFit, effect: str, rival: selection.CandidateFit, floor: fl
 def effect_parameters(fit: MapFit, effect: str, base: MapFit) -> dict[str, Estimate | Given]:
     """Estimate the parameters of one effect; that of one direction says so in its name."""
     data = fit.data
-    if effect in (VOLTAGE, SAG):
-        column = multiplier_columns(fit)[:, int(effect == SAG)]
-        value = fit.power if effect == VOLTAGE else fit.sag
-        stderr = _stderr(fit, column, data.step if effect == VOLTAGE else None)
-        name = "p" if effect == VOLTAGE else "share_lost"
-        return {name: Estimate.from_stderr(value, stderr, data.levels - 1, "1")}
+    if effect == VOLTAGE:
+        return {"p": fit.voltage_power}
+    if effect == SAG:
+        return {"share_lost": Estimate.from_stderr(fit.sag, *fit.stderr(fit.multipliers[:, 1]), "1")}
     if effect == ASYMMETRY:
         sides = [np.where(data.n * sign > 0, fit.predicted, 0.0) for sign in (1.0, -1.0)]
         ends = [fit.along(np.array([sign * np.max(np.abs(data.n))]))[0] for sign in (1.0, -1.0)]
-        relative = float(np.hypot(_stderr(fit, sides[0], None), _stderr(fit, sides[1], None)))
+        relative = float(np.linalg.norm([fit.stderr(side)[0] for side in sides]))
         dof = min(int(np.count_nonzero(side)) for side in sides) - 1
         return {"backward_over_forward": Estimate.from_log(float(abs(ends[1] / ends[0])), relative, dof, "1")}
+    name = EFFECT_PARAMETERS[effect]
     return {
-        PARAMETER[effect] + ("" if where == "both" else f"_{where}"): fit.estimates[where][PARAMETER[effect]]
+        name + ("" if where == "both" else f"_{where}"): fit.estimates[where][name]
         for where, form in fit.shape.forms
-        if effect in form.effects - dict(base.shape.forms).get(where, FORMS["square"]).effects
+        if effect in form.effects - base.shape.effects_at(where)
     }  # fmt: skip
-
-
-def _stderr(fit: MapFit, column: Floats, steps: Ints | None) -> float:
-    """Standard error of one parameter from its own derivative: by levels, or by voltage steps if that is more."""
-    weight = fit.data.weight
-    sums = [sums_of(weight * column * fit.residual, unit) for unit in (fit.data.level, steps) if unit is not None]
-    most = max(np.sqrt(total @ total * len(total) / max(len(total) - 1, 1)) for total in sums)
-    return float(most / (weight @ column**2))
 
 
 def _regions(fit: MapFit, floor: float, seed: int) -> ResidualRegions:
@@ -284,7 +263,7 @@ def _regions(fit: MapFit, floor: float, seed: int) -> ResidualRegions:
     if not np.any(np.abs(fit.residual) > 1e-9 * data.full_scale):
         return ResidualRegions()
     columns = [Column("n", data.n_unit, data.n)]
-    if data.step is not None:
+    if data.by_voltage:
         columns.append(Column("voltage", "V", data.voltage))
     if abs(np.corrcoef(data.order, data.n)[0, 1]) < SWEEP:
         columns.append(Column("run-order", "", np.arange(1.0, count + 1.0)))

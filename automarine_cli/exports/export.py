@@ -313,16 +313,15 @@ def _mirrored(term: Term) -> Term:
     return replace(term, values=MIRROR_OF_MIXED[term.name](term.values))
 
 
-def in_newton_metres(model: Model, newton_metres_per_nu: float) -> Model:
+def in_newton_metres(model: Model, factor: float) -> Model:
     """The same motion under moments in N m (forces in N): inertia, drag times the factor, others by their units."""
-
-    factor, unit = newton_metres_per_nu, model.dof.units.forces[1]
 
     def scaled(term: Term) -> Term:
         pairs = zip(effects.get(term.name).parameters, term.values)
         return replace(term, values=tuple(parameter.scaled(value, factor) for parameter, value in pairs))
 
-    return replace(model, masses=(factor * model.inertia,), terms=tuple(map(scaled, model.terms)), moment_unit=unit)
+    terms, unit = tuple(map(scaled, model.terms)), model.dof.units.forces[1]
+    return replace(model, masses=(factor * model.inertia,), terms=terms, moment_unit=unit)
 
 
 def _logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:

@@ -67,7 +67,7 @@ def write(subject: MapSubject) -> Written:
 
 def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -> list[str]:
     """The note on how far the law is from the map; raises SettingError where that is too far and was not allowed."""
-    off, full = worst(subject.map, law, n_max), top(subject.map, n_max)
+    off, full = deviation(subject.map, law, n_max)
     if off < CLOSE * full:
         return []
     wrong = f"{off:.2g} N ({100 * off / full:.2g} % of {full:.3g} N)"
@@ -83,17 +83,15 @@ def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -
 
 
 def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_max: float) -> Written:
-    lag = subject.settings.lag
-    uuv, constant = "<type>ZeroOrder</type>", ""
+    lag, uuv, constant = subject.settings.lag, "<type>ZeroOrder</type>", ""
     if lag is not None:
         uuv = f"<type>FirstOrder</type>\n        <timeConstant>{number(lag)}</timeConstant>"
         constant = f"T_n = {number(lag)}  # s\n"
     fields = {
         **values, "limit": number(n_max), "minus": number(-n_max), "density": number(DENSITY),
         "diameter": number(DIAMETER), "uuv_lag": uuv, "T_n": constant,
+        "head": comment(head(subject, EQUATIONS[subject.form], notes), "#" if subject.form == "constants" else ""),
     }  # fmt: skip
-    lines = head(subject, EQUATIONS[subject.form], notes)
-    fields["head"] = comment(lines, "#" if subject.form == "constants" else "")
     return Written(filled(f"thrusters_{subject.form}", fields), tuple(notes))
 
 
@@ -115,7 +113,7 @@ def nearest_square(curve: Curve | None, n_max: float) -> PowerCurve:
     """Return the square law nearest to a curve by least squares on the thrust, up to where that ends."""
     if curve is None:
         return PowerCurve(0.0, n_sat=n_max)
-    limit = n_max if curve.n_sat is None else min(curve.n_sat, n_max)
+    limit = min(curve.n_sat or n_max, n_max)
     n = np.linspace(0.0, limit, GRID)
     return PowerCurve(float(n**2 @ curve.thrust(n) / (n**2 @ n**2)), n_sat=limit)
 
@@ -126,9 +124,9 @@ def table(map_: ThrusterMap, n_max: float) -> tuple[Floats, Floats]:
     while True:
         backward, forward = (_knots(curve, n_max, points) for curve in (map_.backward, map_.forward))
         n = np.concatenate([-backward[::-1], forward[1:]])
-        force = force_of(map_, n)
-        off = worst(map_, lambda signals: np.interp(signals, n, force), n_max)  # noqa: B023
-        if points >= MAX_POINTS or off < CLOSE * top(map_, n_max):
+        force = thrust_both_ways(map_.forward, map_.backward, n, unmeasured=0.0)
+        off, full = deviation(map_, lambda signals: np.interp(signals, n, force), n_max)  # noqa: B023
+        if points >= MAX_POINTS or off < CLOSE * full:
             return n, force
         points = 2 * points - 1
 
@@ -137,23 +135,16 @@ def _knots(curve: Curve | None, n_max: float, points: int) -> Floats:
     """Control signals from 0 to n_max, one at each kink of the curve, closer together where it begins."""
     if curve is None:
         return np.array([0.0, n_max])
-    limit = n_max if curve.n_sat is None else min(curve.n_sat, n_max)
+    limit = min(curve.n_sat or n_max, n_max)
     rise = curve.n_0 + (limit - curve.n_0) * np.linspace(0.0, 1.0, points) ** 1.5
     return np.unique([float(number(n)) for n in (0.0, *rise, n_max)])  # as the file has them: none twice
 
 
-def force_of(map_: ThrusterMap, n: Floats) -> Floats:
-    return thrust_both_ways(map_.forward, map_.backward, n, unmeasured=0.0)
-
-
-def top(map_: ThrusterMap, n_max: float) -> float:
-    return float(np.max(np.abs(force_of(map_, np.array([-n_max, n_max])))))
-
-
-def worst(map_: ThrusterMap, law: Callable[[Floats], Floats], n_max: float) -> float:
-    """The largest difference [N] of a law from the map within n_max."""
+def deviation(map_: ThrusterMap, law: Callable[[Floats], Floats], n_max: float) -> tuple[float, float]:
+    """Return the largest difference [N] of a law from the map within n_max, and the largest thrust of the map."""
     n = np.linspace(-n_max, n_max, GRID)
-    return float(np.max(np.abs(law(n) - force_of(map_, n))))
+    force = thrust_both_ways(map_.forward, map_.backward, n, unmeasured=0.0)
+    return float(np.max(np.abs(law(n) - force))), float(np.max(np.abs(force)))
 
 
 EQUATIONS = {

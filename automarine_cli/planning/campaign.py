@@ -111,7 +111,7 @@ def select(
         replace(run, start_heading=headings[i // 2 % len(headings)], clock=round(seconds * (7 * i % count) / count, 1))
         for i, run in enumerate(candidates)
     ]
-    check = pool.full_step(fitting.base, limits, largest) if limits.runs.repeat_first_last else None
+    check = pool.step_of(fitting.base, largest, limits.pool.turn_deg) if limits.runs.repeat_first_last else None
     fixed = np.array([2.0 * (check is not None and candidate.label == check.label) for candidate in candidates])
     cost = pool.costs(candidates, limits, supply)
     room, most_alike = pool.allowance(limits), np.full(count, float(limits.runs.most_alike))
@@ -380,7 +380,7 @@ def plan_campaign(
         for split in outcome
         if split.evidence < limits.goal.evidence
     )
-    together: dict[str, Estimate] = {}
+    together, covariances = dict[str, Estimate](), np.linalg.inv(np.cumsum(per_run, axis=0) + before)
     if earlier is not None:
         new = np.linalg.pinv(info.reported_covariance(info.moving(per_run)), hermitian=True)
         dof = float(max(len(per_run) + prior.used - 1, 1))
@@ -390,7 +390,10 @@ def plan_campaign(
         model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted,
         slots=_with_ways(slots, why, fitting), now=prior.now, alone=fitting.predicted(per_run), together=together,
         splits=outcome,
-        errors=errors_of(fitting, np.cumsum(per_run, axis=0) + before),
+        errors={
+            name: np.array([100.0 * info.stderr_along(c, of.relative) for c in covariances])
+            for name, of in fitting.estimands.items()
+        },
         notes=(*prior.notes, *((DISTURBED,) if fitting.random else ()), *short),
     )  # fmt: skip
 
@@ -404,7 +407,8 @@ def first_campaign(prior: PriorResults, limits: Limits, largest: float, supply: 
     fitting = fitting_of(replace(prior, model=model), limits)
     for count in range(MAX_SIZES, MIN_SIZES - 1, -1):
         sizes = (min(float(f"{largest * i / count:.3g}"), largest) for i in range(1, count + 1))
-        chosen = STEP_REPEATS * [pool.full_step(model, limits, side * size) for size in sizes for side in (1, -1)]
+        moments = [side * size for size in sizes for side in (1, -1)]
+        chosen = STEP_REPEATS * [pool.step_of(model, moment, limits.pool.turn_deg) for moment in moments]
         needs = pool.costs(chosen, limits, supply).sum(axis=0)
         if np.all(needs <= pool.allowance(limits) + 1e-9):
             break
@@ -447,15 +451,6 @@ def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
         None if rate_noise is None else float(np.deg2rad(rate_noise)), random,
         command_delay=prior.command_delay,
     )  # fmt: skip
-
-
-def errors_of(fitting: Fitting, information: Floats) -> dict[str, Floats]:
-    """Standard errors in percent of each parameter, (R,), with `information` (R, p, p)."""
-    covariances = np.linalg.inv(information)
-    return {
-        name: np.array([100.0 * info.stderr_along(c, of.relative) for c in covariances])
-        for name, of in fitting.estimands.items()
-    }
 
 
 def specification(plan: Plan) -> tuple[dict[str, object], str]:
@@ -599,13 +594,9 @@ def _largest_moment(prior: PriorResults, limits: Limits, drive: TwinThrusters | 
 
 
 def _supply(
-    limits: Limits,
-    largest: float,
-    unit: str,
-    drive: TwinThrusters | None,
-    per_test: int,
+    limits: Limits, largest: float, unit: str, drive: TwinThrusters | None, per_test: int,
     records: Sequence[Series] | None,
-) -> tuple[Supply, str]:
+) -> tuple[Supply, str]:  # fmt: skip
     """What is drawn from the battery, and a sentence on where that is from: `records` of thruster tests, else the
     limits. Raises SettingError for tests without a drive, RunError for tests without a current or power."""
     battery = limits.battery

@@ -180,24 +180,22 @@ class Candidate:
         return float(sum(seconds for _, seconds in self.commands))
 
 
-def levels(limits: Limits, largest: float) -> tuple[float, ...]:
-    """Return sizes of moment, smallest first: even in the root, hence in the yaw rate under quadratic drag."""
-    sizes = largest * np.linspace(MIN_MOMENT_SHARE**0.5, 1.0, limits.moments.levels) ** 2
-    return (*(float(f"{size:.3g}") for size in sizes[:-1]), largest)
-
-
 def candidates(model: Model, limits: Limits, largest: float) -> tuple[Candidate, ...]:
     """List every run that the limits allow, in a fixed order, both sides of each."""
-    sizes, sides, turn = levels(limits, largest), (1, -1), limits.pool.turn_deg
+    # even in the root of the moment, hence in the yaw rate under quadratic drag
+    roots, sides, turn = np.linspace(MIN_MOMENT_SHARE**0.5, 1.0, limits.moments.levels), (1, -1), limits.pool.turn_deg
+    sizes = (*(float(f"{largest * root**2:.3g}") for root in roots[:-1]), largest)
     first_parts = [  # moment, seconds and label of the steps after which a run goes on
         (side * size, _seconds(model, size, degrees), f"{moment_text(side * size)}_{degrees:.0f}deg")
         for size in sizes[1::2] for degrees in (turn / 3, 2 * turn / 3) for side in sides
     ]  # fmt: skip
-    whole_steps = [_step(model, side * largest, turn) for side in sides]
+    whole_steps = [step_of(model, side * largest, turn) for side in sides]
     constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
     coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
     every: dict[str, Iterable[Candidate]] = {
-        "step": (_step(model, side * size, share * turn) for size in sizes for share in STEP_SHARES for side in sides),
+        "step": (
+            step_of(model, side * size, share * turn) for size in sizes for share in STEP_SHARES for side in sides
+        ),
         "coast-down": (
             Candidate("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
             for moment, hold, label in first_parts
@@ -208,7 +206,7 @@ def candidates(model: Model, limits: Limits, largest: float) -> tuple[Candidate,
         ),
         "slow-ramp": (_ramp(side * size) for size in (sizes[0], sizes[len(sizes) // 2]) for side in sides),
         "long-turn": (
-            _step(model, moment, model.dof.shown(model.dof.limits.long), "long-turn", f"long_{moment_text(moment)}")
+            step_of(model, moment, model.dof.shown(model.dof.limits.long), "long-turn", f"long_{moment_text(moment)}")
             for size in (largest, sizes[limits.moments.levels // 2]) for moment in (size, -size)
         ),
         "rest": (Candidate("rest", "rest", ((0.0, REST_S),)),),
@@ -229,13 +227,9 @@ def mirrors(candidates: Sequence[Candidate]) -> list[int]:
     return [places.get((run.kind, other, run.voltage), i) for i, (run, other) in enumerate(zip(candidates, turned))]
 
 
-def full_step(model: Model, limits: Limits, moment: float) -> Candidate:
-    return _step(model, moment, limits.pool.turn_deg)
-
-
 def paper_grid(model: Model, largest: float) -> tuple[Candidate, ...]:
     """Make the paper's own runs, scaled to the largest moment: half turns at twelve sizes, to both sides."""
-    return tuple(_step(model, side * largest * i / 12.0, 180.0) for i in range(1, 13) for side in (1, -1))
+    return tuple(step_of(model, side * largest * i / 12.0, 180.0) for i in range(1, 13) for side in (1, -1))
 
 
 def _seconds(model: Model, moment: float, degrees: float) -> float:
@@ -243,7 +237,8 @@ def _seconds(model: Model, moment: float, degrees: float) -> float:
     return max(round(time_to_turn(radians(degrees), moment, model), 1), 0.5)
 
 
-def _step(model: Model, moment: float, degrees: float, kind: str = "step", label: str = "") -> Candidate:
+def step_of(model: Model, moment: float, degrees: float, kind: str = "step", label: str = "") -> Candidate:
+    """Make the run that turns so far from rest."""
     label = label or f"step_{moment_text(moment)}_{degrees:.0f}deg"
     return Candidate(kind, label, ((moment, _seconds(model, moment, degrees)),))
 

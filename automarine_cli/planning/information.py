@@ -29,6 +29,7 @@ from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.whole_runs import ENOUGH_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.model import BASE_TERMS, COMMAND_DELAY, DELAY, Model
+from automarine_cli.models.parameter import Parameters
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.planning.candidates import Candidate
@@ -169,9 +170,9 @@ class Fitting:
         return problem, problem.parameters.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]
 
     @cached_property
-    def on_log(self) -> tuple[bool, ...]:
-        """Which parameters, and the command delay after them, are searched and told on the logarithm."""
-        return tuple(p.log for p in self.problem([Candidate("step", "any", ((1.0, 3.0),))]).parameters)
+    def parameters(self) -> Parameters:
+        """Parameters of the model and the command delay after them, as the fit searches them."""
+        return self.problem([Candidate("step", "any", ((1.0, 3.0),))]).parameters
 
     def phi(self, problem: Problem) -> Floats:
         """Return where the likelihood is looked at, in the search's coordinates."""
@@ -190,37 +191,29 @@ class Fitting:
         return np.log([*noises, *(factors.get(name, QUIET_DISTURBANCE) for name in run_effects.factor_names)])
 
     @cached_property
-    def free(self) -> NDArray[np.int64]:
-        """Places of the parameters that the fit is free to choose, (p,); the command delay is the last."""
-        fixed = [h for term in self.model.terms for h in effects.get(term.name).held(term.values)]
-        return np.flatnonzero(~np.array([False, *fixed, False]))
-
-    @cached_property
     def estimands(self) -> dict[str, Estimand]:
         """What intervals are told of, by name: every free parameter but the delay, and inertia over quadratic drag.
 
         Parameters of an effect beside the drag begin with the effect's name."""
-        dof, symbols, unit = self.model.dof, self.model.dof.symbols, self.model.moment_unit
-        names, units = [symbols.inertia], [dof.unit_of("inertia", unit)]
-        for i, term in enumerate(self.model.terms):
-            effect, prefix = effects.get(term.name), "" if i < len(self.base.terms) else f"{term.name} "
-            names += [f"{prefix}{name}" for name in effect.names_in(dof)]
-            units += [parameter.unit for parameter in effect.card(dof, unit).parameters]
-        estimands = {
-            names[k]: Estimand(float(self.model.theta[k]), self.on_log[k], units[k], axis)
-            for k, axis in zip(self.free[:-1], np.eye(len(self.free)))
-        }
+        symbols, estimands = self.model.dof.symbols, dict[str, Estimand]()
+        drag = len(self.model.theta) - sum(len(term.values) for term in self.model.terms[len(self.base.terms) :])
+        for k, axis in zip(self.parameters.free[:-1].tolist(), np.eye(len(self.parameters.free))):
+            parameter = self.parameters[k]
+            of, _, name = parameter.name.partition(".")
+            label = name if k < drag else f"{of} {name}"
+            estimands[label] = Estimand(parameter.value, parameter.log, parameter.unit, axis)
         if symbols.quadratic in estimands:
-            inertia, drag = estimands[symbols.inertia], estimands[symbols.quadratic]
-            between = inertia.direction - drag.direction
-            estimands[ANGLE] = Estimand(inertia.value / drag.value, True, dof.unit_of("ratio"), between)
+            inertia, quadratic = estimands[symbols.inertia], estimands[symbols.quadratic]
+            between = inertia.direction - quadratic.direction
+            ratio = self.model.dof.unit_of("ratio")
+            estimands[ANGLE] = Estimand(inertia.value / quadratic.value, True, ratio, between)
         return estimands
 
     @property
     def loose_information(self) -> Floats:
         """Next to no information (p, p) on the free parameters: of each its own size, `LOOSE_STDERR` times over."""
         values = np.append(self.model.theta, 1.0 / self.rate)
-        sizes = np.where(self.on_log, 1.0, np.maximum(np.abs(values), 1e-3))[self.free]
+        sizes = np.where(self.parameters.log, 1.0, np.maximum(np.abs(values), 1e-3))[self.parameters.free]
         return np.diag(1.0 / (LOOSE_STDERR * sizes) ** 2)
 
     def information(self, candidates: Sequence[Candidate]) -> Floats:
@@ -244,13 +237,13 @@ class Fitting:
         natural = phi[: size + 1].copy()
         natural[-1] = 1.0
         positive = np.append(problem.parameters.log[:size], False)
-        scale = np.where(np.array(self.on_log) & ~positive, natural, 1.0)[self.free]
+        scale = np.where(self.parameters.log & ~positive, natural, 1.0)[self.parameters.free]
         back *= scale[:, None]
         projected = back @ runs @ back.T
         return np.asarray(projected)
 
     def _of_problem(self, problem: Problem) -> Floats:
-        variances, phi, free = self.variances(problem), self.phi(problem), self.free
+        variances, phi, free = self.variances(problem), self.phi(problem), self.parameters.free
         if self.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
             return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
         total = np.zeros(())

@@ -17,13 +17,14 @@ from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.fits.optimise import Point, maximise
 from automarine_cli.models.model import Model
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.information import LOOSE_STDERR, Fitting, PriorResults
+from automarine_cli.planning.information import Fitting, PriorResults
 from automarine_cli.quantities import Floats
 
-MAX_FIT_ROUNDS, MAX_HALVINGS = 20, 6
-SETTLED_GAIN = 1e-4
+MAX_FIT_ROUNDS = 20
+SETTLED_GAIN = 1e-3  # of misfit, in deviance
 MIN_VISIBLE_MISFIT = 4.0  # misfit without an effect from which it counts as seen: two standard errors of its size
 MAX_STARTS, FEW_CANDIDATES = 12, 8  # of the other explanation's fit, and runs on which they are compared
 
@@ -120,7 +121,7 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> M
     target = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
     headings, by_phi, by_run = derivatives(problem, other.phi(problem), np.zeros_like(problem.effects.scale))
     residual = np.where(problem.observed, target - headings, 0.0)
-    gram = problem.inner(by_phi, by_run, residual).keep(other.free)
+    gram = problem.inner(by_phi, by_run, residual).keep(other.parameters.free)
     weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
     square, gradient, hessian = (other.fitted * x for x in (weighted.square, weighted.gradient, weighted.hessian))
     return ModelPair(square, gradient, hessian, other.loose_information)
@@ -128,35 +129,25 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> M
 
 def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
     """Return `other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that
-    stays: Gauss-Newton within the parameters' bounds, steps halved until the misfit falls."""
-    problem = other.problem(candidates[:1])
-    bounds = problem.parameters.limits
-    phi = np.clip(other.phi(problem), bounds[:, 0], bounds[:, 1])
-    current, now = _about(true, other, candidates)
-    for _ in range(MAX_FIT_ROUNDS if np.isfinite(now) else 0):
-        step = _step(current, (bounds - phi[:, None])[other.free])
-        for _ in range(MAX_HALVINGS):
-            trial = phi.copy()
-            trial[other.free] += step
-            moved = replace(other, model=other.model.with_theta(problem.parameters.natural(trial)[:-1]))
-            there, then = _about(true, moved, candidates)
-            if then < now:
-                break
-            step /= 2.0
-        else:
-            break
-        gained, phi, other, current, now = now - then, trial, moved, there, then
-        if gained < SETTLED_GAIN * max(now, 1.0):
-            break
-    return other, now
+    stays (infinite where it runs away)."""
+    parameters, free = other.parameters, other.parameters.free[:-1]
 
+    def evaluate(points: Floats, _: NDArray[np.int64]) -> list[Point[Fitting]]:
+        reached = []
+        for phi in points:
+            moved = replace(other, model=other.model.with_theta(parameters.natural(phi)[:-1]))
+            current, misfit = _about(true, moved, candidates)
+            # the common instant is free beside the others
+            square, pull = current.hessian.sum(axis=0), current.gradient.sum(axis=0)
+            share = square[:-1, -1] / max(square[-1, -1], 1e-12)
+            gradient = pull[:-1] - share * pull[-1]
+            curvature = square[:-1, :-1] - np.outer(share, square[-1, :-1])
+            reached.append(Point(phi, -misfit, 2.0 * gradient, 2.0 * curvature, moved))
+        return reached
 
-def _step(current: ModelPair, bounds: Floats) -> Floats:
-    """Change of the free parameters (p,) to the best of the linearised contest, no bolder than their own sizes."""
-    hessian = current.hessian.sum(axis=0) + current.ridge
-    step = linear_mixed.bounded_solution(hessian, current.gradient.sum(axis=0), bounds)
-    boldest = LOOSE_STDERR * float(np.max(np.abs(step) * np.sqrt(np.diagonal(current.ridge))))
-    return step / max(boldest, 1.0)
+    start = np.clip(other.phi(other.problem(candidates[:1])), *parameters.limits.T)
+    (end,) = maximise(evaluate, start[None], free, parameters.limits, settled=SETTLED_GAIN, iterations=MAX_FIT_ROUNDS)
+    return end.point.data, -end.point.value
 
 
 def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[ModelPair, float]:

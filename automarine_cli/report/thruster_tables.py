@@ -60,10 +60,10 @@ def tables(result: ThrusterFit, details: Table) -> tuple[Table, ...]:
 
 
 def sentences(result: ThrusterFit) -> tuple[str, ...]:
-    lines, reduction = [_answer(result.analysis), result.analysis.because, result.tare.says], result.reduction
-    if reduction.plateaus:
-        left_out = f"; {reduction.left_out} were left out" if reduction.left_out else ""
-        lines.append(f"{reduction.samples} samples were reduced to {reduction.plateaus} plateaus{left_out}.")
+    lines, samples = [_answer(result.analysis), result.analysis.because, result.tare.says], result.samples
+    if samples["plateaus"]:
+        left_out = f"; {samples['samples_left_out']} were left out" if samples["samples_left_out"] else ""
+        lines.append(f"{samples['samples']} samples were reduced to {samples['plateaus']} plateaus{left_out}.")
     if result.logs.missing:
         lines.append(f"{result.logs.missing} rows without a control signal or a force were left out.")
     return (*lines, *result.notes)
@@ -84,13 +84,13 @@ def thrusters(result: ThrusterFit) -> Table:
     """Lay out each thruster where a column names them: its square law, and whether it differs from the others."""
     rows, unit = [], next(iter(result.analysis.square.values())).unit
     for part in result.compared:
-        analysis = part.analysis
-        row: dict[str, object] = {result.logs.by: part.name, "points": len(analysis.points) if analysis else None}
+        row: dict[str, object] = {result.logs.by: part["thruster"], "points": part.get("points")}
         for side, _ in SIDES:
-            off = f"{part.off[side][0]:+.1f} %" if side in part.off else MISSING
-            law = analysis.square.get(side) if analysis else None
-            row |= {f"a {side} [{unit}]": law, f"{side} from the others": off}
-        rows.append(row | {"beyond chance": part.why or ("differs" if part.differs else "alike")})
+            percent = part.get(side, {}).get("differs_percent")
+            law = result.parts[part["thruster"]].analysis.square[side] if side in part else None
+            row[f"a {side} [{unit}]"] = law
+            row[f"{side} from the others"] = MISSING if percent is None else f"{percent:+.1f} %"
+        rows.append(row | {"beyond chance": part.get("why") or ("differs" if part["differs"] else "alike")})
     return Table.of(f"Each thruster by itself (column {result.logs.by})", rows, [
         "Square laws [95 % interval] against the median of the others; a thruster differs where chance is below 5 % "
         "over all of them. The map below is of all together; each has its own file.",
@@ -162,7 +162,7 @@ def _errors(analysis: Analysis, score: MapFit) -> str:
 
 def voltages(result: ThrusterFit) -> Table:
     unit = next(iter(result.analysis.square.values())).unit
-    powers = [f"{side} {interval(power)}" for side, power in result.exponents.items() if power is not None]
+    powers = [f"{side} {interval(power)}" for side, power in result.exponents.items()]
     return Table.of("A map for each voltage (errors in percent of that voltage's full scale)", [
         {
             "voltage [V]": volts, **{f"a {side} [{unit}]": analysis.square.get(side) for side, _ in SIDES},

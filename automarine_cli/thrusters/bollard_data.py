@@ -1,6 +1,6 @@
 """Bollard tests read from logs, the points that they come down to, readings that contradict others, the tare."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Self
@@ -57,8 +57,8 @@ class ThrusterLogs:
     n_unit: str = ""
     by: str = ""
     split: bool = False
-    rule: ColumnRule | None = None
-    command: ColumnRule | None = None
+    rule: ColumnRule = field(default_factory=lambda: ColumnRule("force_N"))
+    command: ColumnRule = field(default_factory=lambda: ColumnRule("n"))
 
     @property
     def used(self) -> int:
@@ -114,8 +114,10 @@ def load_thruster_logs(
     by = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
     unit = units.pop() if len(units) == 1 else ""
     used = tuple(filter(has_bytes, files))
-    every = ({columns.of(file.path).columns.get(key) for file in files} for key in ("force_N", "n"))
-    rules = (alike.pop() if len(alike) == 1 else None for alike in every)
+    rules = []
+    for key in ("force_N", "n"):
+        alike = {columns.of(file.path).columns.get(key) for file in files}
+        rules.append((len(alike) == 1 and alike.pop()) or ColumnRule(key))
     return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, by or found_by, bool(by), *rules)
 
 
@@ -182,7 +184,8 @@ class Points:
 
     `n` [unit as logged]; `force` [N] of one thruster; `spread` [N] of the `count` samples behind a point, `stderr` [N]
     of their mean (both NaN for a single reading); `when`: time [s] or sample number; `record` numbers the test records;
-    `voltage` [V], NaN where not logged; `raw`: the mean of a plateau; `flag`: why a point weighs less than 1, or ""."""
+    `voltage` [V], NaN where not logged, `step` its nominal step (see `voltage_steps`); `raw`: the mean of a plateau;
+    `flag`: why a point weighs less than 1, or ""."""
 
     n: Floats
     force: Floats
@@ -192,6 +195,7 @@ class Points:
     when: Floats
     record: Ints
     voltage: Floats
+    step: Ints
     raw: NDArray[np.bool_]
     weight: Floats
     flag: NDArray[np.str_]
@@ -206,16 +210,17 @@ class Points:
         return cls(
             n=n, force=force, spread=nothing, count=np.ones(size, dtype=np.int64), stderr=nothing, when=when,
             record=np.full(size, record, dtype=np.int64), voltage=nothing if voltage is None else voltage,
-            raw=np.zeros(size, dtype=bool), weight=np.ones(size), flag=np.full(size, "", dtype="<U120"),
+            step=np.full(size, -1), raw=np.zeros(size, dtype=bool), weight=np.ones(size),
+            flag=np.full(size, "", dtype="<U120"),
         )  # fmt: skip
 
     def where(self, mask: NDArray[np.bool_] | Ints) -> Self:
         return replace(self, **{name: x[mask] for name, x in vars(self).items() if isinstance(x, np.ndarray)})
 
-    def divided(self, thrusters: int) -> "Points":
-        """Thrust of one of `thrusters` equal thrusters that pulled together (equation 3)."""
-        names = ("force", "spread", "stderr")
-        return replace(self, **{name: getattr(self, name) / thrusters for name in names})
+    @property
+    def steps(self) -> list[int]:
+        """Numbers of the voltage steps, none where the supply has none."""
+        return np.unique(self.step[self.step >= 0]).tolist()
 
     @property
     def n_range(self) -> tuple[float, float] | None:
@@ -263,18 +268,17 @@ def groups_of(n: Floats) -> Ints:
     return block[level].astype(np.int64)
 
 
-def voltage_steps(voltage: Floats) -> Ints | None:
+def voltage_steps(voltage: Floats) -> Ints:
     """Number of the nominal supply step of each point, shape (P,), rising with the voltage.
 
-    A new step starts where the sorted voltages jump by over 3 %; None without a voltage at every point, or where the
+    A new step starts where the sorted voltages jump by over 3 %; -1 without a voltage at every point, or where the
     supply drifts without steps."""
-    if len(voltage) == 0 or not np.all(np.isfinite(voltage)) or np.any(voltage <= 0):
-        return None
-    order = np.argsort(voltage, kind="stable")
-    jumps = np.diff(np.log(voltage[order])) > STEP
-    step = np.zeros(len(voltage), dtype=np.int64)
-    step[order[1:]] = np.cumsum(jumps)
-    return step if int(step.max()) < MAX_STEPS else None
+    step = np.full(len(voltage), -1)
+    if np.all(np.isfinite(voltage) & (voltage > 0)):
+        order = np.argsort(voltage, kind="stable")
+        size = np.log(voltage[order])
+        step[order] = np.cumsum(np.diff(size, prepend=size[:1]) > STEP)
+    return np.where(step.max(initial=0) < MAX_STEPS, step, -1)
 
 
 # Limits in shares of full scale, and in robust standard deviations of the readings; the larger counts.
@@ -284,26 +288,30 @@ REPEAT_MADS = 6.0  # off the other readings at the same command
 END = 0.20  # the highest command has one neighbour only, and thrust may really sag there
 SCATTER = 0.15  # share of the thrust itself: two runs may differ by some percent of gain
 
-Found = dict[int, tuple[float, float]]  # index -> deviation [N], limit [N]
+Outliers = dict[int, tuple[float, float]]  # index -> deviation [N], limit [N]
 
 
-def flag_contradictions(points: Points, step: Ints | None) -> Points:
-    """The same points with weights and reasons, each voltage step (P,) by itself: none is dropped.
+def flag_contradictions(points: Points, group: Ints | None = None) -> Points:
+    """The same points with weights and reasons, each `group` (P,), by default each voltage step, by itself: none is
+    dropped.
 
     Readings beyond their limit have Cauchy's weight 1 / (1 + (deviation / scale)²), scale a third of the limit."""
-    weight, flag = points.weight.copy(), points.flag.copy()
-    for number in np.unique(step) if step is not None else [0]:
-        places = np.arange(len(points)) if step is None else np.flatnonzero(step == number)
-        n, force = points.n[places], points.force[places]
-        for index, (deviation, limit) in _contradictions(n, force).items():
+    weight, flag, group = points.weight.copy(), points.flag.copy(), points.step if group is None else group
+    for number in np.unique(group):
+        places = np.flatnonzero(group == number)
+        for index, (deviation, limit) in _contradictions(points.n[places], points.force[places]).items():
             weight[places[index]] = 1.0 / (1.0 + (3.0 * deviation / limit) ** 2)
             flag[places[index]] = f"outlier: {deviation:.3g} N from neighbouring points"
     return replace(points, weight=weight, flag=flag)
 
 
-def _contradictions(n: Floats, force: Floats) -> Found:
+def _contradictions(n: Floats, force: Floats) -> Outliers:
     """First what breaks the rise of the curve, then, worst first, what lies off its course or repeats."""
-    force = force - _rest(n, force)
+    zero, ahead, astern = n == 0.0, n > 0.0, n < 0.0
+    if all(map(np.any, (zero, ahead, astern))):  # the zero reading, if the readings next to it bear it out
+        reading = float(np.median(force[zero]))
+        if force[astern][np.argmax(n[astern])] <= reading <= force[ahead][np.argmin(n[ahead])]:
+            force = force - reading
     scale = float(np.sort(np.abs(force))[-2:].min(initial=np.inf))  # the second largest, as one reading may be wild
     if not np.isfinite(scale) or scale == 0.0:
         return {}
@@ -321,28 +329,15 @@ def _contradictions(n: Floats, force: Floats) -> Found:
     return outliers
 
 
-def _rest(n: Floats, force: Floats) -> float:
-    """Zero reading [N], if the readings next to it bear it out; else 0."""
-    zero, ahead, astern = n == 0.0, n > 0.0, n < 0.0
-    if not all(map(np.any, (zero, ahead, astern))):
-        return 0.0
-    value = float(np.median(force[zero]))
-    below, above = force[astern][np.argmax(n[astern])], force[ahead][np.argmin(n[ahead])]
-    return value if below <= value <= above else 0.0
-
-
-def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Found:
+def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Outliers:
     """The fewest readings without which thrust rises with the command: the longest rising chain stays."""
     order = np.lexsort((force, n))
     strict = np.isin(np.arange(len(n)), order[_longest_rise(force[order], RISE * scale)])
     # The strict chain is smoother than the noise, the whole table rougher where it is contaminated.
-    every = np.ones(len(n), dtype=bool)
-    rough, smoother = (_roughness(force, *_courses(n, force, level, good)) for good in (every, strict))
-    rough = min(rough, 2.0 * smoother)
-    tolerance = max(RISE * scale, RISE_MADS * rough)
-    chain = order[_longest_rise(force[order], tolerance)]
-    on_chain = np.isin(order, chain)
-    outliers: Found = {}
+    rough, smoother = (_courses(n, force, level, good)[2] for good in (np.ones_like(strict), strict))
+    tolerance = max(RISE * scale, RISE_MADS * min(rough, 2.0 * smoother))
+    on_chain = np.isin(np.arange(len(n)), _longest_rise(force[order], tolerance))
+    outliers: Outliers = {}
     for place in np.flatnonzero(~on_chain):
         index = order[place]
         before = force[order[:place][on_chain[:place]]][-1:].tolist()
@@ -371,50 +366,40 @@ def _longest_rise(force: Floats, tolerance: float) -> Ints:
     return np.array(chain[::-1], dtype=np.int64)
 
 
-def _courses(n: Floats, force: Floats, level: Ints, good: np.ndarray) -> tuple[list[np.ndarray], Floats, Floats]:
-    """Indices of each level's readings, their median [N], and what the levels around it say [N]."""
+def _courses(n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_]) -> tuple[list[Ints], Floats, float, float]:
+    """Indices of each level's readings, what the levels around it say [N], and robust standard deviations [N]: of the
+    readings about a smooth curve, or of repeats if that is larger, and of repeats alone."""
     members = [np.flatnonzero(good & (level == number)) for number in np.unique(level[good])]
     middle = np.array([np.median(force[index]) for index in members])
-    return members, middle, left_out(np.array([np.median(n[index]) for index in members]), middle)
+    smooth = left_out(np.array([np.median(n[index]) for index in members]), middle)
+    # Of three readings or more; the smallest deviation of each level is the median's own and says nothing.
+    inside = [np.sort(np.abs(force[index] - m))[1:] for index, m in zip(members, middle) if len(index) >= 3]
+    repeats = 1.4826 * float(np.median(np.concatenate(inside))) if inside else 0.0
+    off, rough = np.abs(middle - smooth)[np.isfinite(smooth)], 0.0
+    if len(off):
+        # Median and lower quartile of a normal sample; in a coarse table half of the levels may stand by a bad one.
+        rough = min(1.4826 * float(np.median(off)), 3.139 * float(np.quantile(off, 0.25)))
+    return members, smooth, max(rough, repeats), repeats
 
 
-def _roughness(force: Floats, members: list[np.ndarray], middle: Floats, smooth: Floats) -> float:
-    """Robust standard deviation [N] of the readings about a smooth curve, or of repeats if that is larger."""
-    off = np.abs(middle - smooth)[np.isfinite(smooth)]
-    if len(off) == 0:
-        return _repeat_noise(force, members)
-    # Median and lower quartile of a normal sample; in a coarse table half of the levels may stand by a bad one.
-    rough = min(1.4826 * float(np.median(off)), 3.139 * float(np.quantile(off, 0.25)))
-    return max(rough, _repeat_noise(force, members))
-
-
-def _off_course(n: Floats, force: Floats, level: Ints, good: np.ndarray, scale: float) -> tuple[Floats, Floats]:
+def _off_course(n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_], scale: float) -> tuple[Floats, Floats]:
     """Deviation [N] from repeats at the same command or the smooth curve, and its limit, shape (P,)."""
-    members, middle, smooth = _courses(n, force, level, good)
-    rough = _roughness(force, members, middle, smooth)
-    repeat = max(RISE * scale, REPEAT_MADS * _repeat_noise(force, members))
+    members, smooth, rough, noise = _courses(n, force, level, good)
+    repeat, course = max(RISE * scale, REPEAT_MADS * noise), max(SMOOTH * scale, SMOOTH_MADS * rough)
     deviations, limits = np.zeros(len(n)), np.full(len(n), scale)
-    for j, index in enumerate(members):
+    for index, expected in zip(members, smooth):
         for p in index:
-            repeats, usual = index[index != p], []
+            repeats, usual = force[index[index != p]], []
             if len(repeats) >= 2:
-                usual.append((float(np.median(force[repeats])), repeat))
+                usual.append((float(np.median(repeats)), repeat))
             # A repeat that agrees says that the curve is like that.
-            if np.isfinite(smooth[j]) and not np.any(np.abs(force[repeats] - force[p]) <= repeat):
-                usual.append((float(smooth[j]), max(SMOOTH * scale, SMOOTH_MADS * rough)))
+            if np.isfinite(expected) and not np.any(np.abs(repeats - force[p]) <= repeat):
+                usual.append((float(expected), course))
             for value, least in usual:
                 deviation, limit = abs(force[p] - value), max(least, SCATTER * abs(value))
                 if deviation * limits[p] > deviations[p] * limit:
                     deviations[p], limits[p] = deviation, limit
     return deviations, limits
-
-
-def _repeat_noise(force: Floats, members: list[np.ndarray]) -> float:
-    """Standard deviation [N] of repeats about their level's median, where there are three; else 0."""
-    inside = [np.abs(force[index] - np.median(force[index])) for index in members if len(index) >= 3]
-    # One deviation of each level is the median's own and says nothing.
-    deviations = [np.sort(deviation)[1:] for deviation in inside]
-    return 1.4826 * float(np.median(np.concatenate(deviations))) if deviations else 0.0
 
 
 def neighbour_weights(place: Floats) -> Floats:
@@ -442,16 +427,16 @@ def left_out(place: Floats, middle: Floats) -> Floats:
 class Tare:
     """Zero reading of the load cell, per thruster [N]: mean, standard error, whether it was subtracted."""
 
-    value: float
-    stderr: float
-    readings: int
-    drift: float
-    subtracted: bool
+    value_N: float = 0.0
+    stderr_N: float = 0.0
+    readings: int = 0
+    drift_N: float = 0.0
+    subtracted: bool = False
 
     @property
     def thrust_stderr(self) -> float:
         """Standard error [N] that it leaves in every thrust."""
-        return self.stderr if self.subtracted else 0.0
+        return self.stderr_N if self.subtracted else 0.0
 
     @property
     def says(self) -> str:
@@ -459,9 +444,9 @@ class Tare:
             return "No reading at zero command: thrust is taken as logged, without a tare."
         where = f"{self.readings} zero-command reading{'s' if self.readings > 1 else ''}"
         if not self.subtracted:
-            return f"The tare of {self.value:.4g} N from {where} is within its scatter and was not subtracted."
-        drift = f", drifting by {self.drift:.3g} N" if self.drift else ""
-        return f"A tare of {self.value:.4g} N from {where}{drift} was subtracted."
+            return f"The tare of {self.value_N:.4g} N from {where} is within its scatter and was not subtracted."
+        drift = f", drifting by {self.drift_N:.3g} N" if self.drift_N else ""
+        return f"A tare of {self.value_N:.4g} N from {where}{drift} was subtracted."
 
 
 def subtract_tare(points: Points) -> tuple[Points, Tare]:
@@ -472,21 +457,21 @@ def subtract_tare(points: Points) -> tuple[Points, Tare]:
     and one more noisy reading would be added to every point."""
     zero = (points.n == 0.0) & (points.flag == "")
     if not np.any(zero):
-        return points, Tare(0.0, 0.0, 0, 0.0, False)
+        return points, Tare()
     mean, raw = float(np.mean(points.force[zero])), bool(np.all(points.raw[zero]))
     stderr, count = _tare_error(points, zero, raw), int(np.count_nonzero(zero))
     if not raw and abs(mean) <= 2.0 * stderr:
-        return points, Tare(mean, stderr, count, 0.0, False)
+        return points, Tare(mean, stderr, count)
     offset, drift = np.full(len(points), mean), 0.0
     for record in np.unique(points.record[zero]):
         inside = points.record == record
         resting = points.where(zero & inside)
-        order = np.argsort(resting.when, kind="stable")
         if raw:
+            order = np.argsort(resting.when, kind="stable")
             offset[inside] = np.interp(points.when[inside], resting.when[order], resting.force[order])
             drift = max(drift, float(np.ptp(resting.force)))
         else:
-            offset[inside] = np.mean(resting.force[order])
+            offset[inside] = np.mean(resting.force)
     return replace(points, force=points.force - offset), Tare(mean, stderr, count, drift, mean != 0.0)
 
 
@@ -522,27 +507,10 @@ FRAGMENTS = 3  # a series of commands falls into as many pieces by its values as
 UNSTEADY = 0.05  # scatter of a steady speed, share of its range
 
 
-@dataclass(frozen=True)
-class Reduction:
-    """Points of the records, how many `samples` these hold, and notes for a person."""
-
-    points: Points
-    samples: int
-    notes: tuple[str, ...]
-
-    @property
-    def plateaus(self) -> int:
-        return int(np.count_nonzero(self.points.raw))
-
-    @property
-    def left_out(self) -> int:
-        """Samples of transients, spikes and commands that were held too shortly."""
-        return self.samples - int(self.points.count.sum())
-
-
-def reduce_series(records: list[Series]) -> Reduction:
+def reduce_series(records: Sequence[Series], thrusters: int = 1) -> tuple[Points, tuple[str, ...]]:
     """One point for each reading of a table, one for each plateau of a raw series: where non-zero commands are held
-    over more than a handful of samples in sequence, or a measured speed is steady for most of the time."""
+    over more than a handful of samples in sequence, or a measured speed is steady for most of the time. The thrust is
+    that of one of `thrusters` equal ones that pulled together (equation 3). Then come notes for a person."""
     parts, notes = [], []
     for number, record in enumerate(records):
         edges = (np.flatnonzero(np.diff(record.n) != 0) + 1).tolist()
@@ -559,8 +527,10 @@ def reduce_series(records: list[Series]) -> Reduction:
             note = f"thrust at n = {', '.join(f'{level:.4g}' for level in unsettled)} was still changing"
             notes.append(f"{record.source}: {note} when the command ended; hold each command longer")
         parts.append(plateaus)
-    points = Points(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
-    return Reduction(points, sum(len(record.n) for record in records), tuple(notes))
+    columns = {name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])}
+    columns |= {name: columns[name] / thrusters for name in ("force", "spread", "stderr")}
+    columns["step"] = voltage_steps(columns["voltage"])
+    return Points(**columns), tuple(notes)
 
 
 def _steady(n: Floats) -> list[tuple[int, int]]:
@@ -635,29 +605,38 @@ def _plateaus(
     record: Series, number: int, segments: list[tuple[int, int]], measured: bool
 ) -> tuple[Points, list[float]]:
     """One point a plateau, and the commands at which thrust had not settled."""
-    rows, unsettled = [], []
+    pieces, settled = [], []
     for start, stop in segments:
         if stop - start <= HANDFUL:
             continue
         samples = np.arange(start, stop)[~_spikes(record.force[start:stop])]
-        cut, settled = settled_from(record.force[samples])
+        cut, rests = settled_from(record.force[samples])
         if measured:  # the speed has a lag of its own
             cut = max(cut, settled_from(record.n[samples])[0])
-        samples = samples[cut:]
-        command, force = record.n[samples], record.force[samples]
+        pieces.append(samples[cut:])
+        settled.append(rests)
+    points = _means(record, number, pieces, raw=True)
+    return points, points.n[~np.array(settled, dtype=bool)].tolist()
+
+
+def _means(record: Series, number: int, pieces: Sequence[Ints], *, raw: bool) -> Points:
+    """One point for the mean of each of the pieces of a record."""
+    time = np.arange(float(len(record.n))) if record.time is None else record.time
+    volts = np.full(len(time), np.nan) if record.voltage is None else record.voltage
+    rows, least = [], REST_SHARE * float(np.max(np.abs(record.n))) if raw else 0.0
+    for piece in pieces:
+        command, force = record.n[piece], record.force[piece]
         n = float(np.mean(command)) if np.ptp(command) else float(command[0])
-        if np.ptp(command) and abs(n) <= REST_SHARE * float(np.max(np.abs(record.n))):  # a measured speed at rest
+        if np.ptp(command) and abs(n) <= least:  # a measured speed at rest
             n = 0.0
-        unsettled += [] if settled else [n]
-        clock = np.mean(samples if record.time is None else record.time[samples])
-        volts = np.nan if record.voltage is None else np.mean(record.voltage[samples])
-        rows.append((n, force.mean(), np.std(force, ddof=1), len(force), standard_error(force), clock, volts))
-    level, mean, spread, count, stderr, when, voltage = np.array(rows, dtype=float).reshape(-1, 7).T
-    points = replace(
-        Points.measured(level, mean, when, voltage, number), spread=spread, count=count.astype(np.int64),
-        stderr=stderr, raw=np.ones(len(rows), dtype=bool),
+        spread = np.std(force, ddof=1) if len(force) > 1 else np.nan
+        stderr = standard_error(force) if raw else np.nan
+        rows.append((n, force.mean(), spread, len(force), stderr, time[piece].mean(), volts[piece].mean()))
+    level, mean, deviation, count, error, when, voltage = np.array(rows, dtype=float).reshape(-1, 7).T
+    return replace(
+        Points.measured(level, mean, when, voltage, number), spread=deviation, count=count.astype(np.int64),
+        stderr=error, raw=np.full(len(rows), raw),
     )  # fmt: skip
-    return points, unsettled
 
 
 def _spikes(force: Floats) -> np.ndarray:
@@ -671,16 +650,8 @@ def _spikes(force: Floats) -> np.ndarray:
 
 def _readings(record: Series, number: int) -> Points:
     """A table: every row is a point. A long slow sweep goes in means of neighbouring rows."""
-    n, force, voltage = record.n, record.force, record.voltage
-    when = np.arange(len(n), dtype=float) if record.time is None else record.time
-    size = -(-len(n) // MAX_READINGS)
+    n, size = record.n, -(-len(record.n) // MAX_READINGS)
     if size <= 1 or np.median(np.abs(np.diff(n))) * size > SLOW * np.ptp(n):
-        return Points.measured(n, force, when, voltage, number)
-    blocks = np.array_split(np.arange(len(n)), -(-len(n) // size))
-    columns = (n, force, when) if voltage is None else (n, force, when, voltage)
-    level, thrust, middle, *volts = (np.array([np.mean(column[block]) for block in blocks]) for column in columns)
-    return replace(
-        Points.measured(level, thrust, middle, volts[0] if volts else None, number),
-        spread=np.array([np.std(force[block], ddof=1) if len(block) > 1 else np.nan for block in blocks]),
-        count=np.array([len(block) for block in blocks], dtype=np.int64),
-    )
+        when = np.arange(float(len(n))) if record.time is None else record.time
+        return Points.measured(n, record.force, when, record.voltage, number)
+    return _means(record, number, np.array_split(np.arange(len(n)), -(-len(n) // size)), raw=False)

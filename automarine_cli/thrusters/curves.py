@@ -22,11 +22,12 @@ from automarine_cli.text import Place
 from automarine_cli.thrusters.bollard_data import levels_of
 
 if TYPE_CHECKING:
-    from scipy.interpolate import PchipInterpolator
+    from scipy.interpolate import PPoly
 
 SQUARE = 2.0
 Number = Floats | float
-CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
+EFFECT_PARAMETERS = {"dead-band": "n_0", "thrust-exponent": "p", "saturation": "n_sat"}
+"""Effects on a curve, by the parameter that each frees."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class PowerCurve:
     @property
     def values(self) -> dict[str, float | None]:
         """Values of all parameters by name."""
-        return {"a": self.a, "p": self.p, "n_0": self.n_0, "n_sat": self.n_sat}
+        return dict(vars(self))
 
     def units(self, n_unit: str) -> dict[str, str]:
         """Return the units of all parameters for a control signal in `n_unit`."""
@@ -117,10 +118,12 @@ class SplineCurve:
     force: tuple[float, ...]
 
     @cached_property
-    def _spline(self) -> "PchipInterpolator":
-        from scipy.interpolate import PchipInterpolator  # takes long to import: only where a map has a spline
+    def _spline(self) -> "PPoly":
+        from scipy.interpolate import PchipInterpolator, PPoly  # take long to import: only where a map has a spline
 
-        return PchipInterpolator(self.n, self.force)
+        inner = PchipInterpolator(self.n, self.force)
+        straight = np.array([[0.0], [0.0], [float(inner(self.n[-1], 1))], [self.force[-1]]])
+        return PPoly(np.hstack([inner.c, straight]), [*self.n, 1e6 * self.n[-1]])
 
     @property
     def n_0(self) -> float:
@@ -139,21 +142,13 @@ class SplineCurve:
         return dict.fromkeys(self.values, "N")
 
     def thrust(self, magnitude: Floats) -> Floats:
-        highest = self.n[-1]
-        beyond = self._spline(highest, 1) * np.maximum(magnitude - highest, 0.0)
-        return np.asarray(np.maximum(self._spline(np.minimum(magnitude, highest)), 0.0) + beyond)
+        return np.asarray(np.maximum(self._spline(magnitude), 0.0))
 
     def signal(self, thrust: float) -> float:
-        from scipy.optimize import brentq
-
-        above = int(np.searchsorted(self.force, thrust))
-        if above == 0:
+        if thrust <= 0.0:
             return self.n_0
-        if above == len(self.n):
-            slope = float(self._spline(self.n[-1], 1))
-            return self.n[-1] + (thrust - self.force[-1]) / slope if slope > 0.0 else self.n_sat or self.n[-1]
-        ends = self.n[above - 1], self.n[above]
-        return float(brentq(lambda n: float(self._spline(n)) - thrust, *ends, xtol=1e-12 * self.n[-1]))
+        reached = self._spline.solve(thrust, extrapolate=False)
+        return float(reached[0]) if len(reached) else self.n_sat or self.n[-1]
 
     def slopes(self, magnitude: Floats) -> dict[str, Floats]:
         nearest = np.argmin(np.abs(magnitude[:, None] - np.array(self.n[1:])), axis=1)
@@ -191,7 +186,7 @@ SMALL = 1e-9
 
 @dataclass(frozen=True)
 class PowerForm:
-    """Which of dead band, exponent and saturation are free beside the amplitude, in the order of CURVE_EFFECTS."""
+    """Which of dead band, exponent and saturation are free beside the amplitude."""
 
     name: str
     effects: frozenset[str]
@@ -199,14 +194,9 @@ class PowerForm:
     beyond: ClassVar[str] = "its equation"  # what it is beyond the highest level
 
     @property
-    def mask(self) -> np.ndarray:
-        """Which of amplitude, dead band, exponent and saturation are free, (4,)."""
-        return np.array([True, *(effect in self.effects for effect in CURVE_EFFECTS)])
-
-    @property
-    def lowest(self) -> Floats:
-        """Lower bounds of the four parameters, (4,)."""
-        return LOW_BEYOND_DEAD_BAND if {"dead-band", "thrust-exponent"} <= self.effects else LOW
+    def can_add(self) -> tuple[str, ...]:
+        """The effects of a curve that the form lacks."""
+        return tuple(effect for effect in EFFECT_PARAMETERS if effect not in self.effects)
 
     @property
     def least_groups(self) -> int:
@@ -221,62 +211,64 @@ class PowerForm:
 
     def free(self, curve: Curve | None = None) -> tuple[str, ...]:
         """Return the names of the parameters that are fitted."""
-        return tuple(name for name, on in zip(("a", "n_0", "p", "n_sat"), self.mask) if on)
+        return ("a", *(name for effect, name in EFFECT_PARAMETERS.items() if effect in self.effects))
 
     def with_effects(self, effects: frozenset[str]) -> "Form":
         """Return the form with exactly these effects."""
         return next(form for form in EQUATIONS if form.effects == effects)
 
-    def can_add(self, effect: str) -> bool:
-        return effect not in self.effects
-
     def used_by(self, curve: Curve) -> "Form":
         """Return the form without the effects that a curve makes no use of."""
-        values = curve.values
-        acting = (values["n_0"] != 0.0, values["p"] != SQUARE, values["n_sat"] is not None)
-        return self.with_effects(self.effects & {effect for effect, acts in zip(CURVE_EFFECTS, acting) if acts})
+        idle = PowerCurve(1.0).values
+        acting = {effect for effect, name in EFFECT_PARAMETERS.items() if curve.values[name] != idle[name]}
+        return self.with_effects(self.effects & acting)
 
     def fit(self, magnitude: Floats, thrust: Floats, weights: Floats) -> tuple[Curve, tuple[str, ...]]:
         """Return the curve by weighted least squares of `thrust` [N] on |n|, all of shape (N,), and the names of its
         parameters that ended at a bound."""
         scale, values = float(np.max(magnitude)), self._fits(magnitude, thrust, weights[None, :])[0]
         amplitude, dead, power, top = map(float, values)
-        a, n_sat = amplitude / ((1.0 - dead) * scale) ** power, None if top >= HIGH[3] else top * scale
-        at_bound = ((values <= self.lowest + 1e-9) | (values >= HIGH - 1e-9))[self.mask]
-        names = tuple(name for name, end in zip(self.free(), at_bound) if end and name != "a")
-        return PowerCurve(a, power, dead * scale, n_sat), names
+        at_bound = dict(zip(("a", "n_0", "p", "n_sat"), (values <= self._lowest + 1e-9) | (values >= HIGH - 1e-9)))
+        curve = PowerCurve(amplitude / scale**power, power, dead * scale, None if top >= HIGH[3] else top * scale)
+        return curve, tuple(name for name in self.free() if at_bound[name] and name != "a")
 
     def predictions(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
         """Return the thrust [N] at |n|, (N,), by a fit with each row of `weights`; both of shape (B, N)."""
-        return power_law(magnitude / np.max(magnitude), *_laws(self._fits(magnitude, thrust, weights)))
+        values = self._fits(magnitude, thrust, weights)
+        return power_law(magnitude / np.max(magnitude), *values.T[:, :, None])
+
+    @property
+    def _lowest(self) -> Floats:
+        return LOW_BEYOND_DEAD_BAND if {"dead-band", "thrust-exponent"} <= self.effects else LOW
 
     def _fits(self, magnitude: Floats, thrust: Floats, weights: Floats) -> Floats:
-        """Parameters of B weighted fits, (B, 4): amplitude [N] at full command, dead band, exponent, saturation; dead
-        band and saturation as shares of the largest command.
+        """Parameters of B weighted fits, (B, 4), of |n| as a share of the largest: amplitude [N], dead band, exponent,
+        saturation.
 
         A grid over dead band, exponent and saturation with the amplitude solved for, then bounded Levenberg-Marquardt
         steps from its best points."""
         x = magnitude / np.max(magnitude)
         starts = self._starts(x, thrust, weights)  # (B, S, 4)
-        flat, repeated = starts.reshape(-1, 4), np.repeat(weights, starts.shape[1], axis=0)
-        if self.effects:
-            flat = _refine(x, thrust, repeated, flat, self.mask, self.lowest)
-        values, sse = flat.reshape(starts.shape), _sse(x, thrust, repeated, flat).reshape(starts.shape[:2])
+        values, sse = self._refined(x, thrust, np.repeat(weights, starts.shape[1], axis=0), starts.reshape(-1, 4))
+        values, sse = values.reshape(starts.shape), sse.reshape(starts.shape[:2])
         # of those as good as the best the one with least dead band and saturation: levels left out may not show either
         as_good = sse <= sse.min(axis=1, keepdims=True) * (1.0 + AS_GOOD)
         best = np.argmax(np.where(as_good, values[:, :, 3] - values[:, :, 1], -np.inf), axis=1)
         return np.asarray(values[np.arange(len(weights)), best])
 
     def _starts(self, x: Floats, y: Floats, weights: Floats) -> Floats:
-        """Best grid points with their amplitudes, shape (B, S, 4), no two of them neighbours in everything."""
-        _, has_dead_band, has_power, has_top = self.mask
-        dead = np.linspace(0.0, min(0.6, 0.95 * float(np.sort(x)[-2])), 16) if has_dead_band else np.array([0.0])
-        power = np.array([0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 1.8, 2.0, 2.2, 2.6, 3.2] if has_power else [SQUARE])
-        top = np.linspace(0.35, 1.0, 14) if has_top else np.array([1.0])
-        power = power[power >= self.lowest[2]]
+        """Best grid points with their amplitudes, shape (B, S, 4)."""
+        dead, power, top = [0.0], np.array([SQUARE]), [1.0]
+        if "dead-band" in self.effects:
+            dead = np.linspace(0.0, min(0.6, 0.95 * float(np.sort(x)[-2])), 16).tolist()
+        if "thrust-exponent" in self.effects:
+            power = np.array([0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 1.8, 2.0, 2.2, 2.6, 3.2])
+        if "saturation" in self.effects:
+            top = np.linspace(0.35, 1.0, 14).tolist()
+        power = power[power >= self._lowest[2]]
         grid = np.stack(np.meshgrid([1.0], dead, power, top, indexing="ij"), axis=-1).reshape(-1, 4)
         grid = grid[grid[:, 3] > grid[:, 1] + 0.1]
-        shape = power_law(x, *_laws(grid))  # (G, N)
+        shape = power_law(x, *grid.T[:, :, None])  # (G, N)
         cross, square = (weights * y) @ shape.T, weights @ (shape**2).T  # (B, G)
         amplitude = np.maximum(cross / np.maximum(square, 1e-300), SMALL)
         sse = (weights @ y**2)[:, None] - 2.0 * amplitude * cross + amplitude**2 * square
@@ -285,79 +277,55 @@ class PowerForm:
         starts[:, :, 0] = np.take_along_axis(amplitude, order, axis=1)
         return np.asarray(starts)
 
+    def _refined(self, x: Floats, y: Floats, weights: Floats, values: Floats) -> tuple[Floats, Floats]:
+        """Parameters (B, 4) and sums of squares (B,) by Levenberg-Marquardt within bounds, of all rows at once; no step
+        makes a fit worse."""
+        free = np.array([True, *(effect in self.effects for effect in EFFECT_PARAMETERS)])
+        low, high, root, unit = self._lowest[free], HIGH[free], np.sqrt(weights), np.eye(int(free.sum()))
+
+        def errors(values: Floats) -> Floats:
+            return np.asarray(root * (y - power_law(x, *values.T[:, :, None])))
+
+        values = np.clip(values, self._lowest, HIGH)
+        residual, damping = errors(values), np.full(len(values), 1e-3)
+        for _ in range(STEPS if self.effects else 0):
+            sse, at = np.sum(residual**2, axis=1), values[:, free]
+            matrix = root[:, :, None] * np.stack(power_slopes(x, *values.T[:, :, None]), axis=-1)[:, :, free]
+            gradient = np.einsum("bnk,bn->bk", matrix, residual)
+            # A parameter that stands at its bound and is pushed outwards stays there.
+            fixed = ((at <= low) & (gradient < 0)) | ((at >= high) & (gradient > 0))
+            matrix, gradient = np.where(fixed[:, None], 0.0, matrix), np.where(fixed, 0.0, gradient)
+            normal = np.swapaxes(matrix, 1, 2) @ matrix
+            diagonal = np.einsum("bkk->bk", normal)
+            damped = damping[:, None] * diagonal + SMALL * diagonal.max(axis=1, keepdims=True) + 1e-300
+            step = np.linalg.solve(normal + unit * damped[:, :, None], gradient[:, :, None])[:, :, 0]
+            trial = values.copy()
+            trial[:, free] = np.clip(at + step, low, high)
+            after = errors(trial)
+            gain = sse - np.sum(after**2, axis=1)
+            better = (gain > 0.0)[:, None]
+            values, residual = np.where(better, trial, values), np.where(better, after, residual)
+            if np.all(np.where(gain > 0.0, gain <= 1e-12 * sse, damping > 1e8)):
+                break
+            damping = np.clip(np.where(gain > 0.0, damping / 5.0, damping * 4.0), 1e-12, 1e12)
+        return values, np.sum(residual**2, axis=1)
+
     def read(self, entry: CurveEntry, codec: Codec, place: Place) -> Curve:
         """Return the curve that a file holds. Raises the codec's refusal with the key that is wrong."""
-        a = _positive(entry.a or Given(None), codec, (*place, "a"))
-        p = SQUARE if entry.p is None else _positive(entry.p, codec, (*place, "p"))
-        dead_band = 0.0 if entry.n_0 is None else number_at(entry.n_0, codec, (*place, "n_0"))
-        n_sat = None  # the fit found no saturation within the measured range
-        if entry.n_sat is not None and entry.n_sat.value is not None:
-            n_sat = _positive(entry.n_sat, codec, (*place, "n_sat"))
-        if dead_band < 0:
-            raise codec.refusal((*place, "n_0"), f"found {dead_band:g}, expected a dead band of zero or more")
-        if n_sat is not None and n_sat <= dead_band:
-            raise codec.refusal((*place, "n_sat"), f"found {n_sat:g}, expected more than the dead band, {dead_band:g}")
-        return PowerCurve(a, p, dead_band, n_sat)
-
-
-def _positive(entry: Given, codec: Codec, place: Place) -> float:
-    value = number_at(entry, codec, place)
-    if value <= 0.0:
-        raise codec.refusal(place, f"found {value:g}, expected more than 0")
-    return value
-
-
-def _laws(values: Floats) -> tuple[Floats, ...]:
-    """Parameters of `power_law`, (B, 1) each, for |n| as a share of the largest, from rows of `_fits`, (B, 4)."""
-    amplitude, dead, power, top = values.T[:, :, None]
-    return amplitude / (1.0 - dead) ** power, dead, power, top
-
-
-def _sse(x: Floats, y: Floats, weights: Floats, values: Floats) -> Floats:
-    return np.asarray(np.sum(weights * (y - power_law(x, *_laws(values))) ** 2, axis=1))
-
-
-def _jacobian(x: Floats, values: Floats) -> Floats:
-    """Derivative of the thrust by the four parameters, shape (B, N, 4); x is |n| / scale, shape (N,)."""
-    a, dead, power, top = _laws(values)
-    by_a, by_dead, by_power, by_top = power_slopes(x, a, dead, power, top)
-    by_dead, by_power = by_dead + by_a * a * power / (1.0 - dead), by_power - by_a * a * np.log(1.0 - dead)
-    return np.stack([by_a / (1.0 - dead) ** power, by_dead, by_power, by_top], axis=-1)
-
-
-def _refine(x: Floats, y: Floats, weights: Floats, values: Floats, free: np.ndarray, lowest: Floats) -> Floats:
-    """Bounded Levenberg-Marquardt on all rows of `values`, (B, 4), at once; no step makes a fit worse."""
-    values = np.clip(values, lowest, HIGH)
-    sse = _sse(x, y, weights, values)
-    damping = np.full(len(values), 1e-3)
-    width, low, high = int(free.sum()), lowest[free], HIGH[free]
-    for _ in range(STEPS):
-        residual = y - power_law(x, *_laws(values))
-        matrix = _jacobian(x, values)[:, :, free]
-        weighted = weights[:, :, None] * matrix
-        gradient = np.einsum("bnk,bn->bk", weighted, residual)
-        at = values[:, free]
-        # A parameter that stands at its bound and is pushed outwards stays there.
-        fixed = ((at <= low) & (gradient < 0)) | ((at >= high) & (gradient > 0))
-        gradient = np.where(fixed, 0.0, gradient)
-        normal = np.einsum("bnk,bnl->bkl", weighted, matrix)
-        normal = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, normal)
-        diagonal = np.einsum("bkk->bk", normal)
-        damped = damping[:, None] * diagonal + SMALL * diagonal.max(axis=1, keepdims=True) + 1e-300
-        normal = normal + np.eye(width) * damped[:, :, None]
-        step = np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
-        trial = values.copy()
-        trial[:, free] = np.clip(at + step, low, high)
-        trial_sse = _sse(x, y, weights, trial)
-        better = trial_sse < sse
-        gain = np.where(better, sse - trial_sse, 0.0)
-        values = np.where(better[:, None], trial, values)
-        settled = np.all((gain <= 1e-12 * sse) & (better | (damping > 1e8)))
-        sse = np.where(better, trial_sse, sse)
-        damping = np.clip(np.where(better, damping / 5.0, damping * 4.0), 1e-12, 1e12)
-        if settled:
-            break
-    return values
+        values = dict[str, float]()
+        for name, stored in (entry.values | {"a": entry.a or Given(None)}).items():
+            if stored is None or (stored.value is None and name == "n_sat"):  # no saturation within the measured range
+                continue
+            values[name] = number_at(stored, codec, (*place, name))
+            if values[name] < 0.0 and name == "n_0":
+                raise codec.refusal((*place, name), f"found {values[name]:g}, expected a dead band of zero or more")
+            if values[name] <= 0.0 and name != "n_0":
+                raise codec.refusal((*place, name), f"found {values[name]:g}, expected more than 0")
+        curve = PowerCurve(**values)
+        if curve.n_sat is not None and curve.n_sat <= curve.n_0:
+            why = f"found {curve.n_sat:g}, expected more than the dead band, {curve.n_0:g}"
+            raise codec.refusal((*place, "n_sat"), why)
+        return curve
 
 
 TRUSTED = 0.5  # weight of a level, of the usual level's, below which the spline passes it by: it is an outlier
@@ -374,12 +342,10 @@ class SplineForm:
     least_groups: ClassVar[int] = 5
     interpolates: ClassVar[bool] = True
     beyond: ClassVar[str] = "a straight line with the slope at the highest"
+    can_add: ClassVar[tuple[str, ...]] = ()
 
     def with_effects(self, effects: frozenset[str]) -> "Form":
         return self
-
-    def can_add(self, effect: str) -> bool:
-        return False
 
     def used_by(self, curve: Curve) -> "Form":
         return self

@@ -1,6 +1,6 @@
 """Points of a bollard test by direction, and maps fitted to them: a curve each way, and what multiplies both."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.bollard_data import Ints, Points, folds_of, groups_of, levels_of
-from automarine_cli.thrusters.curves import CURVE_EFFECTS, FORMS, Curve, Form
+from automarine_cli.thrusters.curves import EFFECT_PARAMETERS, Curve, Form
 from automarine_cli.thrusters.map import SIDES, thrust_both_ways
 
 MIN_LEVELS = 3
@@ -22,36 +22,14 @@ ALTERNATIONS = 6  # rounds of curves and what multiplies them; they hardly depen
 MAX_EXPLAINED = 0.8  # share of the run order that the levels explain from which a drift cannot be told from the curve
 
 
-def value_json(value: Estimate | Given) -> object:
-    """The contract's form; a plain number where nothing says why it has no interval."""
-    if isinstance(value, Estimate):
-        return value.to_json()
-    nothing = {"value": value.value, "stderr": None, "ci95": None, "unit": value.unit, "at_bound": value.at_bound}
-    return nothing if value.at_bound else value.value
-
-
-def parameters_json(
-    parameters: Mapping[str, Mapping[str, Estimate | Given]], curves: Sequence[Curve | None]
-) -> dict[str, object]:
-    """Lay out the parameters of both directions, or those of "both" for each; null for one without."""
-    result: dict[str, object] = {}
-    for (side, _), curve in zip(SIDES, curves):
-        values = {
-            name: value_json(value) for name, value in (parameters.get(side) or parameters.get("both", {})).items()
-        }
-        result[side] = None if curve is None else curve.layout(values)
-    return result
-
-
 @dataclass(frozen=True)
 class BollardData(Points):
     """Measured points of one thruster, without those at zero command; all arrays have shape (P,).
 
-    `step` numbers the voltage steps (None with one voltage or none), `level` signed commands at one voltage: the unit
-    of chance, `group` what cross-validation leaves out; `order` runs from 0 to 1; `places` are the records' names.
-    Errors may count points at zero command, where every map says zero, with a sum of squares [N²] and a weight."""
+    `level` numbers signed commands at one voltage: the unit of chance, `group` what cross-validation leaves out;
+    `order` runs from 0 to 1; `places` are the records' names. Errors may count points at zero command, where every map
+    says zero, with a sum of squares [N²] and a weight."""
 
-    step: Ints | None
     level: Ints
     group: Ints
     order: Floats
@@ -70,6 +48,10 @@ class BollardData(Points):
     def levels(self) -> int:
         return len(np.unique(self.level))
 
+    @property
+    def by_voltage(self) -> bool:
+        return len(self.steps) > 1
+
     def with_flags(self, index: Ints | NDArray[np.bool_], weight: Floats | float, flag: object) -> "BollardData":
         weights, flags = self.weight.copy(), self.flag.copy()
         weights[index], flags[index] = weight, flag
@@ -78,15 +60,13 @@ class BollardData(Points):
     def parts(self, tied: bool) -> dict[str, tuple[Ints, "BollardData"]]:
         """Places and points of each direction, or of both together as one curve (`tied`), with positive n and force;
         groups as standard errors count them."""
-        signs, parts = {"both": 0.0} if tied else self.directions, {}
-        for name, sign in signs.items():
+        parts = {}
+        for name, sign in {"both": 0.0}.items() if tied else self.directions.items():
             inside = np.flatnonzero(self.n * sign >= 0)
-            part = self.where(inside)
-            record = np.zeros(len(part), dtype=np.int64) if tied else part.record
-            parts[name] = inside, replace(
-                part, n=np.abs(part.n), force=np.sign(part.n) * part.force, group=groups_of(np.abs(part.n)),
-                record=record, step=None if tied else part.step, stderr=np.nan_to_num(part.stderr),
-            )  # fmt: skip
+            part, size = self.where(inside), np.abs(self.n[inside])
+            part = replace(part, n=size, force=np.sign(part.n) * part.force, group=groups_of(size))
+            alike = np.zeros(len(part), dtype=np.int64)
+            parts[name] = inside, replace(part, record=alike, step=alike) if tied else part
         return parts
 
     @property
@@ -105,7 +85,7 @@ class BollardData(Points):
     def order_is_free(self) -> bool:
         """Whether the run order can be told from the command: then a drift with it can be a candidate."""
         n = self.n
-        volts = [] if self.step is None else [self.voltage]
+        volts = [self.voltage] if self.by_voltage else []
         matrix = np.stack([np.ones(len(n)), n, np.abs(n), n**2, n * np.abs(n), *volts], axis=1)
         residual = self.order - matrix @ np.linalg.lstsq(matrix, self.order, rcond=None)[0]
         return bool(np.ptp(self.order) > 0 and 1.0 - residual.var() / self.order.var() < MAX_EXPLAINED)
@@ -114,24 +94,19 @@ class BollardData(Points):
         return self.places[int(self.record[index])]
 
 
-def bollard_data(
-    points: Points, step: Ints | None, tare_stderr: float, n_unit: str, sides: Collection[str], *places: str
-) -> BollardData:
-    """Make data of the points in the directions `sides`, tared and flagged; `step` numbers the voltage steps, (P,)."""
-    inside, group = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=np.int64)
-    for offset, (name, sign) in zip((0, 1000), SIDES):  # groups of both directions are numbered apart
+def bollard_data(points: Points, tare_stderr: float, n_unit: str, sides: Collection[str], *places: str) -> BollardData:
+    """Make data of the points in the directions `sides`, tared and flagged."""
+    group = np.zeros(len(points), dtype=np.int64)
+    for first, (name, sign) in zip((1, 1001), SIDES):  # groups of both directions are numbered apart
         if name in sides:
             mask = points.n * sign > 0
-            inside |= mask
-            group[mask] = groups_of(np.abs(points.n[mask])) + offset
-    order = np.arange(len(points), dtype=float) / max(len(points) - 1, 1)
-    step = None if step is None or step.max() == 0 else step[inside]
-    level = levels_of(points.n[inside])
-    if step is not None:
-        level = np.unique(np.stack([level, step]), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
+            group[mask] = groups_of(np.abs(points.n[mask])) + first
+    inside, order = group > 0, np.arange(len(points), dtype=float) / max(len(points) - 1, 1)
+    data = points.where(inside)
+    level = np.unique(np.stack([levels_of(data.n), data.step]), axis=1, return_inverse=True)[1].ravel()
     return BollardData(
-        **vars(points.where(inside)), step=step, level=level, group=group[inside], order=order[inside],
-        tare_stderr=tare_stderr, n_unit=n_unit, places=places,
+        **vars(data), level=level, group=group[inside], order=order[inside], tare_stderr=tare_stderr, n_unit=n_unit,
+        places=places,
     )  # fmt: skip
 
 
@@ -149,11 +124,11 @@ def curve_estimates(
         freed_by = UNBIASED if free == ["a"] else JACKKNIFE
         stderr, dof = _robust_errors(side, matrix, side.force - curve.thrust(side.n), freed_by)
     result: dict[str, Estimate | Given] = {name: Given(value, unit=units[name]) for name, value in values.items()}
-    for name, error, freedom in zip(free, stderr, dof):
-        result[name] = Estimate.from_stderr(values[name] or 0.0, error, freedom, units[name])
-    for name in set(form.free(curve)) - set(free):
+    for name in form.free(curve):
         why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
         result[name] = Given(values[name], unit=units[name], at_bound=why)
+    for name, error, freedom in zip(free, stderr, dof):
+        result[name] = Estimate.from_stderr(values[name] or 0.0, error, freedom, units[name])
     return result
 
 
@@ -167,7 +142,8 @@ def _level_errors(side: BollardData, matrix: Floats, form: Form) -> tuple[Floats
     if dof < ENOUGH_REPEATS:
         squares, dof = left_out_squares(side, form) * side.is_between, max(len(mean) - 1, 1)
     variance = squares.sum() / dof / np.maximum(side.weight @ matrix, 1e-300)
-    variance = np.maximum(variance, (side.weight * side.stderr) ** 2 @ matrix / (side.weight @ matrix) ** 2)
+    samples = (side.weight * np.nan_to_num(side.stderr)) ** 2 @ matrix / (side.weight @ matrix) ** 2
+    variance = np.maximum(variance, samples)
     return np.sqrt(variance + side.tare_stderr**2), np.full(matrix.shape[1], float(dof))
 
 
@@ -180,7 +156,7 @@ def _robust_errors(side: BollardData, matrix: Floats, residual: Floats, freed_by
     rows, errors = root[:, None] * (matrix / size), root * residual
     inverse = np.linalg.pinv(rows.T @ rows)
     variance, dof = _clustered(rows, errors, inverse, side.group, freed_by)
-    record = side.record if side.step is None else side.step
+    record = side.step if side.by_voltage else side.record
     levels = [len(np.unique(side.group[record == number])) for number in np.unique(record)]
     if len(levels) > 1 and min(levels) >= MIN_LEVELS:
         crossed = np.unique(np.stack([side.group, record]), axis=1, return_inverse=True)[1].ravel()
@@ -193,7 +169,7 @@ def _robust_errors(side: BollardData, matrix: Floats, residual: Floats, freed_by
         # Gains of two records that lie either side of their mean cancel in every level, not in these.
         variance = np.maximum(variance, np.maximum(of_records, of_both))
     # A few levels may agree by chance better than the samples behind them allow.
-    variance = np.maximum(variance, (inverse @ (rows * root[:, None]).T) ** 2 @ side.stderr**2)
+    variance = np.maximum(variance, (inverse @ (rows * root[:, None]).T) ** 2 @ np.nan_to_num(side.stderr) ** 2)
     tare = inverse @ (rows.T @ root) * side.tare_stderr
     return np.sqrt(variance + tare**2) / size, dof
 
@@ -235,7 +211,7 @@ class Shape:
     sag: bool = False
 
     @classmethod
-    def alike(cls, form: Form, sides: Sequence[str]) -> "Shape":
+    def alike(cls, form: Form, sides: Iterable[str]) -> "Shape":
         """One form in all directions."""
         return cls(tuple((side, form) for side in sides))
 
@@ -253,32 +229,39 @@ class Shape:
         """Free parameters, those of a spline apart, to which no curve adds any."""
         return sum(1 + len(form.effects) for _, form in self.forms) + self.voltage + self.sag
 
+    def with_forms(self, forms: dict[str, Form]) -> "Shape":
+        """Return the shape with other forms in some directions."""
+        return replace(self, forms=tuple((dict(self.forms) | forms).items()))
+
+    def effects_at(self, side: str) -> frozenset[str]:
+        """Return the effects of the curve in one direction, or of that for both."""
+        forms = dict(self.forms)
+        form = forms.get(side) or forms.get("both")
+        return form.effects if form else frozenset()
+
     def without(self, effect: str, base: "Shape") -> "Shape":
         """Return the shape with one effect taken back to what it is in `base`."""
         if effect in (VOLTAGE, SAG):
             return replace(self, voltage=base.voltage) if effect == VOLTAGE else replace(self, sag=base.sag)
         if effect == ASYMMETRY:
             return replace(self, forms=(("both", self.forms[0][1]),))
-        forms, before = dict(self.forms), dict(base.forms)
-        for side, form in self.forms:
-            start = before.get(side) or before.get("both") or FORMS["square"]
-            forms[side] = form.with_effects((form.effects - {effect}) | ({effect} & start.effects))
-        return replace(self, forms=tuple(forms.items()))
+        return self.with_forms({
+            side: form.with_effects((form.effects - {effect}) | (base.effects_at(side) & {effect}))
+            for side, form in self.forms
+        })  # fmt: skip
 
     def additions(self, data: BollardData) -> Iterator[tuple[str, str, "Shape"]]:
         """List every effect that can be added once: name, where ("both", "forward", "backward"), and the new shape."""
-        for effect in CURVE_EFFECTS:
-            more = {
-                side: form.with_effects(form.effects | {effect}) for side, form in self.forms if form.can_add(effect)
-            }
-            for side in more:
-                yield effect, side, replace(self, forms=tuple((dict(self.forms) | {side: more[side]}).items()))
+        for effect in EFFECT_PARAMETERS:
+            more = {side: f.with_effects(f.effects | {effect}) for side, f in self.forms if effect in f.can_add}
+            for side, form in more.items():
+                yield effect, side, self.with_forms({side: form})
             if len(more) > 1:
-                yield effect, "both", replace(self, forms=tuple((dict(self.forms) | more).items()))
+                yield effect, "both", self.with_forms(more)
         if self.tied:
-            shared = self.forms[0][1]
-            yield ASYMMETRY, "both", replace(self, forms=(("forward", shared), ("backward", shared)))
-        if data.step is not None and not self.voltage:
+            split = (("forward", self.forms[0][1]), ("backward", self.forms[0][1]))
+            yield ASYMMETRY, "both", replace(self, forms=split)
+        if data.by_voltage and not self.voltage:
             yield VOLTAGE, "both", replace(self, voltage=True)
         if not self.sag and data.order_is_free():
             yield SAG, "both", replace(self, sag=True)
@@ -344,6 +327,36 @@ class MapFit:
             for name, (_, side, form) in self.sides.items()
         }
 
+    def parameters_json(self) -> dict[str, object]:
+        """Lay out the parameters of both directions, or those of "both" for each; null for one without."""
+        result: dict[str, object] = {}
+        for (side, _), curve in zip(SIDES, self.both_ways):
+            values = self.estimates.get(side) or self.estimates.get("both", {})
+            result[side] = curve and curve.layout({name: value.to_json() for name, value in values.items()})
+        return result
+
+    @property
+    def multipliers(self) -> Floats:
+        """Derivatives of the thrust [N] by the voltage's power and by the sag, (P, 2)."""
+        data = self.data
+        volts = np.log(data.voltage / self.reference) if data.by_voltage else np.zeros(len(data))
+        return np.stack([self.predicted * volts, -self.predicted * data.order / (1.0 - self.sag * data.order)], axis=1)
+
+    def stderr(self, column: Floats, steps: bool = False) -> tuple[float, float]:
+        """Return the standard error of one parameter by its own derivative (P,) and its degrees of freedom: by levels,
+        or by voltage `steps` if that is more."""
+        data, errors = self.data, list[tuple[float, float]]()
+        for unit, fitted in ((data.level, 1), *([(data.step, 2)] if steps else [])):
+            total = sums_of(data.weight * column * self.residual, unit)
+            size = np.sqrt(total @ total * len(total) / max(len(total) - 1, 1)) / (data.weight @ column**2)
+            errors.append((float(size), len(total) - fitted))
+        return max(errors)
+
+    @property
+    def voltage_power(self) -> Estimate:
+        """Power of the voltage that thrust follows at a fixed command."""
+        return Estimate.from_stderr(self.power, *self.stderr(self.multipliers[:, 0], steps=True), "1")
+
     @property
     def squares(self) -> float:
         return float(self.data.weight @ self.residual**2)
@@ -366,6 +379,10 @@ class MapFit:
     def loss(self) -> Floats:
         return self.left_out[0]
 
+    def _root_mean(self, squares: float) -> float:
+        data = self.data
+        return float(np.sqrt((squares + data.zero_squares) / (data.weight.sum() + data.zero_weight)))
+
     @property
     def rmse(self) -> float:
         """Root mean square error [N], weighted as in the fit."""
@@ -375,10 +392,6 @@ class MapFit:
     def left_out_rmse(self) -> float:
         """The same at levels left out."""
         return self._root_mean(float(self.loss.sum()))
-
-    def _root_mean(self, squares: float) -> float:
-        data = self.data
-        return float(np.sqrt((squares + data.zero_squares) / (data.weight.sum() + data.zero_weight)))
 
     @property
     def cv_rmse(self) -> float | None:
@@ -403,35 +416,22 @@ class MapFit:
 
 
 def fit_shape(data: BollardData, shape: Shape) -> MapFit:
-    """Fit a shape by least squares: curves direction by direction, in turn with what multiplies them."""
-    reference = float(np.median(data.voltage)) if data.step is not None else 1.0
-    fit = MapFit(data, shape, {}, {}, reference=reference)
-    for _ in range(ALTERNATIONS if shape.voltage or shape.sag else 1):
+    """Fit a shape by least squares: curves direction by direction, in turn with what multiplies them, which takes a
+    Gauss-Newton step with the amplitudes free beside it."""
+    fit = MapFit(data, shape, {}, {}, reference=float(np.median(data.voltage)) if data.by_voltage else 1.0)
+    free, root = [shape.voltage, shape.sag], np.sqrt(data.weight)
+    for _ in range(ALTERNATIONS if any(free) else 1):
         curves, at_bound = dict[str, Curve](), dict[str, tuple[str, ...]]()
         for name, (_, side, form) in fit.sides.items():
             curves[name], at_bound[name] = form.fit(side.n, side.force, side.weight)
-        fit = _with_multipliers(replace(fit, curves=curves, at_bound=at_bound))
+        fit, step = replace(fit, curves=curves, at_bound=at_bound), np.zeros(2)
+        if any(free):
+            sides = [np.where(data.n * sign > 0, fit.predicted, 0.0)[:, None] for _, sign in SIDES]
+            columns = np.hstack([fit.multipliers[:, free], *sides])
+            step[free] = np.linalg.lstsq(root[:, None] * columns, root * fit.residual, rcond=None)[0][: sum(free)]
+            power, sag = np.clip(np.array([fit.power, fit.sag]) + step, [-4.0, -0.9], [4.0, 0.9])
+            fit = replace(fit, power=float(power), sag=float(sag))
     return fit
-
-
-def multiplier_columns(fit: MapFit) -> Floats:
-    """Derivatives of the thrust [N] by the voltage's power and by the sag, (P, 2)."""
-    order = fit.data.order
-    volts = np.zeros(len(order)) if fit.data.step is None else np.log(fit.data.voltage / fit.reference)
-    return np.stack([fit.predicted * volts, -fit.predicted * order / (1.0 - fit.sag * order)], axis=1)
-
-
-def _with_multipliers(fit: MapFit) -> MapFit:
-    """One Gauss-Newton step of the voltage's power and the sag, with the amplitudes free beside them."""
-    data, free = fit.data, [fit.shape.voltage, fit.shape.sag]
-    if not any(free):
-        return fit
-    sides = [np.where(data.n * sign > 0, fit.predicted, 0.0)[:, None] for _, sign in SIDES]
-    root, step = np.sqrt(data.weight), np.zeros(2)
-    columns = np.hstack([multiplier_columns(fit)[:, free], *sides])
-    step[free] = np.linalg.lstsq(root[:, None] * columns, root * fit.residual, rcond=None)[0][: sum(free)]
-    power, sag = np.clip(np.array([fit.power, fit.sag]) + step, [-4.0, -0.9], [4.0, 0.9])
-    return replace(fit, power=float(power), sag=float(sag))
 
 
 def left_out_squares(side: BollardData, form: Form) -> Floats:

@@ -122,13 +122,12 @@ class ThrusterMap:
     def to_json(self) -> dict[str, object]:
         """The least that a map file holds; `a` of a direction is the square law's, null for another form."""
         result: dict[str, object] = {"schema": THRUSTER_MAP.schema, "form": self.form, "n_unit": self.n_unit}
-        if self.n_range is not None:
-            result["n_range"] = list(self.n_range)
+        result |= {} if self.n_range is None else {"n_range": list(self.n_range)}
         parameters = dict[str, object]()
         for (name, _), curve in zip(SIDES, (self.forward, self.backward)):
             values = {key: value and {"value": value} for key, value in (curve.values if curve else {}).items()}
             result[name] = {"a": values["a"] if curve and self.form == "square" else None}
-            parameters[name] = curve.layout(values) if curve else None
+            parameters[name] = curve and curve.layout(values)
         return result | {"parameters": parameters}
 
     @classmethod
@@ -225,10 +224,10 @@ def bollard_columns(bollard: Bollard, seed: int) -> dict[str, Floats]:
     """`n` and `force_N` of all thrusters of a test together, shape (levels x repeats,), in random order."""
     levels = np.repeat(np.array(levels_of(bollard.levels)), bollard.repeats)
     order = np.argsort(uniform(len(levels), seed, bollard.file, "order"), kind="stable")
-    thrusters = ThrusterMap("square", PowerCurve(bollard.a_f), PowerCurve(bollard.a_b))
-    pull = bollard.thrusters_per_test * thrusters.force(levels)
-    measured = pull + bollard.noise_N * normal(len(levels), seed, bollard.file, "noise")
-    return {"n": levels[order], "force_N": (np.round(measured, FORCE_DECIMALS) + 0.0)[order]}
+    pull = thrust_both_ways(PowerCurve(bollard.a_f), PowerCurve(bollard.a_b), levels)
+    noise = bollard.noise_N * normal(len(levels), seed, bollard.file, "noise")
+    measured = np.round(bollard.thrusters_per_test * pull + noise, FORCE_DECIMALS) + 0.0
+    return {"n": levels[order], "force_N": measured[order]}
 
 
 def thrust_of(run: Run, thrusters: ThrusterMap, arm: float) -> list[Floats]:
@@ -255,8 +254,7 @@ def drive_run_by_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
     """The run with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their commands, port
     ahead positive; in surge and heave with the force [N]. A moment in the log gives way. Raises as `thrust_of` does."""
     dof, thrust = run.dof, thrust_of(run, thrusters, arm)
-    lever = arm if dof.levered else 1.0
-    shares = [side * lever * force for side, force in zip(dof.sides, thrust)]
+    shares = [side * (arm if dof.levered else 1.0) * force for side, force in zip(dof.sides, thrust)]
     commanded = thrusters.compared(dof.thrusters, [run.extras[name] for name in dof.thrusters])
     return run.with_moment(np.sum(shares, axis=0), dof.units.forces[1], parts_of(shares, dof), commanded)
 
@@ -332,9 +330,7 @@ def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
     F_stbd), clockwise; Fossen (2021), control allocation. Raises as `thrust_of` does."""
     port, starboard = thrust_of(run, thrusters, arm)
     extras = {**run.extras, SURGE.command: port + starboard, SWAY.command: np.zeros(len(run))}
-    commanded = thrusters.compared(YAW.thrusters, [run.extras[name] for name in YAW.thrusters])
-    moment = arm * (port - starboard)
-    return replace(run.with_moment(moment, YAW.units.forces[1], commanded=commanded), extras=extras)
+    return replace(drive_run_by_thrusters(run, thrusters, arm), extras=extras)
 
 
 def driven(run: Run) -> Run:

@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from scipy import special
@@ -14,21 +15,20 @@ from automarine_cli.logs.columns import likely_column
 from automarine_cli.logs.recognise import is_called
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.pipeline.records import Document, Shown, json_document
-from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import runs_json, usual_neutral
 from automarine_cli.text import listed
-from automarine_cli.thrusters import bollard_data as bollard
-from automarine_cli.thrusters.bollard_data import Ints, Points, Reduction, Tare, ThrusterLogs, levels_of
-from automarine_cli.thrusters.curves import FORMS
-from automarine_cli.thrusters.fit import (
-    MIN_LEVELS,
-    BollardData,
-    MapFit,
-    Shape,
-    bollard_data,
-    fit_shape,
-    parameters_json,
+from automarine_cli.thrusters.bollard_data import (
+    MAX_STEPS,
+    Points,
+    Tare,
+    ThrusterLogs,
+    flag_contradictions,
+    levels_of,
+    reduce_series,
+    subtract_tare,
 )
+from automarine_cli.thrusters.curves import FORMS
+from automarine_cli.thrusters.fit import MIN_LEVELS, BollardData, MapFit, Shape, bollard_data, fit_shape
 from automarine_cli.thrusters.map import SIDES, THRUSTER_MAP, ThrusterMap
 from automarine_cli.thrusters.selection import OPPOSITE, choose_form
 
@@ -68,12 +68,9 @@ class Analysis:
     def n_unit(self) -> str:
         return self.chosen.data.n_unit
 
-    @property
-    def sides(self) -> dict[str, BollardData]:
-        return {name: side for name, (_, side, _) in self.law.sides.items()}
-
     def levels(self, side: str) -> int:
-        return len(np.unique(levels_of(self.sides[side].n))) if side in self.sides else 0
+        n = self.law.data.n
+        return len(np.unique(levels_of(np.abs(n[n * dict(SIDES)[side] > 0]))))
 
     @property
     def estimates(self) -> dict[tuple[str, str], Estimate | Given]:
@@ -100,17 +97,16 @@ class Analysis:
 
 
 def analyse(
-    points: Points, step: Ints | None, tare_stderr: float, n_unit: str, forced: str | None = None,
-    where: str = "the logs",
-) -> Analysis:  # fmt: skip
-    """Fit both directions of `points` (one thruster, tared, flagged); `step` numbers the voltage steps, (P,).
+    points: Points, tare_stderr: float, n_unit: str, forced: str | None = None, where: str = "the logs"
+) -> Analysis:
+    """Fit both directions of `points` (one thruster, tared, flagged).
 
     Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels."""
     full_scale = points.full_scale
     if len(points) == 0 or full_scale == 0.0:
         check = "Check that the force column is the load cell's"
         raise FitError(f"{where}: every thrust is zero; expected pulls at several commands. {check}")
-    data = bollard_data(points, step, tare_stderr, n_unit, [name for name, _ in SIDES])
+    data = bollard_data(points, tare_stderr, n_unit, [name for name, _ in SIDES])
     without = _refused_directions(data, full_scale, where)
     signs = {name: sign for name, sign in data.directions.items() if name not in without}
     if not signs:
@@ -122,7 +118,7 @@ def analyse(
         data.where(np.isin(np.sign(data.n), [*signs.values()])),
         zero_squares=float(at_rest.weight @ at_rest.force**2), zero_weight=float(at_rest.weight.sum()),
     )  # fmt: skip
-    fits = tuple(fit_shape(data, Shape.alike(form, [*signs])) for form in FORMS.values())
+    fits = tuple(fit_shape(data, Shape.alike(form, signs)) for form in FORMS.values())
     spread = float(used.weight @ (used.force - float(used.weight @ used.force) / total) ** 2) / total
     return Analysis(points, full_scale, without, fits, *choose_form(fits, full_scale, forced), spread)
 
@@ -169,103 +165,16 @@ def _refused_directions(data: BollardData, full_scale: float, where: str) -> dic
     return without
 
 
-@dataclass(frozen=True)
-class Compared:
-    """One thruster beside the others: by direction how much its square law differs from their median [percent] and the
-    chance of a difference as large, and whether that is beyond chance; or `why` it has no map."""
-
-    name: str
-    analysis: Analysis | None = None
-    off: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    differs: bool = False
-    why: str = ""
-
-    def to_json(self) -> dict[str, object]:
-        if self.analysis is None:
-            return {"thruster": self.name, "why": self.why}
-        chosen, result = self.analysis.chosen, dict[str, object]()
-        for side, law in self.analysis.square.items():
-            percent, p_value = self.off.get(side, (None, None))
-            result[side] = {"a": law.to_json(), "differs_percent": percent, "p_value": p_value}
-        return {
-            "thruster": self.name, "points": len(self.analysis.points), "form": chosen.form.name,
-            "rmse_percent_of_full_scale": self.analysis.percent(chosen.error), "differs": self.differs, **result,
-        }  # fmt: skip
-
-
-def compared(analyses: Mapping[str, Analysis]) -> dict[str, Compared]:
-    """Each thruster against the median of the others, which one that differs does not move; beyond chance over all
-    thrusters and directions together (Bonferroni)."""
-    tests, rows = sum(len(analysis.square) for analysis in analyses.values()), {}
-    for name, analysis in analyses.items():
-        off = {}
-        for side, law in analysis.square.items():
-            references = [x.square[side] for other, x in analyses.items() if other != name and side in x.square]
-            if references:
-                off[side] = _against(law, references)
-        differs = any(p_value < CHANCE / tests for _, p_value in off.values())
-        rows[name] = Compared(name, analysis, off, differs)
-    return rows
-
-
-def _against(law: Estimate, references: list[Estimate]) -> tuple[float, float]:
-    """Difference from the others' median [percent], and the chance of one as large; standard errors are widened for few
-    levels as the 95 % intervals are."""
+def _difference(law: Estimate, references: Sequence[Estimate]) -> tuple[float | None, float | None]:
+    """Difference from the references' median [percent], and the chance of one as large; standard errors are widened for
+    few levels as the 95 % intervals are."""
+    if not references:
+        return None, None
     error, *errors = (float(np.ptp(x.ci95) / (2.0 * special.ndtri(0.975))) for x in (law, *references))
     middle = float(np.median([other.value for other in references]))
-    spread = MEDIAN * float(np.median(errors)) / np.sqrt(len(references))
+    spread = np.hypot(error, MEDIAN * np.median(errors) / np.sqrt(len(errors)))
     gap = law.value - middle
-    return 100.0 * gap / middle, float(2.0 * special.ndtr(-abs(gap) / max(np.hypot(error, spread), 1e-300)))
-
-
-PLACES = 20
-TOO_FAINT = 0.02  # thrust below this share of full scale is too near the dead band for a logarithm
-
-
-def voltage_exponent(fits: Sequence[tuple[float, Analysis]], name: str) -> Estimate | None:
-    """Exponent p of F ~ V^p at fixed n in one direction, from the fits at rising voltages; None where one lacks the
-    direction, or where thrust is clear of the dead band at fewer than two commands."""
-    sides = [fit.sides[name] for _, fit in fits if name in fit.sides]
-    if len(sides) < len(fits):
-        return None
-    places, rows = _places(sides), []
-    for side in sides:  # repeats averaged, straight lines between levels
-        level = levels_of(side.n)
-        n, force = (np.bincount(level, side.weight * x) / np.bincount(level, side.weight) for x in (side.n, side.force))
-        rows.append(np.interp(places, n, force))
-    table = np.array(rows)
-    clear = np.all(table > TOO_FAINT * max(float(np.max(side.force)) for side in sides), axis=0)
-    if np.count_nonzero(clear) < 2:
-        return None
-    return _slope(np.log([volts for volts, _ in fits]), np.log(table[:, clear]))
-
-
-def _places(sides: list[BollardData]) -> Floats:
-    """Commands |n| to compare at: those measured at every voltage, else evenly over the range they share."""
-    everything = np.concatenate([side.n for side in sides])
-    owner = np.repeat(np.arange(len(sides)), [len(side.n) for side in sides])
-    level = levels_of(everything)
-    shared = [number for number in np.unique(level) if len(np.unique(owner[level == number])) == len(sides)]
-    # A measured speed meets itself by chance; a command is met nearly everywhere.
-    if len(shared) >= max(2, 0.5 * len(np.unique(level))):
-        return np.array([np.median(everything[level == number]) for number in shared])
-    low, high = max(side.n.min() for side in sides), min(side.n.max() for side in sides)
-    return np.linspace(low, high, PLACES) if high > low else np.empty(0)
-
-
-def _slope(x: Floats, y: Floats) -> Estimate | None:
-    """Slope of y, shape (steps, places), on x, shape (steps,), each place with its own level.
-
-    The voltage step is the unit: what moves one step moves all its places. With two only, the spread over places."""
-    centred = x - x.mean()
-    slopes = centred @ y / (centred @ centred)
-    value, dof = float(slopes.mean()), len(x) - 2
-    if dof < 1:
-        dof = len(slopes) - 1
-        return Estimate.from_stderr(value, np.std(slopes, ddof=1) / np.sqrt(dof + 1), dof, "1") if dof else None
-    mean = y.mean(axis=1)
-    residual = mean - mean.mean() - value * centred
-    return Estimate.from_stderr(value, np.sqrt(residual @ residual / dof / (centred @ centred)), dof, "1")
+    return 100.0 * gap / middle, float(2.0 * special.ndtr(-abs(gap) / max(spread, 1e-300)))
 
 
 ONE_PULLED = (
@@ -282,12 +191,11 @@ class ThrusterFit(Shown):
     none."""
 
     logs: ThrusterLogs
-    reduction: Reduction
     analysis: Analysis
     tare: Tare
     thrusters_per_test: int
     voltages: tuple[tuple[float, Analysis], ...]
-    exponents: dict[str, Estimate | None]
+    exponents: dict[str, Estimate]
     notes: tuple[str, ...]
     parts: Mapping[str, "ThrusterFit"] = field(default_factory=dict)
     without_map: Mapping[str, str] = field(default_factory=dict)
@@ -296,11 +204,38 @@ class ThrusterFit(Shown):
     def map(self) -> ThrusterMap:
         return self.analysis.map
 
+    @cached_property
+    def compared(self) -> list[dict[str, Any]]:
+        """Each thruster against the median of the others, which one that differs does not move, as files have it; it
+        `differs` beyond chance over all thrusters and directions together (Bonferroni). One without a map says `why`.
+        """
+        laws = {name: part.analysis.square for name, part in self.parts.items()}
+        rows: list[dict[str, Any]] = []
+        for name in self.logs.parts:
+            if name in self.without_map:
+                rows.append({"thruster": name, "why": self.without_map[name]})
+            if name not in laws:
+                continue
+            analysis, sides, p_values = self.parts[name].analysis, dict[str, object](), []
+            for side, law in laws[name].items():
+                references = [of[side] for other, of in laws.items() if other != name and side in of]
+                percent, p_value = _difference(law, references)
+                p_values += [] if p_value is None else [p_value]
+                sides[side] = {"a": law.to_json(), "differs_percent": percent, "p_value": p_value}
+            rows.append({
+                "thruster": name, "points": len(analysis.points), "form": analysis.chosen.form.name,
+                "rmse_percent_of_full_scale": analysis.percent(analysis.chosen.error),
+                "differs": min(p_values, default=1.0) < CHANCE / sum(map(len, laws.values())), **sides,
+            })  # fmt: skip
+        return rows
+
     @property
-    def compared(self) -> tuple[Compared, ...]:
-        rows = compared({name: part.analysis for name, part in self.parts.items()})
-        rows |= {name: Compared(name, why=why) for name, why in self.without_map.items()}
-        return tuple(rows[name] for name in self.logs.parts if name in rows)
+    def samples(self) -> dict[str, int]:
+        """How many samples came down to how many plateaus, and how many were left out: of transients, spikes and
+        commands that were held too shortly."""
+        count = sum(len(record.n) for record in self.logs.records)
+        plateaus, used = int(np.count_nonzero(self.points.raw)), int(self.points.count.sum())
+        return {"plateaus": plateaus, "samples": count, "samples_left_out": count - used}
 
     @property
     def points(self) -> Points:
@@ -309,18 +244,11 @@ class ThrusterFit(Shown):
     def place(self, index: int) -> str:
         return self.logs.records[int(self.points.record[index])].place
 
-    def _flagged_json(self, i: int) -> dict[str, object]:
-        points, record = self.points, self.logs.records[int(self.points.record[i])]
-        return {
-            "file": record.source, "run": record.run, "n": float(points.n[i]), "force_N": float(points.force[i]),
-            "weight": float(points.weight[i]), "why": str(points.flag[i]),
-        }  # fmt: skip
-
     def document(self, option: str) -> Document:
         return json_document("thrusters.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
-        analysis, points, tare, reduction = self.analysis, self.points, self.tare, self.reduction
+        analysis, points, records = self.analysis, self.points, self.logs.records
         together = {side: scaled(analysis.square.get(side), self.thrusters_per_test) for side, _ in SIDES}
         result: dict[str, object] = {
             "schema": THRUSTER_MAP.schema,
@@ -330,15 +258,16 @@ class ThrusterFit(Shown):
             **_scores_json(analysis),
             "n_unit": analysis.n_unit,
             **({} if points.n_range is None else {"n_range": list(points.n_range)}),
-            "tare": {
-                "value_N": tare.value, "stderr_N": tare.stderr, "readings": tare.readings, "drift_N": tare.drift,
-                "subtracted": tare.subtracted,
-            },
-            "points": {
-                "used": len(points), "plateaus": reduction.plateaus, "samples": reduction.samples,
-                "samples_left_out": reduction.left_out, "rows_with_missing_values": self.logs.missing,
-            },
-            "flagged": [self._flagged_json(int(i)) for i in np.flatnonzero(points.flag != "")],
+            "tare": vars(self.tare),
+            "points": {"used": len(points), **self.samples, "rows_with_missing_values": self.logs.missing},
+            "flagged": [
+                {
+                    "file": records[points.record[i]].source, "run": records[points.record[i]].run,
+                    "n": float(points.n[i]), "force_N": float(points.force[i]), "weight": float(points.weight[i]),
+                    "why": str(points.flag[i]),
+                }
+                for i in np.flatnonzero(points.flag != "")
+            ],
         }  # fmt: skip
         if np.any(np.isfinite(points.voltage)):
             result["voltage_range_V"] = [float(np.nanmin(points.voltage)), float(np.nanmax(points.voltage))]
@@ -347,11 +276,10 @@ class ThrusterFit(Shown):
                 {"voltage_V": volts, **_square_json(a), **_scores_json(a)} for volts, a in self.voltages
             ]
             result["voltage_exponent"] = {
-                side: None if power is None else {"thrust_at_fixed_n": power.to_json()}
-                for side, power in self.exponents.items()
+                side: {"thrust_at_fixed_n": power.to_json()} for side, power in self.exponents.items()
             }
         if self.compared:
-            result["by"] = {"column": self.logs.by, "thrusters": [thruster.to_json() for thruster in self.compared]}
+            result["by"] = {"column": self.logs.by, "thrusters": self.compared}
         return {**result, "notes": list(self.notes), "runs": runs_json(self.logs.used, self.logs.set_aside)}
 
 
@@ -410,7 +338,7 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
             **errors(chosen),
             "error_percent_of_full_scale": analysis.percent(chosen.error),
         },
-        "parameters": parameters_json(chosen.estimates, chosen.both_ways),
+        "parameters": chosen.parameters_json(),
         "beyond_n_range": chosen.form.beyond,
     }
 
@@ -428,30 +356,57 @@ def fit_records(
     """The map of one thruster from tests in which `thrusters` equal ones pulled; `form` None chooses by
     cross-validation, `n_unit` is the control signal's. Raises FitError where no direction can be fitted."""
     where = loaded.inputs[0].name if len(loaded.inputs) == 1 else f"{len(loaded.inputs)} logs"
-    reduction = bollard.reduce_series(list(loaded.records))
-    points = reduction.points.divided(thrusters)
-    step = bollard.voltage_steps(points.voltage)
-    _refuse_mirrored(loaded, points, where)
-    differ = _differ(loaded, points, thrusters, where)
-    logged = points
-    points, apart = (points, differ) if differ else _flagged(loaded, points, step)
-    points, tare = bollard.subtract_tare(points)
-    varied = step if step is not None and step.max() > 0 else None
+    logged, unsettled = reduce_series(loaded.records, thrusters)
+    _refuse_mirrored(loaded, logged, where)
+    notes = _differ(loaded, logged, thrusters, where)
+    points, notes = (logged, notes) if notes else _flagged(loaded, logged)
+    points, tare = subtract_tare(points)
     try:
-        analysis = analyse(points, varied, tare.thrust_stderr, n_unit, form, where)
+        analysis = analyse(points, tare.thrust_stderr, n_unit, form, where)
     except FitError as refusal:
         raise _with_rest(refusal, logged, thrusters, loaded.rule) from None
-    voltages, exponents, notes = _by_voltage(points, varied, tare, n_unit, form, jobs, progress)
-    if step is None and np.any(np.isfinite(points.voltage)):
-        notes = (UNUSED, *notes)
+    notes += unsettled
+    if not points.steps and np.any(np.isfinite(points.voltage)):
+        notes += (UNUSED,)
+    groups = [points.where(points.step == number) for number in points.steps]
+    judge = partial(_one_voltage, tare_stderr=tare.thrust_stderr, n_unit=n_unit, form=form)
+    outcomes = ordered_map(judge, groups, jobs, progress=progress, stage="voltages") if groups else []
+    notes += tuple(f"No map at this voltage: {refusal}." for refusal in outcomes if isinstance(refusal, FitError))
+    voltages = tuple(outcome for outcome in outcomes if not isinstance(outcome, FitError))
+    exponents = _voltage_exponents(analysis) if len(voltages) > 1 else {}
+    powers = [power.value for power in exponents.values()]
+    if max(map(abs, powers), default=0.0) > FELT:
+        notes += (
+            f"Thrust at the same control signal grows with the voltage to the power {np.mean(powers):.2f}: "
+            "the map over all voltages is a mean; for a known voltage use that voltage's map.",
+        )
     parts, without_map = dict[str, ThrusterFit](), dict[str, str]()
     for name in loaded.parts if loaded.split else ():
         try:
             parts[name] = fit_records(loaded.of(name), thrusters, n_unit, form, 1, silent)
         except FitError as refusal:
             without_map[name] = str(refusal)
-    notes = (*apart, *reduction.notes, *notes)
-    return ThrusterFit(loaded, reduction, analysis, tare, thrusters, voltages, exponents, notes, parts, without_map)
+    return ThrusterFit(loaded, analysis, tare, thrusters, voltages, exponents, notes, parts, without_map)
+
+
+def _voltage_exponents(analysis: Analysis) -> dict[str, Estimate]:
+    """The power of the voltage that thrust follows at a fixed command, in each direction with several voltages."""
+    data, form, powers = analysis.chosen.data, analysis.chosen.form, {}
+    for name, sign in data.directions.items():
+        side = data.where(data.n * sign > 0)
+        if side.by_voltage:
+            powers[name] = fit_shape(side, Shape(((name, form),), voltage=True)).voltage_power
+    return powers
+
+
+def _one_voltage(
+    points: Points, *, tare_stderr: float, n_unit: str, form: str | None
+) -> tuple[float, Analysis] | FitError:
+    volts = float(np.median(points.voltage))
+    try:
+        return volts, analyse(points, tare_stderr, n_unit, form, f"{volts:.4g} V")
+    except FitError as refusal:
+        return refusal
 
 
 def _refuse_mirrored(loaded: ThrusterLogs, points: Points, where: str) -> None:
@@ -464,7 +419,7 @@ def _refuse_mirrored(loaded: ThrusterLogs, points: Points, where: str) -> None:
     }
     mirrored = [name for name, way in ways.items() if way < -ALIKE]
     if mirrored and max(ways.values()) > ALIKE:
-        rule = ColumnRule("n") if loaded.command is None else loaded.command
+        rule = loaded.command
         sign = f'{{ from = "{rule.source}", subtract = {rule.subtract:g} }}' if rule.subtract else f'"{rule.source}"'
         raise FitError(
             f"{where}: the force of {listed(mirrored)} is opposite to its command, unlike that of the others; it is "
@@ -501,31 +456,30 @@ def _differ(loaded: ThrusterLogs, points: Points, thrusters: int, where: str) ->
     return (f"{text[0].upper()}{text[1:]}: something else changed between tests, and the map is a mean over that.",)
 
 
-def _with_rest(refusal: FitError, points: Points, thrusters: int, rule: ColumnRule | None) -> FitError:
+def _with_rest(refusal: FitError, points: Points, thrusters: int, rule: ColumnRule) -> FitError:
     """A refusal, and the force at zero command where that is none: then the sensor has an offset."""
     at_zero = points.force[points.n == 0.0]
     if not len(at_zero) or abs(float(np.median(at_zero))) <= STRONG * np.ptp(points.force):
         return refusal
     force = thrusters * float(np.median(at_zero))
-    reading = ColumnRule("NAME") if rule is None else rule
-    offset = reading.subtract + force / (reading.sign * reading.scale)
+    offset = rule.subtract + force / (rule.sign * rule.scale)
     return FitError(
         f"{str(refusal).partition(';')[0]}; the force at command 0 is {force:.4g} N, which looks like the offset of "
         f"the load cell. Write subtract = {offset:.4g} in the line of the force under [columns] in the --columns file"
     )
 
 
-def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[Points, tuple[str, ...]]:
+def _flagged(loaded: ThrusterLogs, points: Points) -> tuple[Points, tuple[str, ...]]:
     """Points with contradictions flagged, each thruster's among themselves: where a column names thrusters and nobody
     asked for them, if that leaves fewer, which is then told."""
     if len(loaded.parts) < 2:
-        return bollard.flag_contradictions(points, step), ()
+        return flag_contradictions(points), ()
     names = ("", *loaded.parts)
     part = np.array([names.index(record.part) for record in loaded.records])[points.record]
-    apart = bollard.flag_contradictions(points, part if step is None else part * (int(step.max()) + 1) + step)
+    apart = flag_contradictions(points, part * (MAX_STEPS + 1) + points.step)
     if loaded.split:
         return apart, ()
-    pooled = bollard.flag_contradictions(points, step)
+    pooled = flag_contradictions(points)
     before, after = (int(np.count_nonzero(flagged.flag != "")) for flagged in (pooled, apart))
     if before <= after:
         return pooled, ()
@@ -535,33 +489,3 @@ def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[P
         f'write by = "{loaded.by}" under [columns] in a file and give it with --columns FILE.toml for a map of each.'
     )
     return apart, (note,)
-
-
-def _by_voltage(
-    points: Points, step: Ints | None, tare: Tare, n_unit: str, form: str | None, jobs: int, progress: Progress
-) -> tuple[tuple[tuple[float, Analysis], ...], dict[str, Estimate | None], tuple[str, ...]]:
-    if step is None:
-        return (), {}, ()
-    groups = [points.where(step == number) for number in np.unique(step)]
-    judge = partial(_one_voltage, tare_stderr=tare.thrust_stderr, n_unit=n_unit, form=form)
-    outcomes = ordered_map(judge, groups, jobs, progress=progress, stage="voltages")
-    notes = [f"No map at this voltage: {refusal}." for refusal in outcomes if isinstance(refusal, FitError)]
-    fits = [outcome for outcome in outcomes if not isinstance(outcome, FitError)]
-    exponents = {name: voltage_exponent(fits, name) for name, _ in (SIDES if len(fits) > 1 else ())}
-    powers = [power.value for power in exponents.values() if power]
-    if powers and max(abs(power) for power in powers) > FELT:
-        notes.append(
-            f"Thrust at the same control signal grows with the voltage to the power {np.mean(powers):.2f}: "
-            "the map over all voltages is a mean; for a known voltage use that voltage's map."
-        )
-    return tuple(fits), exponents, tuple(notes)
-
-
-def _one_voltage(
-    points: Points, *, tare_stderr: float, n_unit: str, form: str | None
-) -> tuple[float, Analysis] | FitError:
-    volts = float(np.median(points.voltage))
-    try:
-        return volts, analyse(points, None, tare_stderr, n_unit, form, f"{volts:.4g} V")
-    except FitError as refusal:
-        return refusal

@@ -16,9 +16,17 @@ from automarine_cli.fits.preference import lead_of
 from automarine_cli.fits.stepwise import Chance, Judge, Outcome, stepwise_search
 from automarine_cli.quantities import Floats
 from automarine_cli.text import plural
-from automarine_cli.thrusters import bollard_data as bollard
-from automarine_cli.thrusters.bollard_data import Ints, ThrusterLogs, left_out, levels_of, neighbour_weights
-from automarine_cli.thrusters.fit import BollardData, MapFit, Shape, bollard_data, fit_shape, multiplier_columns
+from automarine_cli.thrusters.bollard_data import (
+    Ints,
+    ThrusterLogs,
+    flag_contradictions,
+    left_out,
+    levels_of,
+    neighbour_weights,
+    reduce_series,
+    subtract_tare,
+)
+from automarine_cli.thrusters.fit import BollardData, MapFit, Shape, bollard_data, fit_shape
 from automarine_cli.thrusters.map import SIDES
 
 EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
@@ -35,50 +43,43 @@ def choose_form(
     only where the best is clearly behind it, and by more than a standard error over levels (Breiman et al. 1984,
     section 3.4.3)."""
     by_name, judged = {fit.form.name: fit for fit in fits}, [fit for fit in fits if fit.can_leave_out]
+    chosen, data = by_name[forced or "square"], fits[0].data
     if not judged:
-        chosen = by_name[forced] if forced else fits[0]
         return chosen, f"The {chosen.form.name} form is used: too few levels to leave one out.", frozenset()
-    data = fits[0].data
     rounding = (float(data.weight.sum()) + data.zero_weight) * (EQUAL * full_scale) ** 2
+
+    def behind(loss: Floats, other: Floats) -> bool:
+        return bool(len(loss) * np.log((loss.sum() + rounding) / (other.sum() + rounding)) > CLEAR)
+
     equations = [fit for fit in judged if not fit.form.interpolates]
     best = min(equations, key=lambda fit: (fit.loss.sum(), fit.parameters))
-    reach = [fit for fit in equations if _deviance(fit.loss, best.loss, rounding) <= CLEAR]
+    reach = [fit for fit in equations if not behind(fit.loss, best.loss)]
     for fit in judged:
         inner, of_fit = best.left_out[1], fit.left_out[1]
         lead, stderr = lead_of(of_fit, inner)
-        if fit.form.interpolates and lead > stderr and _deviance(inner, of_fit, rounding) > CLEAR:
+        if fit.form.interpolates and lead > stderr and behind(inner, of_fit):
             reach = [fit]
     simplest = min(reach, key=lambda fit: (fit.parameters, fit.left_out_rmse))
-    chosen, because = simplest, _sentence(simplest, best, full_scale)
+    spline = simplest.form.interpolates
+    errors = (fit.between_rmse if spline else fit.cv_rmse for fit in (simplest, best))
+    error, least = (f"{100.0 * (value or 0.0) / full_scale:.3g}" for value in errors)
+    because = f"The {simplest.form.name} form is chosen"
     if forced is not None:
-        chosen = by_name[forced]
         because = f"The {forced} form was asked for (--form); cross-validation would choose {simplest.form.name}."
+    elif spline:
+        because += (
+            f", a curve through the mean of each level: at levels left out between others its error is {error} % of "
+            f"full scale, that of the best equation, {best.form.name} ({best.parameters}), {least} %."
+        )
+    else:
+        because += (
+            f": {plural(simplest.parameters, 'parameter')} per direction, cross-validated error {error} % of full "
+            f"scale. It is the simplest not clearly behind the best, {best.form.name} ({best.parameters}, {least} %)."
+        )
+    chosen = simplest if forced is None else chosen
     if chosen.form.interpolates:
         because += f" Beyond its levels it is {chosen.form.beyond}."
     return chosen, because, frozenset(fit.form.name for fit in reach)
-
-
-def _deviance(loss: Floats, other: Floats, rounding: float) -> float:
-    """Deviance by which left-out squares of groups, (G,), are behind another form's; `rounding` [N²] is no evidence."""
-    return float(len(loss) * np.log((loss.sum() + rounding) / (other.sum() + rounding)))
-
-
-def _sentence(chosen: MapFit, best: MapFit, full_scale: float) -> str:
-    """Say why a form is chosen; `best` is the best equation."""
-    spline = chosen.form.interpolates
-    errors = (fit.between_rmse if spline else fit.cv_rmse for fit in (chosen, best))
-    error, least = (f"{100.0 * (value or 0.0) / full_scale:.3g}" for value in errors)
-    if spline:
-        return (
-            f"The {chosen.form.name} form is chosen, a curve through the mean of each level: at levels left out "
-            f"between others its error is {error} % of full scale, that of the best equation, {best.form.name} "
-            f"({best.parameters}), {least} %."
-        )
-    parameters = f"{plural(chosen.parameters, 'parameter')} per direction"
-    return (
-        f"The {chosen.form.name} form is chosen: {parameters}, cross-validated error {error} % of full scale. It is "
-        f"the simplest not clearly behind the best, {best.form.name} ({best.parameters}, {least} %)."
-    )
 
 
 OPPOSITE = (
@@ -105,9 +106,7 @@ def data_of_logs(
 ) -> BollardData:
     """Make data of one thruster, contradictions flagged, tare off, of the `sides` with `min_levels` levels or more.
     Raises FitError where there is none, or thrust opposes the command."""
-    points = bollard.reduce_series(list(logs.records)).points.divided(thrusters)
-    step = bollard.voltage_steps(points.voltage)
-    points, tare = bollard.subtract_tare(bollard.flag_contradictions(points, step))
+    points, tare = subtract_tare(flag_contradictions(reduce_series(logs.records, thrusters)[0]))
     levels = {name: len(np.unique(levels_of(points.n[points.n * sign > 0]))) for name, sign in SIDES}
     enough = [name for name in sides if levels[name] >= min_levels]
     if not enough:
@@ -115,9 +114,7 @@ def data_of_logs(
             f"no direction of the map has {min_levels} different commands in the logs; a diagnosis needs a curve: "
             "pull at more levels, or give a map of the direction that was measured"
         )
-    data = bollard_data(
-        points, step, tare.thrust_stderr, n_unit, enough, *(record.place for record in logs.records)
-    )  # fmt: skip
+    data = bollard_data(points, tare.thrust_stderr, n_unit, enough, *(record.place for record in logs.records))
     if float(data.weight @ (data.n * np.abs(data.n) * data.force)) <= 0.0:
         raise FitError(OPPOSITE)
     return data
@@ -126,15 +123,13 @@ def data_of_logs(
 def held_out_levels(data: BollardData, seed: int) -> NDArray[np.bool_]:
     """Mark the points (P,) of the quarter of the levels that is held out: one of every four neighbours, never an end of
     the range; none where a direction has fewer than MIN_LEVELS_TO_HOLD_OUT levels."""
-    random, out = np.random.default_rng(seed), np.zeros(len(data), dtype=bool)
-    number = levels_of(data.n)
-    levels = [np.unique(number[data.n * sign > 0]) for _, sign in SIDES]
+    random, number = np.random.default_rng(seed), levels_of(data.n)
+    levels, out = [np.unique(number[data.n * sign > 0]) for _, sign in SIDES], list[int]()
     if any(0 < len(side) < MIN_LEVELS_TO_HOLD_OUT for side in levels):
-        return out
+        return np.zeros(len(data), dtype=bool)
     for inner in (side[1:-1] for side in levels):
-        for start in range(0, len(inner) - 3, 4):
-            out |= number == inner[start + int(random.integers(4))]
-    return out
+        out += [int(inner[start + random.integers(4)]) for start in range(0, len(inner) - 3, 4)]
+    return np.isin(number, out)
 
 
 def noise_level(data: BollardData) -> tuple[float, str]:
@@ -159,10 +154,9 @@ def noise_level(data: BollardData) -> tuple[float, str]:
 def _roughness(data: BollardData) -> float:
     """Root mean square over four ranges of |n| of the robust scatter [N] about neighbours, freed of their errors."""
     off, size = [], []
-    for step in [0] if data.step is None else np.unique(data.step):
+    for step in np.unique(data.step):
         for _, sign in SIDES:
-            mask = (data.n * sign > 0) & (data.flag == "")
-            mask &= True if data.step is None else data.step == step
+            mask = (data.n * sign > 0) & (data.flag == "") & (data.step == step)
             n = np.abs(data.n[mask])
             numbers = levels_of(n)
             place, thrust = (np.bincount(numbers, x) / np.bincount(numbers) for x in (n, sign * data.force[mask]))
@@ -223,9 +217,9 @@ def evidence_by_chance(base: MapFit, fits: Mapping[tuple[str, str], MapFit], ran
     best = np.full(NULLS, -np.inf)
     for (effect, where), fit in fits.items():
         extra = fit.shape.parameters - base.shape.parameters
-        single = [key for key in falls if key[0] == effect and key[1] != "both"]
-        keys = single if where == "both" and extra > 1 else [(effect, where)]
-        fall = np.minimum(sum(falls[key] for key in keys), (1.0 - 1e-9) * squares)
+        apart = [fall for key, fall in falls.items() if key[0] == effect and key[1] != "both"]
+        fall = np.sum(apart, axis=0) if where == "both" and extra > 1 else falls[effect, where]
+        fall = np.minimum(fall, (1.0 - 1e-9) * squares)
         best = np.maximum(best, -count * np.log1p(-fall / squares) - extra * np.log(count))
     return Chance(best)
 
@@ -233,14 +227,13 @@ def evidence_by_chance(base: MapFit, fits: Mapping[tuple[str, str], MapFit], ran
 def _basis(fit: MapFit) -> Floats:
     """Orthonormal columns (P, K) of what the free parameters can do to the thrust, weighted as in the fit."""
     data, gain = fit.data, fit.gain(fit.data)
-    blocks = [multiplier_columns(fit)[:, [fit.shape.voltage, fit.shape.sag]]]
+    blocks = [fit.multipliers[:, [fit.shape.voltage, fit.shape.sag]]]
     for name, (index, side, form) in fit.sides.items():
-        curve = fit.curves[name]
-        by_name = curve.slopes(side.n)
-        slopes = np.stack([by_name[parameter] for parameter in form.free(curve)], axis=1)
-        block = np.zeros((len(gain), slopes.shape[1]))
-        block[index] = (np.sign(data.n) * gain)[index, None] * slopes
-        blocks.append(block[:, np.any(block != 0.0, axis=0)])
+        slopes = fit.curves[name].slopes(side.n)
+        block = np.zeros((len(gain), len(slopes)))
+        block[index] = (np.sign(data.n) * gain)[index, None] * np.stack([*slopes.values()], axis=1)
+        free = [parameter in form.free(fit.curves[name]) for parameter in slopes]
+        blocks.append(block[:, free & np.any(block != 0.0, axis=0)])
     columns = np.sqrt(data.weight)[:, None] * np.hstack(blocks)
     axes, sizes, _ = np.linalg.svd(columns / np.sqrt(np.sum(columns**2, axis=0)), full_matrices=False)
     return axes[:, sizes > 1e-9]
@@ -263,16 +256,16 @@ class _Levels(Judge[CandidateFit, SearchStep]):
 
     def look(self, model: CandidateFit, number: int) -> SearchStep:
         data, current, fits = self.data, model.fit, dict[tuple[str, str], MapFit]()
-        if np.sqrt(current.squares / len(data)) > ROUNDING * data.full_scale:
-            for effect, where, shape in current.shape.additions(data):
-                parts = data.parts(shape.tied)
-                enough = all(parts[name][1].can_leave_out(form) for name, form in shape.forms)
-                if enough and (len(model.added) < MAX_EFFECTS or effect in model.added):
-                    fits[effect, where] = self.fitted(shape)
+        rounded = np.sqrt(current.squares / len(data)) <= ROUNDING * data.full_scale
+        for effect, where, shape in () if rounded else current.shape.additions(data):
+            parts = data.parts(shape.tied)
+            enough = all(parts[name][1].can_leave_out(form) for name, form in shape.forms)
+            if enough and (len(model.added) < MAX_EFFECTS or effect in model.added):
+                fits[effect, where] = self.fitted(shape)
         chance = evidence_by_chance(current, fits, self.random) if fits else Chance(np.zeros(1))
-        candidates = []
+        candidates, groups = [], len(current.loss)
         for (effect, where), fit in fits.items():
-            groups, extra = len(current.loss), fit.shape.parameters - current.shape.parameters
+            extra = fit.shape.parameters - current.shape.parameters
             gain = float(groups * np.log(max(current.squares / fit.squares, 1.0)) - extra * np.log(groups))
             p_value = chance.p_value(gain)
             added = {**model.added, effect: min(p_value, model.added.get(effect, 1.0))}
@@ -288,7 +281,7 @@ class _Levels(Judge[CandidateFit, SearchStep]):
                 gains[candidate] = held_out
         if not gains:
             return []
-        best = max(gains, key=lambda candidate: gains[candidate])
+        best = max(gains, key=gains.__getitem__)
         for candidate in gains:
             behind, stderr = candidate.behind(best)
             smaller = candidate.fit.shape.parameters < best.fit.shape.parameters
@@ -307,12 +300,9 @@ class _Levels(Judge[CandidateFit, SearchStep]):
         worse, stderr = reduced.behind(current)
         if worse <= NEEDLESS * stderr:
             return reduced
-        clearly = dict[CandidateFit, float]()
-        for candidate in look.candidates:
-            behind, stderr = candidate.behind(current)
-            if candidate.effect not in current.added and behind < -stderr:
-                clearly[candidate] = behind
-        return min(clearly, key=lambda candidate: clearly[candidate], default=current)
+        behind = {c: c.behind(current) for c in look.candidates if c.effect not in current.added}
+        clearly = [candidate for candidate, (lag, stderr) in behind.items() if lag < -stderr]
+        return min(clearly, key=lambda candidate: behind[candidate][0], default=current)
 
 
 MapSearch = Outcome[CandidateFit, SearchStep]
@@ -368,10 +358,9 @@ def broken_stretch(fit: MapFit, floor: float) -> Ints | None:
                     inside = residual[start:stop]
                     around = np.mean(np.concatenate([residual[max(start - 3, 0) : start], residual[stop : stop + 3]]))
                     off = float(np.mean(inside) - around)
-                    way = np.sign(off)
-                    edges = min(way * (inside[0] - residual[start - 1]), way * (inside[-1] - residual[stop]))
-                    steady = np.min(way * (inside - around)) > 0.5 * abs(off)
+                    edges = np.sign(off) * (inside[[0, -1]] - residual[[start - 1, stop]])
+                    steady = np.min(np.sign(off) * (inside - around)) > 0.5 * abs(off)
                     clear = abs(off) * np.sqrt(stop - start)
-                    if edges > limit and steady and clear > clearest:
+                    if edges.min() > limit and steady and clear > clearest:
                         best, clearest = index[start:stop], clear
     return best

@@ -17,7 +17,7 @@ from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import number
-from automarine_cli.exports.thrusters import table, top, worst
+from automarine_cli.exports.thrusters import deviation, table
 from automarine_cli.thrusters.curves import PowerCurve, SplineCurve
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -78,7 +78,8 @@ def test_tables_are_sound_for_any_curve(a: float, p: float, n_0: float, limit: f
     n, force = table(map_, n_max)
     assert np.all(np.diff(n) > 0) and n[0] == -n[-1] and 0.0 in n
     assert [float(number(x)) for x in n] == list(n)
-    assert worst(map_, lambda x: np.interp(x, n, force), n_max) < 2e-3 * top(map_, n_max)
+    off, full = deviation(map_, lambda x: np.interp(x, n, force), n_max)
+    assert off < 2e-3 * full
 
 
 def test_a_map_of_another_shape_is_refused_with_its_error(tmp_path: Path) -> None:

@@ -60,8 +60,8 @@ def test_t200_against_speed(tmp_path: Path) -> None:
 
 def test_kingfisher_saturates_ahead_raw_and_mean(tmp_path: Path) -> None:
     raw, mean = (fit(tmp_path, KINGFISHER.format(of), by) for of, by in (("raw", TWO_TOGETHER), ("mean", COMMAND)))
-    assert raw.thrusters_per_test == 2 and raw.reduction.plateaus == 20
-    assert raw.tare.readings == 1 and abs(raw.tare.value) < 0.02
+    assert raw.thrusters_per_test == 2 and raw.samples["plateaus"] == 20
+    assert raw.tare.readings == 1 and abs(raw.tare.value_N) < 0.02
     assert raw.points.force.max() == pytest.approx(20.67, abs=0.1)
     assert raw.analysis.chosen.form.name == "power-saturation"
     assert raw.map.forward is not None and raw.map.backward is not None and mean.map.forward is not None

@@ -42,13 +42,12 @@ def bollard(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_each_thruster_has_a_map_and_those_that_differ_are_named(tmp_path: Path, seed: int) -> None:
     fit = am.fit_thrusters([bollard(tmp_path, eight(seed, UNLIKE))], columns=BY, out=tmp_path / "out")
-    compared = {part.name: part for part in fit.compared}
-    assert tuple(compared) == NAMES and {name for name, part in compared.items() if part.differs} == set(UNLIKE)
-    for name, part in compared.items():
-        assert part.analysis is not None
+    compared = {part["thruster"]: part for part in fit.compared}
+    assert tuple(compared) == NAMES and {name for name, part in compared.items() if part["differs"]} == set(UNLIKE)
+    for name, part in fit.parts.items():
         for law in part.analysis.square.values():  # few levels: twice half the interval
             assert abs(law.value - A * UNLIKE.get(name, 1.0)) < law.ci95[1] - law.ci95[0]
-    assert compared["T3"].off["forward"][0] == pytest.approx(-50, abs=3)
+    assert compared["T3"]["forward"]["differs_percent"] == pytest.approx(-50, abs=3)
     assert not np.any(fit.points.flag != "")
     single, pooled = (json.loads((tmp_path / "out" / f"thrusters{of}.json").read_text()) for of in ("_T3", ""))
     assert single["forward"]["points"] == 8
@@ -66,13 +65,13 @@ def test_a_mirrored_thruster_is_named_with_the_line_that_mends_it(tmp_path: Path
     sign = ColumnRule("force_N", sign_from=ColumnRule("n"))
     fit = am.fit_thrusters([path], columns=ColumnMap({**BY.columns, "force_N": sign}))
     assert fit.map.force(100.0) == pytest.approx(A * 100.0**2, rel=0.02)
-    assert not any(part.differs for part in fit.compared)
+    assert not any(part["differs"] for part in fit.compared)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_thrusters_that_are_alike_are_said_to_be(tmp_path: Path, seed: int) -> None:
     fit = am.fit_thrusters([bollard(tmp_path, eight(seed))], columns=BY)
-    assert not any(part.differs for part in fit.compared)
+    assert not any(part["differs"] for part in fit.compared)
 
 
 def test_where_nobody_asked_the_column_is_named_and_no_point_called_faulty(tmp_path: Path) -> None:
@@ -116,4 +115,4 @@ def test_a_faulty_reading_and_a_missing_direction_are_those_of_their_thruster(tm
     fit = am.fit_thrusters([bollard(tmp_path, "\n".join(lines) + "\n")], columns=BY)
     assert [fit.place(int(i)) for i in np.flatnonzero(fit.points.flag != "")] == ["bollard.csv, 5"]
     assert list(fit.parts) == [*map(str, range(1, 8))]
-    assert fit.without_map["8"] == fit.compared[7].why != ""
+    assert fit.without_map["8"] == fit.compared[7]["why"] != ""
