@@ -3,10 +3,10 @@
 
 import gzip
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, groupby, islice
+from itertools import groupby, islice
 from math import exp, floor, log2
 from typing import TypeAlias
 
@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, SURGE, SWAY
 from automarine_cli.errors import SettingError
+from automarine_cli.logs.table import csv_text
 from automarine_cli.models.model import Model
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
@@ -361,26 +362,27 @@ def log_of(runs: Sequence[SimulatedRun], specification: Specification, seed: int
 
 def log_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes:
     """One log in the format "csv", "csv.gz" or "parquet"; `comment` goes first, or into Parquet's metadata."""
-    if format == "parquet":
-        return parquet_bytes(columns, comment)
-    head = [f"# {comment}", ",".join(columns)]
-    rows = map(",".join, zip(*(_cells(name, column) for name, column in columns.items())))
-    text = "\n".join(chain(head, rows)) + "\n"
-    return text.encode() if format == "csv" else gzip_bytes(text.encode())
+    if format != "parquet":
+        columns = {name: _cells(name, column) for name, column in columns.items()}
+    return file_bytes(columns, format, comment)
 
 
-def parquet_bytes(columns: Mapping[str, Column], comment: str) -> bytes:
-    sink = pa.BufferOutputStream()
-    pq.write_table(pa.table(dict(columns), metadata={"comment": comment}), sink)
-    return bytes(sink.getvalue().to_pybytes())
-
-
-def _cells(name: str, column: Column) -> Iterable[str]:
+def _cells(name: str, column: Column) -> Sequence[str]:
     if not isinstance(column, np.ndarray):
         return column
     if name in COMMAND_COLUMNS:
-        return (f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".") for value in column.tolist())
-    return (f"{value:.{LOG_DECIMALS}f}" for value in column.tolist())
+        return [f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".") for value in column.tolist()]
+    return [f"{value:.{LOG_DECIMALS}f}" for value in column.tolist()]
+
+
+def file_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes:
+    """A table as a file of one of the three formats, numbers with every digit."""
+    if format == "parquet":
+        sink = pa.BufferOutputStream()
+        pq.write_table(pa.table(dict(columns), metadata={"comment": comment}), sink)
+        return bytes(sink.getvalue().to_pybytes())
+    text = csv_text(columns, comment).encode()
+    return text if format == "csv" else gzip_bytes(text)
 
 
 def gzip_bytes(data: bytes) -> bytes:
