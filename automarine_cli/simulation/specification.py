@@ -491,6 +491,10 @@ class Sensor(Settings):
     every_s: AboveZero | None = None
 
 
+Sensed: TypeAlias = tuple[Sensor, tuple[str, ...], tuple[str, ...]]
+"""The sensor of a column, and the words that name the random streams of its noise and its bias."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Disturbance(Settings):
     """Standard deviations of the forces [N] and the moment [N m] that nobody logs, and their time constant [s]."""
@@ -525,9 +529,8 @@ class Specification(Settings):
         if not self.runs and self.bollard is None:
             raise SettingError("nothing to simulate; expected [[runs]] or [bollard]")
         turns = self.motion.turns
-        if foreign := [
-            x for x in (("effects",) if turns else ("hidden", "disturbance", "sensors")) if getattr(self, x)
-        ]:
+        of_others = ("effects",) if turns else ("hidden", "disturbance", "sensors")
+        if foreign := [key for key in of_others if getattr(self, key)]:
             raise SettingError(f"{foreign[0]}: runs of {self.motion.name} have none; leave it out")
         if alien := next((group.kind for group in self.runs if (group.kind == "planar") is not turns), None):
             raise SettingError(f"runs: kind {alien!r} is of another motion than {self.motion.name}")
@@ -559,19 +562,15 @@ class Specification(Settings):
         return self.vehicle.force_unit if isinstance(self.vehicle, Vehicle) else ""
 
     @property
-    def sensed(self) -> dict[str, tuple[Sensor, tuple[str, ...], tuple[str, ...]]]:
-        """The sensor of each column logged, and the words that name the random streams of its noise and its bias."""
+    def sensed(self) -> dict[str, Sensed]:
         if self.sensors:
             return {name: (sensor, (name,), (name, "bias")) for name, sensor in self.sensors.items()}
         (position, rate), logger = self.columns, self.logger
-        sensors: dict[str, tuple[Sensor, tuple[str, ...], tuple[str, ...]]]
-        sensors = {position: (Sensor(noise=logger.noise, bias=self.scatter.zero), ("noise",), ("heading zero",))}
+        zero = Sensor(noise=logger.noise, bias=self.scatter.zero)
+        sensors: dict[str, Sensed] = {position: (zero, ("noise",), ("heading zero",))}
         if logger.rate_noise is not None:
-            sensors[rate] = (
-                Sensor(noise=logger.rate_noise, bias=logger.rate_bias or 0.0),
-                ("rate noise",),
-                ("rate bias",),
-            )
+            gyro = Sensor(noise=logger.rate_noise, bias=logger.rate_bias or 0.0)
+            sensors[rate] = (gyro, ("rate noise",), ("rate bias",))
         return sensors
 
     def model(self) -> Model:
