@@ -349,9 +349,8 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     lines |= {step.step: f"skipped: {step.skipped}" if step.skipped else "refused" for step in ran.steps}
     lines |= headlines(steps)
     numbers = {motion: rows for motion in (*DOFS, PLANAR.name) if (rows := _numbers(MotionResults(steps, motion)))}
-    grades = [{"motion": motion} | row for motion, rows in numbers.items() for row in rows]
-    if len(numbers) == 1:
-        grades = next(iter(numbers.values()))
+    several = len(numbers) > 1
+    grades = [{"motion": motion} | row if several else row for motion, rows in numbers.items() for row in rows]
     good_enough: list[Table | str] = ["## Is it good enough?", Table.of("", grades), WORST] if grades else []
     pages = [result for result in reversed(list(steps.values())) if result.step.section]
     pages.sort(key=lambda result: SECTIONS.index(result.step.section))  # what is final or missing stands first in each
@@ -614,7 +613,8 @@ def _set_aside(steps: Steps) -> list[str]:
     for folder, result in steps.items():
         for run in result.file.runs.set_aside:
             folders.setdefault(run, []).append(folder)
-    rows = []
-    for run, names in folders.items():
-        rows.append({"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(names)})
+    rows = [
+        {"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(names)}
+        for run, names in folders.items()
+    ]
     return ["## Runs set aside", Table.of("", rows).to_markdown()] if rows else []

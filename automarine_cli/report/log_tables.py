@@ -48,16 +48,15 @@ class Check(Shown):
 
 @sections.register
 def _(result: Check) -> Sections:
-    by_dof = {dof: [run for run in result.runs if run.dof is dof] for dof in DOFS.values()}
-    tables = [_run_table(runs, dof) for dof, runs in by_dof.items() if runs]
-    tables += [_test_table(result.tests)] if result.tests else []
-    usable = []
-    for dof, runs in by_dof.items():
-        count = sum(not run.why for run in runs)
-        if runs:
+    tables, usable = list[Table](), list[str]()
+    for dof in DOFS.values():
+        if runs := [run for run in result.runs if run.dof is dof]:
+            count = sum(not run.why for run in runs)
             entirely = "" if count else ", so a fit takes them whole"
+            tables.append(_run_table(runs, dof))
             usable.append(f"{count} of {len(runs)} {dof.name} runs have a usable {dof.words.step}{entirely}")
     if result.tests:
+        tables.append(_test_table(result.tests))
         usable.append(plural(len(result.tests), "thruster test"))
     answer, notes = "; ".join(usable) + ".", [note for table in tables for note in table.notes]
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
@@ -150,16 +149,12 @@ class Slices(Shown):
 @sections.register
 def _(result: Slices) -> Sections:
     content, cuts = result.to_json(), result.cuts
-    rows = []
-    for cut in cuts:
-        low, high = _seconds(cut["from_s"]), _seconds(cut["to_s"])
-        row = {
-            "run": cut["run"],
-            result.by: cut["state"],
-            "log": cut["source"],
-            "rows": "{} to {}".format(*cut["rows"]),
-        }
-        rows.append(row | {"from s": low, "to s": high, "lasts s": number(cut["to_s"] - cut["from_s"], 3)})
+    rows = [
+        {"run": cut["run"], result.by: cut["state"], "log": cut["source"], "rows": "{} to {}".format(*cut["rows"]),
+         "from s": _seconds(cut["from_s"]), "to s": _seconds(cut["to_s"]),
+         "lasts s": number(cut["to_s"] - cut["from_s"], 3)}
+        for cut in cuts
+    ]  # fmt: skip
     moving, logs = sum(cut["moving"] for cut in cuts), plural(len(result.sources), "log")
     answer = f"{plural(len(cuts), 'run')} cut from {logs} by {result.by}"
     if moving:
@@ -167,9 +162,8 @@ def _(result: Slices) -> Sections:
     notes = [f"{source.file}: {note}" for source in result.sources for note in source.notes]
     notes += [f"{gap['source']}, {interval_of(gap)}: {gap['why']}" for gap in content["left_out"]]
     table = Table.of("Runs", rows, notes)
-    files: dict[str, Content] = {
-        cut["file"]: log for cut, log in zip(cuts, (log for source in result.sources for log in source.contents))
-    }
+    logs_cut = (log for source in result.sources for log in source.contents)
+    files: dict[str, Content] = dict(zip((cut["file"] for cut in cuts), logs_cut))
     files |= {"slices.json": content, "slices.md": table.to_markdown()}
     folders = dict.fromkeys(cut["file"].partition("/")[0] + "/" for cut in cuts)
     listed = ("slices.json", "slices.md", *folders)

@@ -6,7 +6,7 @@ import numpy as np
 
 from automarine_cli.control.tuning import TUNING, Tuning, TuningCheck, cell, headlines, labels, margins_of, promises
 from automarine_cli.report.sections import Content, Drawing, Sections, bullets, document, sections
-from automarine_cli.report.tables import Table, number
+from automarine_cli.report.tables import MISSING, Table, number
 
 VERDICTS = {
     "gains": "New gains.", "leave": "Leave the gains as they are.", "cannot-promise": "No promise can be made.",
@@ -76,10 +76,6 @@ def _promised_table(tuning: Tuning) -> Table:
     ])  # fmt: skip
 
 
-def _or_never(value: float | None) -> str:
-    return number(value, 3) if value is not None and math.isfinite(value) else "never"
-
-
 def _page(tuning: Tuning, tables: list[Table]) -> str:
     nominal, noise = tuning.nominal, tuning.crowds[0].noise[0]
     parts = [f"# A controller for {tuning.target.name}, from {tuning.source}", *_sentences(tuning)]
@@ -106,7 +102,8 @@ def _(check: TuningCheck) -> Sections:
     for step in steps:
         size = f"{dof.logged(step.size):+.3g} {dof.units.log}"
         for label, figure in zip(words, step.figures.values()):
-            flown, low, high = map(_or_never, (figure["flown"], *figure["promised"]))
+            sizes = (figure["flown"], *figure["promised"])
+            flown, low, high = (number(size, 3).replace(MISSING, "never") for size in sizes)
             rows.append({
                 "step": f"{step.run}, {step.begins:.1f} s, {size}", "": label, "flown": flown,
                 "promised": f"{low} to {high}", "held": "yes" if figure["held"] else "no",
