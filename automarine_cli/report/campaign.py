@@ -37,7 +37,7 @@ from automarine_cli.report.good_enough import five_numbers, worst
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page, plain
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
-from automarine_cli.report.tables import MISSING, Table, escape, interval, number
+from automarine_cli.report.tables import MISSING, Table, escape, interval, number, with_band
 from automarine_cli.text import listed, plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
@@ -527,8 +527,7 @@ def _of_validation(file: ValidationFile, result: StepResult, of_motion: MotionRe
     name = ""
     if of_motion.added:
         name = f"the model with {of_motion.added}" if final else f"without {of_motion.added}"
-    band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
-    errors = [f"{number(score.rmse, 3)}{band} {unit} free run", f"{number(score.restarted, 3)} {unit} restarted"]
+    errors = [f"{with_band(score.rmse, score.ci95)} {unit} free run", f"{number(score.restarted, 3)} {unit} restarted"]
     if file.motion == PLANAR.name:
         errors = ["heading " + errors[0]]
     elif not final:
