@@ -193,12 +193,16 @@ class Command(click.Command):
             map_fn = None
             if "map_fn" in self.takes:
                 map_fn = stack.enter_context(lasting_map(jobs, cluster=cluster, progress=progress))
-            execution = {
+            execution: dict[str, Any] = {
                 "jobs": jobs, "cluster": cluster, "progress": progress, "map_fn": map_fn, "out": out,
                 "overwrite": overwrite, "figure_formats": figure_formats,
             }  # fmt: skip
             taken_up = {key: value for key, value in execution.items() if key in self.takes}
-            result = self.function(**settings, **taken_up)
+            if "columns" in settings:
+                from automarine_cli.logs import given_columns
+
+                taken_up["columns"] = given_columns(settings["columns"])
+            result = self.function(**{**settings, **taken_up})
             if self.report:
                 import_module(f"automarine_cli.report.{self.report}")
             if folder is not None:

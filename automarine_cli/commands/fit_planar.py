@@ -31,12 +31,11 @@ def fit_planar(
     """
     from automarine_cli.fits.known import Known
     from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search
-    from automarine_cli.logs import given_columns
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
 
     beforehand = Known.of(known)
-    campaign = load_planar(logs, given_columns(columns), thrusters, arm, strict=strict, jobs=jobs, progress=progress)
+    campaign = load_planar(logs, columns, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
     channels, unfit = observed(campaign.runs), command_warnings(campaign.runs)
     names = channels.names()
     beforehand = beforehand.named(names, signed=sorted({*names.values()} - {*OWN}))

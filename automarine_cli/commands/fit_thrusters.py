@@ -58,15 +58,13 @@ def fit_thrusters(
     """
     from dataclasses import replace
 
-    from automarine_cli.logs import given_columns
     from automarine_cli.runs.load import append_exclusions
     from automarine_cli.thrusters.bollard_data import load_thruster_logs, thrusters_pulling
     from automarine_cli.thrusters.result import ONE_PULLED, fit_records
 
-    column_map = given_columns(columns)
-    loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
-    together = thrusters_pulling(thrusters_per_test, column_map)
+    loaded = load_thruster_logs(logs, columns, strict=strict, progress=progress)
+    together = thrusters_pulling(thrusters_per_test, columns)
     with append_exclusions(loaded.set_aside):
         fit = fit_records(loaded, together, loaded.n_unit, form, jobs, progress)
-    assumed = thrusters_per_test is None and "thrusters_per_test" not in column_map.defaults
+    assumed = thrusters_per_test is None and "thrusters_per_test" not in columns.defaults
     return replace(fit, notes=(ONE_PULLED, *fit.notes)) if assumed else fit

@@ -57,7 +57,6 @@ def slice_log(
     """
     from functools import partial
 
-    from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.log_tables import SlicedLog, Slices
     from automarine_cli.runs.load import require_usable
@@ -65,8 +64,7 @@ def slice_log(
 
     if keep and by != "mode":
         raise click.UsageError("--keep MODE goes with --by mode.")
-    sliced: dict[str, Any] = {"by": by, "keep": keep, "lead": lead, "shortest": shortest, "form": form}
-    cut = partial(_cut, columns=given_columns(columns), **sliced)
+    cut = partial(_cut, columns=columns, by=by, keep=keep, lead=lead, shortest=shortest, form=form)
     results = ordered_map(cut, logs, jobs, progress=progress, stage="cutting logs")
     set_aside = tuple(result for result in results if isinstance(result, ExcludedRun))
     sources = tuple(result for result in results if isinstance(result, SlicedLog))

@@ -38,14 +38,14 @@ def validate(
         --model out/yaw/yaw_model.json -o out/validation
     """
     from automarine_cli.comparison.validation import compare, load_usable, predictions_of
-    from automarine_cli.logs import given_columns
+    from automarine_cli.logs import ColumnMap
     from automarine_cli.models.store import read_model
     from automarine_cli.runs.channels import AUTO, choose_channels, parse_channels
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
 
-    half_a_drive = (thrusters is None) != (arm is None) and (thrusters is None or columns is None)
-    drive: dict[str, Any] = {"columns": given_columns(columns), "thrusters": thrusters, "arm": arm}
+    half_a_drive = (thrusters is None) != (arm is None) and (thrusters is None or columns == ColumnMap())
+    drive: dict[str, Any] = {"columns": columns, "thrusters": thrusters, "arm": arm}
     execution = {"strict": strict, "jobs": jobs, "progress": progress}
     stored = read_model(model)
     if half_a_drive and (stored.in_plane or arm is not None or stored.dof.levered):
