@@ -1,12 +1,9 @@
 """`fit-planar`: logs of motion in the plane -> surge, sway and yaw together, with what couples them."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command
-
-if TYPE_CHECKING:
-    from automarine_cli.fits.planar_fit import PlanarFit
 
 
 @command("fit-planar", report="fit_report", then="automarine validate OTHER_LOGS --model {out}/planar_model.json")
@@ -18,7 +15,7 @@ if TYPE_CHECKING:
 @options.ending(options.strict, options.jobs)
 def fit_planar(
     logs: Any, columns: Any, thrusters: Any, arm: float | None, known: Any, strict: bool, jobs: int, progress: Any
-) -> "PlanarFit":
+) -> Any:
     """Identify surge, sway and yaw together, and what couples them.
 
     The logs need the heading, and the surge speed, the sway speed or the position on the water. The evidence
