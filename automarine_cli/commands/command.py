@@ -217,7 +217,7 @@ class Command(click.Command):
         """Give what a manifest records of complete settings."""
         return {
             "command": str(self.name), "options": self.recorded(settings, figure_formats),
-            "inputs": self.inputs(settings), "seed": self.seed(settings),
+            "inputs": self.inputs(settings), "seed": settings.get("seed"),
         }  # fmt: skip
 
     def recorded(self, settings: Mapping[str, Any], figure_formats: Sequence[str] = PNG) -> dict[str, object]:
@@ -260,9 +260,6 @@ class Command(click.Command):
         files.sort(key=lambda file: file.role not in ("log", HOLD_OUT))
         effect_files = own_files() if self.by_effects else ()
         return [*files, *(Input(path.name, path, "own_effect") for path in effect_files)]
-
-    def seed(self, settings: Mapping[str, Any]) -> int | None:
-        return next((settings["seed"] for param in self.own if param.name == "seed" and param.recorded), None)
 
     def invoke(self, ctx: click.Context) -> Any:
         values = {param.name: ctx.params[param.name] for param in self.own}

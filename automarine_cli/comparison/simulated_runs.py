@@ -77,12 +77,6 @@ def roll(
     return path
 
 
-def groups(runs: Sequence[Run]) -> list[slice]:
-    """Cut into slices of consecutive runs whose padded size stays within reach of the memory."""
-    size = max(1, GROUP_SAMPLES // max(map(len, runs), default=1))
-    return [slice(i, i + size) for i in range(0, len(runs), size)]
-
-
 START_WINDOW_S = 1.0  # s over which a start is fitted
 MIN_AT_START = 5  # samples of such a fit, for slow loggers
 NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
@@ -222,7 +216,8 @@ def _paths(
     model: Model, runs: Sequence[Run], states: Sequence[State], water: Sequence[Floats] = ()
 ) -> Iterator[tuple[Floats, ...]]:
     """Simulate each run from its state and that of the `water` (W,): position and rate (N,) and water (N, W)."""
-    for group in groups(runs):
+    size = max(1, GROUP_SAMPLES // max(map(len, runs), default=1))
+    for group in (slice(i, i + size) for i in range(0, len(runs), size)):
         position, rate = (np.array([getattr(state, name) for state in states[group]]) for name in ("position", "rate"))
         stirred = np.array(water[group]).T[:, None] if water else 0.0
         path = roll(model, runs[group], position, rate, water=stirred)

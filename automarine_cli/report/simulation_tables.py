@@ -27,10 +27,8 @@ class Simulation(Shown):
         """Return the truth (schema automarine/simulation-truth/1): vehicle, effects, what was drawn for each run."""
         spec, thrusters = self.specification, None
         if (bollard := spec.bollard) is not None:
-            settings = {
-                key: value for key, value in to_mapping(bollard).items() if key not in ("folder", "name", "format")
-            }
-            thrusters = {"file": bollard.file} | settings
+            thrusters = {"file": bollard.file} | to_mapping(bollard)
+            thrusters = {key: value for key, value in thrusters.items() if key not in ("folder", "name", "format")}
         planar = ("hidden", "disturbance", "sensors") if spec.motion.turns else ()
         return {
             "schema": "automarine/simulation-truth/1", "simulated": label(spec, self.seed), "seed": self.seed,

@@ -3,7 +3,7 @@
 
 import gzip
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby, islice
@@ -228,7 +228,12 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
 
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
     more than half a thousand million samples."""
-    plans = list(islice(_listed(specification, seed), MAX_SIMULATED_RUNS + 1))
+    base = getattr(specification.vehicle, "model", None)
+    listed = ((group, run) for group in specification.runs for run in group.runs(base, seed))
+    plans = []
+    for turn, (group, (name, key, commands)) in enumerate(islice(listed, MAX_SIMULATED_RUNS + 1)):
+        file = f"{group.folder}/{name if group.together is None else group.together}.{group.format}"
+        plans.append(Plan(key, name, file, group, turn, *_on_the_grid(commands, specification)))
     if len(plans) > MAX_SIMULATED_RUNS:
         raise SettingError(f"{specification.source}: more than {MAX_SIMULATED_RUNS} runs would be made; ask for fewer")
     _refuse_clashes(plans, specification)
@@ -246,15 +251,6 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
         wait = specification.campaign.wait_between_s if plan.group.wait_after_s is None else plan.group.wait_after_s
         clock += (plan.samples - specification.motion.turns) * specification.logger.period + wait
     return tuple(placed)
-
-
-def _listed(specification: Specification, seed: int) -> Iterator[Plan]:
-    turn, base = 0, getattr(specification.vehicle, "model", None)
-    for group in specification.runs:
-        for name, key, commands in group.runs(base, seed):
-            file = f"{group.folder}/{name if group.together is None else group.together}.{group.format}"
-            yield Plan(key, name, file, group, turn, *_on_the_grid(commands, specification))
-            turn += 1
 
 
 def _on_the_grid(

@@ -5,12 +5,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from automarine_cli.dofs import Dof
 from automarine_cli.planning.campaign import Plan
-from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend_below, new_figure, panels
 
 if TYPE_CHECKING:  # a plan needs no controllers
@@ -60,14 +58,15 @@ def tuning_figure(tuning: "Tuning") -> Figure:
     titles = ["\nbefore: ".join(words) for words in (step, load)]
     for i, title in enumerate((titles[0][0].upper() + titles[0][1:], f"{100 * task.load:g} % load: {titles[1]}")):
         for name, outcome in outcomes.items():
-            flown = dof.shown(outcome.flight.position[:, i])
-            _banded(axes[0, i], outcome.flight.time, flown, name, MAX_RUNAWAY_STEPS * way)
+            (colour, line), clock, reach = GAIN_LOOKS[name], outcome.flight.time, MAX_RUNAWAY_STEPS * way
+            flown = np.clip(np.nan_to_num(dof.shown(outcome.flight.position[:, i]), nan=reach), -reach, reach)
+            low, middle, high = np.quantile(flown, [0.025, 0.5, 0.975], axis=0)
+            label = f"{name}, 95 %"
+            axes[0, i].fill_between(clock, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=label)
+            axes[0, i].plot(clock, middle, color=COLOURS[colour], ls=line, lw=1.0, label=f"{name}, median")
         axes[0, i].set_title(title, loc="left")
-        axes[0, i].set(
-            xlim=(0.0, task.recovery),
-            xlabel="Time [s]",
-            ylabel=f"{dof.words.position.capitalize()} [{dof.units.shown}]",
-        )
+        position = f"{dof.words.position.capitalize()} [{dof.units.shown}]"
+        axes[0, i].set(xlim=(0.0, task.recovery), xlabel="Time [s]", ylabel=position)
     axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
     legend_below(figure, axes[0, 0], ncols=4)
     return figure
@@ -89,11 +88,3 @@ def flown_figure(steps: Sequence["FlownStep"], dof: Dof) -> Figure:
     axes[0, 0].set_ylabel(f"{dof.words.position.capitalize()} [{dof.units.shown}]")
     axes[0, 0].legend(loc="lower right")
     return figure
-
-
-def _banded(ax: Axes, time: Floats, values: Floats, name: str, most: float) -> None:
-    colour, line = GAIN_LOOKS[name]
-    clipped = np.clip(np.nan_to_num(values, nan=most), -most, most)
-    low, middle, high = np.quantile(clipped, [0.025, 0.5, 0.975], axis=0)
-    ax.fill_between(time, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=f"{name}, 95 %")
-    ax.plot(time, middle, color=COLOURS[colour], ls=line, lw=1.0, label=f"{name}, median")
