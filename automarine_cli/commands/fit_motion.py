@@ -3,6 +3,7 @@ whole runs where there are no steps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -148,9 +149,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         help="Effects to fit together with the drag, such as dead-band,input-delay; fits whole runs.",
     )  # fmt: skip
 
-    def fit(jobs: int, map_fn: "Each", progress: "Progress", **settings: Any) -> "YawFit":
-        return _fit(dof, jobs=jobs, map_fn=map_fn, progress=progress, **settings)
-
+    fit: Function = partial(_fit, dof)
     fit.__doc__ = HELPS[dof.name]
     declared = options.together(
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,

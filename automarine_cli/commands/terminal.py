@@ -53,6 +53,11 @@ def coloured(text: str, stream: TextIO, colour: str, **style: Any) -> str:
     return click.style(text, fg=colour, **style) if _may_colour(stream) else text
 
 
+def marked(word: str, sentence: str, colour: str, **style: Any) -> str:
+    """A sentence for standard error behind a coloured word."""
+    return coloured(word, sys.stderr, colour, **style) + folded(f"{word} {sentence}", width_of(sys.stderr))[len(word) :]
+
+
 def painted(table: str, stream: TextIO) -> str:
     """A table as text with its title bold and its rules dim, on a terminal that may show colours."""
     if not _may_colour(stream):
@@ -67,9 +72,7 @@ class RefusedCommand(click.ClickException):
     """What is refused, in one sentence; `Error:` is red on a terminal."""
 
     def show(self, file: IO[Any] | None = None) -> None:
-        message = folded(f"Error: {self.format_message()}", width_of(sys.stderr))
-        head = coloured("Error:", sys.stderr, "red", bold=True)
-        click.echo(f"{head}{message.removeprefix('Error:')}", file=file, err=file is None)
+        click.echo(marked("Error:", self.format_message(), "red", bold=True), file=file, err=file is None)
 
 
 class WrongUsage(click.UsageError):
@@ -238,9 +241,7 @@ def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
 def echo_warnings(warnings: Iterable[str]) -> None:
     """A line on standard error for each thing that could not be made, also with -q."""
     for warning in warnings:
-        message = folded(f"Warning: {warning}", width_of(sys.stderr))
-        head = coloured("Warning:", sys.stderr, "yellow")
-        click.echo(f"{head}{message.removeprefix('Warning:')}", err=True)
+        click.echo(marked("Warning:", warning, "yellow"), err=True)
 
 
 def echo_result(
