@@ -37,7 +37,7 @@ def _(plan: Plan) -> Sections:
     files[PLAN.file] = plan.to_json()
     for slot in plan.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest_s, unit, plan.drive, plan.columns)
-    figures = {"plan": Drawing("plan.plan_figure", plan)} if plan.errors else {}
+    figures = {"plan": Drawing("parameters.plan_figure", plan)} if plan.errors else {}
     return Sections(
         [_totals(plan), *plan.notes, *intervals], files, figures,
         FILES if plan.errors else [name for name in FILES if name != "plan.png"], plan.runs(), details=[sheet, *splits],

@@ -24,7 +24,7 @@ def _(tuning: Tuning) -> Sections:
     tables = [] if tuning.new is None and tuning.old is None else [_gains_table(tuning), _promised_table(tuning)]
     files: dict[str, Content] = {TUNING.file: tuning.to_json(), "tuning.md": _page(tuning, tables)}
     files |= {name: table.to_csv() for name, table in zip(("gains.csv", "tuning.csv"), tables)}
-    figures: dict[str, Drawing] = {"tuning": Drawing("plan.tuning_figure", tuning)} if tables else {}
+    figures: dict[str, Drawing] = {"tuning": Drawing("parameters.tuning_figure", tuning)} if tables else {}
     if tuning.new is not None:
         listed.insert(0, tuning.target.file)
         files[tuning.target.file] = tuning.target_text()
@@ -116,5 +116,5 @@ def _(check: TuningCheck) -> Sections:
     picture = "![Steps as flown, and the bands that were promised](tuning_check.png)"
     page = document("# A log beside what was promised", verdict, table, picture)
     files: dict[str, Content] = {"tuning_check.json": check.to_json(), "tuning_check.md": page}
-    figures = {"tuning_check": Drawing("plan.flown_figure", steps, dof)}
+    figures = {"tuning_check": Drawing("parameters.flown_figure", steps, dof)}
     return Sections((verdict, table), files, figures, rows=check.to_json()["steps"])
