@@ -38,11 +38,9 @@ MOMENT_DECIMALS = 6
 
 @dataclass(frozen=True)
 class Plan:
-    """One run to be made: `key` names its random streams; `name` its run, `file` its log.
-
-    `samples` are logged; from sample `changes[j]` on `moments[j]` (of each degree of freedom) shows in the log, before
-    the first nothing is commanded. `turn` counts the runs of the specification; `start` [s] is the campaign's clock at
-    the first sample."""
+    """One run to be made: `key` names its random streams; `name` its run, `file` its log. `samples` are logged; from
+    sample `changes[j]` on `moments[j]` (of each degree of freedom) shows in the log, before the first nothing is
+    commanded. `turn` counts the runs of the specification; `start` [s] is the campaign's clock at the first sample."""
 
     key: str
     name: str
@@ -57,12 +55,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """One run: its plan, what was drawn for it, and its log.
-
-    Drawn are start position (in the plane heading) [rad or m], the logarithm of the factor on the command delivered,
-    the instants [s since the first sample] at which commands changed, the constant moment or force added, the `biases`
-    of the sensors by column [units of logs], and the `disturbance` (D, windows), held over windows of two seconds.
-    `columns` (N,) are in the units of logs, rounded."""
+    """One run: its plan, what was drawn for it, and its log. Drawn are start position (in the plane heading) [rad or
+    m], the logarithm of the factor on the command delivered, the instants [s since the first sample] at which commands
+    changed, the constant moment or force added, the `biases` of the sensors by column [units of logs], and the
+    `disturbance` (D, windows), held over windows of two seconds. `columns` (N,) are in the units of logs, rounded."""
 
     plan: Plan
     start: float
@@ -95,10 +91,8 @@ def make_campaign(
 
 
 def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: Specification) -> list[list[int]]:
-    """Indices of the runs that are simulated together: runs of one step, so that no run's numbers depend on
-    the others; in the plane each by itself.
-
-    The whole campaign where there are effects, since an effect may look at all of it."""
+    """Indices of the runs that are simulated together: runs of one step, so that no run's numbers depend on the others;
+    in the plane each by itself. The whole campaign where there are effects, since an effect may look at all of it."""
     if specification.effects:
         return [list(range(len(plans)))] if plans else []
     chunk = 1 if specification.motion.turns else CHUNK_RUNS
@@ -213,9 +207,8 @@ def _own_phases(model: Model, plans: Sequence[Plan], seed: int) -> dict[str, Flo
 
 
 def _knots(time: Floats, switches: Floats, is_held: bool) -> Floats:
-    """Instants at which a run is simulated [s]: its samples, and close to both sides of each change of command.
-
-    They begin with the first sample; with the first change where that comes earlier, or where the vehicle `is_held`."""
+    """Instants at which a run is simulated [s]: its samples, and close to both sides of each change of command. They
+    begin with the first sample; with the first change where that comes earlier, or where the vehicle `is_held`."""
     first = time[0]
     if len(switches) and (is_held or switches[0] < first):
         first = switches[0]
@@ -224,10 +217,8 @@ def _knots(time: Floats, switches: Floats, is_held: bool) -> Floats:
 
 
 def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
-    """Plan all runs in the order in which they are made.
-
-    Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
-    more than half a thousand million samples."""
+    """Plan all runs in the order in which they are made. Raises SettingError for two runs of one name in one file, two
+    groups that write one file, and a campaign of more than half a thousand million samples."""
     base = getattr(specification.vehicle, "model", None)
     listed = ((group, run) for group in specification.runs for run in group.runs(base, seed))
     plans = []

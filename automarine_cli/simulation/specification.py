@@ -133,11 +133,9 @@ def levels_of(levels: Levels) -> tuple[float, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class RunGroup(Settings):
-    """Runs of one kind, where their logs go and what is wrong with them on purpose.
-
-    Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
-    group go into the one file of that name, distinguished by a column `run`. `wait_after_s` takes the place of the
-    campaign's wait after each of these runs."""
+    """Runs of one kind, where their logs go and what is wrong with them on purpose. Files are `folder/LABEL.format`
+    with a letter for the repeat (or `suffix`); with `together` all runs of the group go into the one file of that name,
+    distinguished by a column `run`. `wait_after_s` takes the place of the campaign's wait after each of these runs."""
 
     kind: Literal["step", "coast-down", "reversal", "sequence", "ramp", "rest", "planar"]
     name: str | None = None
@@ -312,7 +310,6 @@ MIN_NUMBER, MAX_NUMBER = 1e-12, 1e12  # of any number: beyond it no vehicle is, 
 @dataclass(frozen=True)
 class Vehicle(Settings):
     """The vehicle: inertia [force s², of a translation per metre], `quadratic` [force s²] and `linear` drag [force s].
-
     In a file they have the names of the motion: `I_r`, `k_rr` and `k_r`, or `m_u`, `X_uu` and `X_u`; the unit of force
     is `moment_unit` or `force_unit`. Who moves along an axis says which by `motion`; `difference` is half the quadratic
     drag one way less that the other way, the positive way first; `constant_force` [force] is weight less buoyancy where
@@ -357,7 +354,6 @@ class Vehicle(Settings):
 @dataclass(frozen=True)
 class Logger(Settings):
     """What the logger does to the truth; positions in the unit of the logs, which ends their keys (`noise_deg`).
-
     `rate_hz` samples a second; `noise` white noise of the position and `wrap` of it; `rate_noise` adds a column with
     the velocity, as a gyro reads it, and that noise; `rate_bias` is the standard deviation of what it reads at
     standstill, drawn for each run."""
@@ -382,14 +378,11 @@ class Logger(Settings):
 
 @dataclass(frozen=True)
 class Scatter(Settings):
-    """What differs from run to run, drawn anew for each.
-
-    `gain` is the standard deviation of the logarithm of the moment or force delivered over the one commanded;
-    `force` that of a constant moment or force added in each run, redrawn until it is at most
-    `force_most` of the run's smallest command (who sees his vehicle go the wrong way makes the run
-    again); `zero` [unit of logs] that of the sensor's zero; `start` one position, a list that the
-    runs take in turn, or "random". In a file of yaw they are `moment`, `moment_most`, `heading_zero_deg` and
-    `start_heading_deg`."""
+    """What differs from run to run, drawn anew for each. `gain` is the standard deviation of the logarithm of the
+    moment or force delivered over the one commanded; `force` that of a constant moment or force added in each run,
+    redrawn until it is at most `force_most` of the run's smallest command (who sees his vehicle go the wrong way makes
+    the run again); `zero` [unit of logs] that of the sensor's zero; `start` one position, a list that the runs take in
+    turn, or "random". In a file of yaw they are `moment`, `moment_most`, `heading_zero_deg` and `start_heading_deg`."""
 
     gain: ZeroOrMore = 0.0
     force: ZeroOrMore = field(default=0.0, metadata=keyed("{force}"))
@@ -408,10 +401,9 @@ class Scatter(Settings):
 
 @dataclass(frozen=True)
 class Schedule(Settings):
-    """How the campaign is run: one clock over all runs, which follow each other after `wait_between_s`.
-
-    Each run has `rest_before_s` and `rest_after_s` without a command in its log. `held`: someone holds the vehicle
-    still until the first change of its command."""
+    """How the campaign is run: one clock over all runs, which follow each other after `wait_between_s`. Each run has
+    `rest_before_s` and `rest_after_s` without a command in its log. `held`: someone holds the vehicle still until the
+    first change of its command."""
 
     order: Literal["listed", "random"] = "listed"
     rest_before_s: ZeroOrMore = 3.0
@@ -422,9 +414,8 @@ class Schedule(Settings):
 
 @dataclass(frozen=True)
 class Bollard(Settings):
-    """A bollard test: `thrusters_per_test` equal thrusters pull together, thrust a_f n² and -a_b n² each [N].
-
-    `levels` of the control signal, each measured `repeats` times with noise of `noise_N`, in random order."""
+    """A bollard test: `thrusters_per_test` equal thrusters pull together, thrust a_f n² and -a_b n² each [N]. `levels`
+    of the control signal, each measured `repeats` times with noise of `noise_N`, in random order."""
 
     a_f: AboveZero
     a_b: AboveZero
@@ -614,8 +605,19 @@ class _Codec(Codec):
 
 
 def specification_from(mapping: Mapping[str, object], where: str = "specification") -> Specification:
-    """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key."""
-    _refuse_unlikely(mapping, where)
+    """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key, also for
+    another schema and for numbers that no campaign has."""
+    if mapping.get("schema") != SIMULATION_SCHEMA:
+        schema = format_value(mapping.get("schema"))
+        raise SettingError(f'{where}: schema: found {schema}, expected the line schema = "{SIMULATION_SCHEMA}"')
+    for value, place in everything(mapping):
+        if place == ("seed",) or not isinstance(value, int | float) or not value:
+            continue
+        if not MIN_NUMBER <= abs(value) <= MAX_NUMBER:
+            sizes = f"{MIN_NUMBER:g} to {MAX_NUMBER:g}"
+            raise SettingError(
+                f"{where}: {in_words(place)}found {format_value(value)}, expected 0 or a size of {sizes}"
+            )
     vehicle = mapping.get("vehicle")
     motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
     planar = motion == PLANAR.name
@@ -643,18 +645,3 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
         table[name] = {**default, **part} if isinstance(part, Mapping) else part
     specification: Specification = _Codec(where, dof).read(Specification, table)
     return specification
-
-
-def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
-    """Refuse another schema, and numbers that no campaign has. Raises SettingError with the key's path."""
-    if mapping.get("schema") != SIMULATION_SCHEMA:
-        schema = format_value(mapping.get("schema"))
-        raise SettingError(f'{where}: schema: found {schema}, expected the line schema = "{SIMULATION_SCHEMA}"')
-    for value, place in everything(mapping):
-        if place == ("seed",) or not isinstance(value, int | float) or not value:
-            continue
-        if not MIN_NUMBER <= abs(value) <= MAX_NUMBER:
-            sizes = f"{MIN_NUMBER:g} to {MAX_NUMBER:g}"
-            raise SettingError(
-                f"{where}: {in_words(place)}found {format_value(value)}, expected 0 or a size of {sizes}"
-            )
