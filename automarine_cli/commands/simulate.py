@@ -10,7 +10,7 @@ from automarine_cli.commands.command import GENERAL, OUTPUT, argument, command, 
 from automarine_cli.pipeline.parallel import Progress
 
 
-@command("simulate", report="simulation_tables", then="automarine check {out}")
+@command("simulate", report="log_tables", then="automarine check {out}")
 @argument("specification", type=options.FILE, metavar="SPEC.toml", reads="file", recorded=False)
 @option(
     "-o", "--out", type=click.Path(path_type=Path), required=True, metavar="DIR", group=OUTPUT,
@@ -29,7 +29,7 @@ def simulate(specification: Any, seed: int, jobs: int, progress: Progress) -> An
     Example:
       automarine simulate sample_runs/campaign.toml -o out/campaign
     """
-    from automarine_cli.report.simulation_tables import Simulation
+    from automarine_cli.report.log_tables import Simulation
     from automarine_cli.simulation.campaign import make_campaign
 
     spec = _read(specification)

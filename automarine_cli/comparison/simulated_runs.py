@@ -48,10 +48,8 @@ def roll(
     step: float | None = None, water: ArrayLike = 0.0,
 ) -> Trajectory:  # fmt: skip
     """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,), and
-    from states of the `water` (W, 1, R); not finite where the model diverges.
-
-    Without a `step` [s] that is halved until positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`.
-    """
+    from states of the `water` (W, 1, R); not finite where the model diverges. Without a `step` [s] that is halved until
+    positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`."""
     signals, position, rate = needed_signals(model), np.atleast_2d(position), np.atleast_2d(rate)
 
     def once(step: float) -> Trajectory:
@@ -303,10 +301,9 @@ def remade(model: Model, free: Sequence[FreeRun], gain: float, rng: np.random.Ge
 
 def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
     """Smooth position and rate at sample `i` by a parabola over `reach` [s] to either side, fewer samples: a line.
-
     Where a change or ramp `begins` right after `i`, the parabola bends differently before and after the middle of that
-    interval; it does not reach across where another begins unless too few samples are left. With a velocity sensor:
-    the mean of the positions carried to `i` by the velocities, and a line through these that may bend."""
+    interval; it does not reach across where another begins unless too few samples are left. With a velocity sensor: the
+    mean of the positions carried to `i` by the velocities, and a line through these that may bend."""
     bend = i + 1 in begins
     first, stop = (int(k) for k in np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach]))
     low = max([first, *(c for c in begins if c <= i)])
@@ -351,10 +348,9 @@ def planar_free_runs(model: Model, runs: Sequence[Run]) -> Iterator[FreeRun]:
 
 
 def planar_start(run: Run, model: Model) -> Floats:
-    """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
-
-    At rest the means of the readings before the first command; under way the state that follows the first `BEGIN_S`
-    best under the model."""
+    """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero. At
+    rest the means of the readings before the first command; under way the state that follows the first `BEGIN_S` best
+    under the model."""
     commands = np.stack([run.command_of(dof) for dof in PLANAR.dofs])
     quiet = int(np.argmax(np.append(np.any(commands != commands[:, :1], axis=0), True)))
     at_rest = not commands[:, 0].any() and quiet >= MIN_IN_THE_PLANE

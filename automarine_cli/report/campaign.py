@@ -117,11 +117,9 @@ RUN = ResultKind("run.json", "run", RunFile, "run", YAW)
 @dataclass(frozen=True)
 class CampaignStep:
     """A step: its name, its folder, the kind of its result, and the section of the campaign file with its settings.
-
     `logs` are kinds of logs: those of the first tuple of which there are any are taken, or all logs where there is no
     section. `models` are files of results before it, of which it takes the first that is there; it is of the `final`
-    model, which there is where a diagnosis named an effect.
-    """
+    model, which there is where a diagnosis named an effect."""
 
     name: str
     folder: str
@@ -349,10 +347,8 @@ def _(result: Report) -> Sections:
 
 
 def make_report(folder: Path, title: str | None = None, ran: RunFile | None = None) -> Report:
-    """Make the report of a campaign's folder from its step folders, and from what `run` says of them.
-
-    Steps that have no result have a line that says why. Raises OutputError if there is none at all.
-    """
+    """Make the report of a campaign's folder from its step folders, and from what `run` says of them. Steps that have
+    no result have a line that says why. Raises OutputError if there is none at all."""
     steps, ran = read_steps(folder), ran or RunFile("")
     if not steps:
         raise OutputError(
