@@ -154,11 +154,8 @@ class Campaign:
 
 
 def read_campaign(path: Path) -> Campaign:
-    """Read a campaign from a TOML file.
-
-    Raises SettingError with the key's path for an unknown key, a wrong value, or a question that is still open, and
-    LogError for a column rule that makes no sense.
-    """
+    """Read a campaign from a TOML file. Raises SettingError with the key's path for an unknown key, a wrong value, or a
+    question that is still open, and LogError for a column rule that makes no sense."""
     from automarine_cli.logs.columns import OPEN, column_map, open_questions
     from automarine_cli.report.campaign_file import SCHEMA
 

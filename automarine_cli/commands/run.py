@@ -130,11 +130,9 @@ def _run(
     path: Path, out: Path, *, until: str | None, force: bool, overwrite: bool, kinds: Sequence[str], jobs: int = 1,
     progress: Progress = silent,
 ) -> "CampaignRun":  # fmt: skip
-    """Run the steps of a campaign file into folders of `out`, then the report.
-
-    A step that is refused is told, and so are those that need it; the others go on. Raises SettingError for a campaign
-    file that makes no sense and OutputError.
-    """
+    """Run the steps of a campaign file into folders of `out`, then the report. A step that is refused is told, and so
+    are those that need it; the others go on. Raises SettingError for a campaign file that makes no sense and
+    OutputError."""
     from automarine_cli.pipeline.results_folder import refuse_unfit
     from automarine_cli.report.campaign import REPORT, STEP_NAMES, STEPS, CampaignRun, StepOutcome, read_steps
 

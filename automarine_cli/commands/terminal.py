@@ -213,10 +213,8 @@ def _sentence(text: str) -> None:
 
 
 def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
-    """Count and name on standard error the runs left out, as a result file has them.
-
-    A reason that many runs share is said once; with -v every run has its line.
-    """
+    """Count and name on standard error the runs left out, as a result file has them. A reason that many runs share is
+    said once; with -v every run has its line."""
     if not runs or verbosity_level() < 0:
         return
     head = f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}"
@@ -248,12 +246,10 @@ def echo_result(
     result: Any, *, as_json: bool, out: Path | None = None, answer: str = "", tables: Sequence[Any] = (),
     files: Sequence[str] = (), saves: bool = True, then: str = "",
 ) -> None:  # fmt: skip
-    """The shared tail of all commands.
-
-    Runs set aside and the warnings in the manifest in `out` go to standard error. With `as_json` the result file's
-    content is all there is on standard output; otherwise the `answer`, which is all with -q, `tables` (or sentences),
-    where `files` are, or how to keep them, where a command `saves` them, and what to do `then`.
-    """
+    """The shared tail of all commands. Runs set aside and the warnings in the manifest in `out` go to standard error.
+    With `as_json` the result file's content is all there is on standard output; otherwise the `answer`, which is all
+    with -q, `tables` (or sentences), where `files` are, or how to keep them, where a command `saves` them, and what to
+    do `then`."""
     from automarine_cli.pipeline.results_folder import manifest_of
 
     content = result.to_json()
