@@ -52,22 +52,16 @@ class NothingToDoError(AutomarineError):
     """A step of a campaign that has nothing to do, and why."""
 
 
-def _are_texts(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)
-
-
-def _is_length(value: Any) -> bool:
-    return isinstance(value, int | float) and value is not True and math.isfinite(value) and value > 0
-
-
 EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     **dict.fromkeys(("schema", "title", "name", "map"), ("a text", lambda value: isinstance(value, str))),
-    **dict.fromkeys(LOG_KINDS, ("a list of texts", _are_texts)),
+    **dict.fromkeys(LOG_KINDS, ("a list of texts", lambda value: isinstance(value, list) and
+                                all(isinstance(entry, str) for entry in value))),
     **dict.fromkeys(("moment", "force"), ('"logged" or "thrusters"', lambda value: value in ("logged", "thrusters"))),
-    **dict.fromkeys(("arm_m", "supply_V"), ("a number above 0", _is_length)),
+    **dict.fromkeys(("arm_m", "supply_V"), ("a number above 0", lambda value: isinstance(value, int | float) and
+                                            value is not True and 0 < value < math.inf)),
     **dict.fromkeys(("columns", "can"), ("a table", lambda value: isinstance(value, Mapping))),
     "tune.thrusters": ("true or false", lambda value: isinstance(value, bool)),
-}
+}  # fmt: skip
 """What the value of a key must be, and whether it is."""
 
 
@@ -160,11 +154,8 @@ class Campaign:
 
 
 def read_campaign(path: Path) -> Campaign:
-    """Read a campaign from a TOML file.
-
-    Raises SettingError with the key's path for an unknown key, a wrong value, or a question that is still open, and
-    LogError for a column rule that makes no sense.
-    """
+    """Read a campaign from a TOML file. Raises SettingError with the key's path for an unknown key, a wrong value, or a
+    question that is still open, and LogError for a column rule that makes no sense."""
     from automarine_cli.logs.columns import OPEN, column_map, open_questions
     from automarine_cli.report.campaign_file import SCHEMA
 

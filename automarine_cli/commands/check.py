@@ -1,21 +1,18 @@
 """`check`: what is in the logs, what of it serves, and what is wrong with the rest."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command
-
-if TYPE_CHECKING:
-    from automarine_cli.pipeline.parallel import Progress
-    from automarine_cli.report.log_tables import Check
+from automarine_cli.pipeline.parallel import Progress
 
 
 @command("check", report="log_tables")
 @options.logs
 @options.columns
 @options.ending(options.strict, options.jobs, draws=False)
-def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: "Progress") -> "Check":
+def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: Progress) -> Any:
     """Inspect logs and list their problems.
 
     For each run: sampling, gaps, removed samples, heading noise, moments, turns, and the half-turn that a fit would
@@ -28,14 +25,13 @@ def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: 
     from dataclasses import replace
     from functools import partial
 
-    from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.log_tables import Check
     from automarine_cli.runs.load import require_usable
     from automarine_cli.runs.look import look_at_log, with_limits
     from automarine_cli.runs.run import NAMED_APART, make_unique
 
-    look = partial(look_at_log, columns=given_columns(columns))
+    look = partial(look_at_log, columns=columns)
     contents = ordered_map(look, logs, jobs, progress=progress, stage="looking at logs")
     runs = [run for of_log, _, _ in contents for run in of_log]
     tests = tuple(test for _, of_log, _ in contents for test in of_log)

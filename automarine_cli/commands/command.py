@@ -33,12 +33,10 @@ Function = Callable[..., Any]
 
 
 class Setting:
-    """What a manifest and Python need to know of an option or argument.
-
-    `reads` says what it names: logs, one file (or the result that would be it), files, of which the manifest lists the
-    inputs under `role`, or folders, of which the command's `folder_inputs` does. Only what is `recorded` stands among
-    its options; `seldom` where it is not the default. The help lists it in its `group`: what it reads, or the command.
-    """
+    """What a manifest and Python need to know of an option or argument. `reads` says what it names: logs, one file (or
+    the result that would be it), files, of which the manifest lists the inputs under `role`, or folders, of which the
+    command's `folder_inputs` does. Only what is `recorded` stands among its options; `seldom` where it is not the
+    default. The help lists it in its `group`: what it reads, or the command."""
 
     def __init__(
         self, *args: Any, reads: Literal["", "logs", "file", "files", "folders"] = "", role: str = "",
@@ -68,14 +66,12 @@ def argument(*names: str, **attributes: Any) -> Callable[[Function], Function]:
 
 
 class Command(click.Command):
-    """A command of the terminal that Python calls as a function: the first of its settings alone, others by name.
-
-    Its function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
+    """A command of the terminal that Python calls as a function: the first of its settings alone, others by name. Its
+    function gets the settings, and `jobs`, `cluster`, `progress` or `each` where it has parameters of these names;
     `each` is a map on the processes asked for. `report` names the module that shows the result (none: `finish` does
     it). A command that `saves` writes a folder of results with a manifest. `complete` fills in settings that follow
     from others and refuses what contradicts, before logs are looked for; `finish` ends the command on the terminal.
-    `then` is what to do next: with {names} of parameters, and not said of a folder {out} where there is none.
-    """
+    `then` is what to do next: with {names} of parameters, and not said of a folder {out} where there is none."""
 
     def __init__(
         self, name: str, function: Function, report: str, then: str, *, saves: bool, by_effects: bool,
@@ -145,10 +141,8 @@ class Command(click.Command):
             raise SettingError(problem.format_message()) from problem
 
     def settings(self, values_by_name: Mapping[str, object]) -> dict[str, Any]:
-        """Complete and convert the settings given.
-
-        Raises TypeError for one that there is not, SettingError for a wrong value, LogError for no logs.
-        """
+        """Complete and convert the settings given. Raises TypeError for one that there is not, SettingError for a wrong
+        value, LogError for no logs."""
         unknown = [name for name in values_by_name if name not in self.names]
         if unknown:
             raise TypeError(f"{self.__name__} has no setting {unknown[0]!r}; it has {', '.join(sorted(self.names))}")
@@ -193,12 +187,16 @@ class Command(click.Command):
             map_fn = None
             if "map_fn" in self.takes:
                 map_fn = stack.enter_context(lasting_map(jobs, cluster=cluster, progress=progress))
-            execution = {
+            execution: dict[str, Any] = {
                 "jobs": jobs, "cluster": cluster, "progress": progress, "map_fn": map_fn, "out": out,
                 "overwrite": overwrite, "figure_formats": figure_formats,
             }  # fmt: skip
             taken_up = {key: value for key, value in execution.items() if key in self.takes}
-            result = self.function(**settings, **taken_up)
+            if "columns" in settings:
+                from automarine_cli.logs import given_columns
+
+                taken_up["columns"] = given_columns(settings["columns"])
+            result = self.function(**{**settings, **taken_up})
             if self.report:
                 import_module(f"automarine_cli.report.{self.report}")
             if folder is not None:
@@ -213,7 +211,7 @@ class Command(click.Command):
         """Give what a manifest records of complete settings."""
         return {
             "command": str(self.name), "options": self.recorded(settings, figure_formats),
-            "inputs": self.inputs(settings), "seed": self.seed(settings),
+            "inputs": self.inputs(settings), "seed": settings.get("seed"),
         }  # fmt: skip
 
     def recorded(self, settings: Mapping[str, Any], figure_formats: Sequence[str] = PNG) -> dict[str, object]:
@@ -257,9 +255,6 @@ class Command(click.Command):
         effect_files = own_files() if self.by_effects else ()
         return [*files, *(Input(path.name, path, "own_effect") for path in effect_files)]
 
-    def seed(self, settings: Mapping[str, Any]) -> int | None:
-        return next((settings["seed"] for param in self.own if param.name == "seed" and param.recorded), None)
-
     def invoke(self, ctx: click.Context) -> Any:
         values = {param.name: ctx.params[param.name] for param in self.own}
         execution = {key: ctx.params[key] for key in EXECUTION if key in ctx.params}
@@ -290,10 +285,8 @@ class Command(click.Command):
 def command(
     name: str, *, report: str = "", then: str = "", saves: bool = True, by_effects: bool = False
 ) -> Callable[[Function], Command]:
-    """Make a command of a function, whose decorators below this one are its options; see `Command`.
-
-    `by_effects`: effects of one's own are among its inputs.
-    """
+    """Make a command of a function, whose decorators below this one are its options; see `Command`. `by_effects`:
+    effects of one's own are among its inputs."""
 
     def decorated(function: Function) -> Command:
         params = list(reversed(getattr(function, "__click_params__", [])))

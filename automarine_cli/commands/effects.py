@@ -1,14 +1,11 @@
 """`effects`: the library of effects, as a list or as the whole card of one."""
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command, option
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.errors import SettingError
-
-if TYPE_CHECKING:
-    from automarine_cli.report.effect_cards import EffectCards
 
 
 @command("effects", report="effect_cards", saves=False)
@@ -18,7 +15,7 @@ if TYPE_CHECKING:
     help="yaw, surge, sway or heave: only what may act there, in its units.  [default: every effect, in those of yaw]",
 )  # fmt: skip
 @options.together(options.as_json, options.verbosity)
-def effects(name: str | None, motion: str | None) -> "EffectCards":
+def effects(name: str | None, motion: str | None) -> Any:
     """List the effects that a model may have and that diagnose can name.
 
     Without NAME: name, place, equation and parameters of each. With NAME the whole card: what the effect and its

@@ -1,16 +1,13 @@
 """`export`: a model file and a target in, a file for that simulator out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import OUTPUT, argument, command, option
 from automarine_cli.commands.terminal import verbosity_level
-
-if TYPE_CHECKING:
-    from automarine_cli.exports.export import Exported, Targets
 
 
 @command("export", report="sections", saves=False)
@@ -40,7 +37,7 @@ if TYPE_CHECKING:
 @options.overwrite
 @options.as_json
 @options.verbosity
-def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: Any) -> "Exported | Targets":
+def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: Any) -> Any:
     """Write a model or a thruster map for another program.
 
     Signs, units and frame become those of the target and are stated in the file. The command stops if the target

@@ -3,6 +3,7 @@ whole runs where there are no steps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -78,7 +79,6 @@ def _fit(
     from automarine_cli.fits.identify import identify_turns
     from automarine_cli.fits.known import Known, names_in
     from automarine_cli.fits.paper import parse_tail
-    from automarine_cli.logs import given_columns
     from automarine_cli.models.model import COMMAND_DELAY
     from automarine_cli.report.fit_report import warnings_of
     from automarine_cli.runs.half_turn import half_turns
@@ -95,9 +95,8 @@ def _fit(
     parameters = [f"{name}.{parameter}" for name in names for parameter in effects.get(name).names_in(dof)]
     signed = (dof.parameter("constant"), COMMAND_DELAY, *parameters)
     beforehand = Known.of(known).named(names_in(dof, parameters), signed)
-    column_map = given_columns(columns)
-    drive = moment_maker(thrusters, arm, column_map, dof)
-    campaign = load_runs(logs, column_map, dof=dof, strict=strict, progress=progress, jobs=jobs)
+    drive = moment_maker(thrusters, arm, columns, dof)
+    campaign = load_runs(logs, columns, dof=dof, strict=strict, progress=progress, jobs=jobs)
     runs = [run if drive is None else drive(run) for run in campaign.runs]
     turns, not_turned = half_turns(runs, trim)
 
@@ -150,9 +149,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
         help="Effects to fit together with the drag, such as dead-band,input-delay; fits whole runs.",
     )  # fmt: skip
 
-    def fit(jobs: int, map_fn: "Each", progress: "Progress", **settings: Any) -> "YawFit":
-        return _fit(dof, jobs=jobs, map_fn=map_fn, progress=progress, **settings)
-
+    fit: Function = partial(_fit, dof)
     fit.__doc__ = HELPS[dof.name]
     declared = options.together(
         *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,

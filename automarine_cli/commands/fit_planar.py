@@ -1,12 +1,9 @@
 """`fit-planar`: logs of motion in the plane -> surge, sway and yaw together, with what couples them."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command
-
-if TYPE_CHECKING:
-    from automarine_cli.fits.planar_fit import PlanarFit
 
 
 @command("fit-planar", report="fit_report", then="automarine validate OTHER_LOGS --model {out}/planar_model.json")
@@ -18,7 +15,7 @@ if TYPE_CHECKING:
 @options.ending(options.strict, options.jobs)
 def fit_planar(
     logs: Any, columns: Any, thrusters: Any, arm: float | None, known: Any, strict: bool, jobs: int, progress: Any
-) -> "PlanarFit":
+) -> Any:
     """Identify surge, sway and yaw together, and what couples them.
 
     The logs need the heading, and the surge speed, the sway speed or the position on the water. The evidence
@@ -31,12 +28,11 @@ def fit_planar(
     """
     from automarine_cli.fits.known import Known
     from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search
-    from automarine_cli.logs import given_columns
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
 
     beforehand = Known.of(known)
-    campaign = load_planar(logs, given_columns(columns), thrusters, arm, strict=strict, jobs=jobs, progress=progress)
+    campaign = load_planar(logs, columns, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
     channels, unfit = observed(campaign.runs), command_warnings(campaign.runs)
     names = channels.names()
     beforehand = beforehand.named(names, signed=sorted({*names.values()} - {*OWN}))

@@ -1,16 +1,13 @@
 """`fit-thrusters`: bollard tests -> thruster map (the source paper's section 3.1, equations 2 and 3)."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command, option
-
-if TYPE_CHECKING:
-    from automarine_cli.pipeline.parallel import Progress
-    from automarine_cli.thrusters.result import ThrusterFit
+from automarine_cli.pipeline.parallel import Progress
 
 AUTO = "auto"
 
@@ -45,8 +42,8 @@ class _Form(options.OneOf):
 @options.ending(options.strict, options.jobs)
 def fit_thrusters(
     logs: Sequence[Any], columns: Any, thrusters_per_test: int | None, form: str | None, strict: bool, jobs: int,
-    progress: "Progress",
-) -> "ThrusterFit":  # fmt: skip
+    progress: Progress,
+) -> Any:  # fmt: skip
     """Make the map of one thruster, forward and backward, from bollard tests (columns n and force_N).
 
     The square law F = a |n| n, seven other equations and a monotone spline are fitted, and cross-validation chooses
@@ -58,15 +55,13 @@ def fit_thrusters(
     """
     from dataclasses import replace
 
-    from automarine_cli.logs import given_columns
     from automarine_cli.runs.load import append_exclusions
     from automarine_cli.thrusters.bollard_data import load_thruster_logs, thrusters_pulling
     from automarine_cli.thrusters.result import ONE_PULLED, fit_records
 
-    column_map = given_columns(columns)
-    loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
-    together = thrusters_pulling(thrusters_per_test, column_map)
+    loaded = load_thruster_logs(logs, columns, strict=strict, progress=progress)
+    together = thrusters_pulling(thrusters_per_test, columns)
     with append_exclusions(loaded.set_aside):
         fit = fit_records(loaded, together, loaded.n_unit, form, jobs, progress)
-    assumed = thrusters_per_test is None and "thrusters_per_test" not in column_map.defaults
+    assumed = thrusters_per_test is None and "thrusters_per_test" not in columns.defaults
     return replace(fit, notes=(ONE_PULLED, *fit.notes)) if assumed else fit

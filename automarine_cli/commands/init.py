@@ -44,7 +44,7 @@ def init(
     Example:
       automarine init sample_runs -o out/campaign.toml
     """
-    from automarine_cli.logs import find_logs, given_columns
+    from automarine_cli.logs import find_logs
     from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
     from automarine_cli.report.campaign_file import new_campaign
     from automarine_cli.runs.load import require_usable
@@ -55,7 +55,7 @@ def init(
     files = [file for file in find_logs([folder]) if not _is_result(file.path, folder)]
     if not files:
         raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
-    look = survey(folder, files, given_columns(columns), jobs, progress)
+    look = survey(folder, files, columns, jobs, progress)
     result = new_campaign(look, files, place, _ask if _is_on_a_terminal() else None)
     if not result.questions:  # something serves now, or nothing ever will
         placed = [of_kind for kinds in (look.placed, *look.forces.values()) for of_kind in kinds.values() if of_kind]

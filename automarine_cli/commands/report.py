@@ -1,16 +1,13 @@
 """`report`: what the steps of a campaign left, as one page and as Markdown."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command, option
 from automarine_cli.errors import OutputError
-
-if TYPE_CHECKING:
-    from automarine_cli.report.campaign import Report
 
 
 @command("report", report="campaign", then="open {out}/report.html", saves=False)
@@ -19,7 +16,7 @@ if TYPE_CHECKING:
 @options.overwrite
 @options.as_json
 @options.verbosity
-def report(folder: Path, title: str | None, overwrite: bool) -> "Report":
+def report(folder: Path, title: str | None, overwrite: bool) -> Any:
     """Write report.html and report.md into DIR from the results of a campaign.
 
     Results are read from the folders check, thrusters, yaw, validation and diagnosis in DIR; a missing one is left

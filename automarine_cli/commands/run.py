@@ -130,11 +130,9 @@ def _run(
     path: Path, out: Path, *, until: str | None, force: bool, overwrite: bool, kinds: Sequence[str], jobs: int = 1,
     progress: Progress = silent,
 ) -> "CampaignRun":  # fmt: skip
-    """Run the steps of a campaign file into folders of `out`, then the report.
-
-    A step that is refused is told, and so are those that need it; the others go on. Raises SettingError for a campaign
-    file that makes no sense and OutputError.
-    """
+    """Run the steps of a campaign file into folders of `out`, then the report. A step that is refused is told, and so
+    are those that need it; the others go on. Raises SettingError for a campaign file that makes no sense and
+    OutputError."""
     from automarine_cli.pipeline.results_folder import refuse_unfit
     from automarine_cli.report.campaign import REPORT, STEP_NAMES, STEPS, CampaignRun, StepOutcome, read_steps
 
@@ -252,20 +250,14 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
 def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
     from automarine_cli.pipeline.results_folder import manifest_of
 
-    manifest = manifest_of(out)
-    if manifest is None or overwrite:
+    if (manifest := manifest_of(out)) is None or overwrite:
         return
-    if manifest.command != "run":
-        raise OutputError(
-            f"{out} already holds results of {manifest.command}; give --overwrite to put these beside them, or "
-            "another folder with -o"
-        )
     theirs = next((entry.file for entry in manifest.inputs if entry.role == "campaign"), "")
-    if theirs != campaign.path.name:
-        raise OutputError(
-            f"{out} already holds results of the campaign {theirs}; give --overwrite to replace them, or another "
-            "folder with -o"
-        )
+    if (manifest.command, theirs) != ("run", campaign.path.name):
+        of, do = manifest.command, "put these beside them"
+        if of == "run":
+            of, do = f"the campaign {theirs}", "replace them"
+        raise OutputError(f"{out} already holds results of {of}; give --overwrite to {do}, or another folder with -o")
 
 
 def _finish(ctx: click.Context, result: "CampaignRun | Campaigns") -> None:

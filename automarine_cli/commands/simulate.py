@@ -1,20 +1,16 @@
 """`simulate`: a specification -> the logs of a pool campaign, and the truth beside them."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import GENERAL, OUTPUT, argument, command, option
-
-if TYPE_CHECKING:
-    from automarine_cli.pipeline.parallel import Progress
-    from automarine_cli.report.simulation_tables import Simulation
-    from automarine_cli.simulation.specification import Specification
+from automarine_cli.pipeline.parallel import Progress
 
 
-@command("simulate", report="simulation_tables", then="automarine check {out}")
+@command("simulate", report="log_tables", then="automarine check {out}")
 @argument("specification", type=options.FILE, metavar="SPEC.toml", reads="file", recorded=False)
 @option(
     "-o", "--out", type=click.Path(path_type=Path), required=True, metavar="DIR", group=OUTPUT,
@@ -23,7 +19,7 @@ if TYPE_CHECKING:
 @options.overwrite
 @option("--seed", type=click.IntRange(min=0), metavar="N", group=GENERAL, help="Another seed than the specification's.")
 @options.together(options.jobs, options.as_json, options.verbosity)
-def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> "Simulation":
+def simulate(specification: Any, seed: int, jobs: int, progress: Progress) -> Any:
     """Make the logs of a pool campaign with known truth from a specification.
 
     The specification names the vehicle, the effects that a model may not know of, the noise of the logger, and the
@@ -33,7 +29,7 @@ def simulate(specification: Any, seed: int, jobs: int, progress: "Progress") -> 
     Example:
       automarine simulate sample_runs/campaign.toml -o out/campaign
     """
-    from automarine_cli.report.simulation_tables import Simulation
+    from automarine_cli.report.log_tables import Simulation
     from automarine_cli.simulation.campaign import make_campaign
 
     spec = _read(specification)
@@ -45,7 +41,7 @@ simulate.complete = lambda settings: (
 )
 
 
-def _read(specification: Any) -> "Specification":
+def _read(specification: Any) -> Any:
     if not isinstance(specification, Path):
         return specification
     from automarine_cli.pipeline.records import read_mapping

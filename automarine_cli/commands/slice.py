@@ -11,7 +11,7 @@ from automarine_cli.errors import LogError, RunError
 from automarine_cli.text import printable
 
 if TYPE_CHECKING:
-    from automarine_cli.logs import ColumnMap, LogFile, LogTable
+    from automarine_cli.logs import ColumnMap, LogFile
     from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.report.log_tables import SlicedLog, Slices
     from automarine_cli.runs.run import ExcludedRun
@@ -57,7 +57,6 @@ def slice_log(
     """
     from functools import partial
 
-    from automarine_cli.logs import given_columns
     from automarine_cli.pipeline.parallel import ordered_map
     from automarine_cli.report.log_tables import SlicedLog, Slices
     from automarine_cli.runs.load import require_usable
@@ -65,8 +64,7 @@ def slice_log(
 
     if keep and by != "mode":
         raise click.UsageError("--keep MODE goes with --by mode.")
-    sliced: dict[str, Any] = {"by": by, "keep": keep, "lead": lead, "shortest": shortest, "form": form}
-    cut = partial(_cut, columns=given_columns(columns), **sliced)
+    cut = partial(_cut, columns=columns, by=by, keep=keep, lead=lead, shortest=shortest, form=form)
     results = ordered_map(cut, logs, jobs, progress=progress, stage="cutting logs")
     set_aside = tuple(result for result in results if isinstance(result, ExcludedRun))
     sources = tuple(result for result in results if isinstance(result, SlicedLog))
@@ -85,9 +83,11 @@ def _cut(
 ) -> "SlicedLog | ExcludedRun":
     from automarine_cli.logs import read_log
     from automarine_cli.logs.find import stem_of
+    from automarine_cli.logs.table import columns_of
     from automarine_cli.report.log_tables import SlicedLog, interval_of
     from automarine_cli.runs.load import unreadable
     from automarine_cli.runs.slices import find_slices
+    from automarine_cli.simulation.campaign import file_bytes
 
     try:
         table = read_log(file, columns, dof=None)
@@ -110,16 +110,5 @@ def _cut(
             "samples": part.stop - part.first, "moving": part.moving, **ends,
         })  # fmt: skip
         comment = f"{file.name}, rows {rows[0]} to {rows[1]}, {interval_of(cuts[-1])}, cut by {by}: {part.state}"
-        contents.append(_content(table, part.first, part.stop, form, comment))
+        contents.append(file_bytes(columns_of(table, part.first, part.stop), form, comment))
     return SlicedLog(file.name, tuple(cuts), tuple(contents), tuple(between), table.notes)
-
-
-def _content(table: "LogTable", first: int, stop: int, form: str, comment: str) -> bytes:
-    from automarine_cli.logs.table import columns_of, csv_text
-    from automarine_cli.simulation.campaign import gzip_bytes, parquet_bytes
-
-    columns = columns_of(table, first, stop)
-    if form == "parquet":
-        return parquet_bytes(columns, comment)
-    text = csv_text(columns, comment).encode()
-    return text if form == "csv" else gzip_bytes(text)

@@ -53,6 +53,11 @@ def coloured(text: str, stream: TextIO, colour: str, **style: Any) -> str:
     return click.style(text, fg=colour, **style) if _may_colour(stream) else text
 
 
+def marked(word: str, sentence: str, colour: str, **style: Any) -> str:
+    """A sentence for standard error behind a coloured word."""
+    return coloured(word, sys.stderr, colour, **style) + folded(f"{word} {sentence}", width_of(sys.stderr))[len(word) :]
+
+
 def painted(table: str, stream: TextIO) -> str:
     """A table as text with its title bold and its rules dim, on a terminal that may show colours."""
     if not _may_colour(stream):
@@ -67,9 +72,7 @@ class RefusedCommand(click.ClickException):
     """What is refused, in one sentence; `Error:` is red on a terminal."""
 
     def show(self, file: IO[Any] | None = None) -> None:
-        message = folded(f"Error: {self.format_message()}", width_of(sys.stderr))
-        head = coloured("Error:", sys.stderr, "red", bold=True)
-        click.echo(f"{head}{message.removeprefix('Error:')}", file=file, err=file is None)
+        click.echo(marked("Error:", self.format_message(), "red", bold=True), file=file, err=file is None)
 
 
 class WrongUsage(click.UsageError):
@@ -210,10 +213,8 @@ def _sentence(text: str) -> None:
 
 
 def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
-    """Count and name on standard error the runs left out, as a result file has them.
-
-    A reason that many runs share is said once; with -v every run has its line.
-    """
+    """Count and name on standard error the runs left out, as a result file has them. A reason that many runs share is
+    said once; with -v every run has its line."""
     if not runs or verbosity_level() < 0:
         return
     head = f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}"
@@ -238,21 +239,17 @@ def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
 def echo_warnings(warnings: Iterable[str]) -> None:
     """A line on standard error for each thing that could not be made, also with -q."""
     for warning in warnings:
-        message = folded(f"Warning: {warning}", width_of(sys.stderr))
-        head = coloured("Warning:", sys.stderr, "yellow")
-        click.echo(f"{head}{message.removeprefix('Warning:')}", err=True)
+        click.echo(marked("Warning:", warning, "yellow"), err=True)
 
 
 def echo_result(
     result: Any, *, as_json: bool, out: Path | None = None, answer: str = "", tables: Sequence[Any] = (),
     files: Sequence[str] = (), saves: bool = True, then: str = "",
 ) -> None:  # fmt: skip
-    """The shared tail of all commands.
-
-    Runs set aside and the warnings in the manifest in `out` go to standard error. With `as_json` the result file's
-    content is all there is on standard output; otherwise the `answer`, which is all with -q, `tables` (or sentences),
-    where `files` are, or how to keep them, where a command `saves` them, and what to do `then`.
-    """
+    """The shared tail of all commands. Runs set aside and the warnings in the manifest in `out` go to standard error.
+    With `as_json` the result file's content is all there is on standard output; otherwise the `answer`, which is all
+    with -q, `tables` (or sentences), where `files` are, or how to keep them, where a command `saves` them, and what to
+    do `then`."""
     from automarine_cli.pipeline.results_folder import manifest_of
 
     content = result.to_json()

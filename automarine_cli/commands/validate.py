@@ -1,16 +1,13 @@
 """`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command
 from automarine_cli.errors import SettingError
-
-if TYPE_CHECKING:
-    from automarine_cli.comparison.validation import Validation
 
 
 @command("validate", report="validation_report", then="automarine diagnose LOGS --model {model}", by_effects=True)
@@ -24,7 +21,7 @@ if TYPE_CHECKING:
 def validate(
     logs: Any, model: Any, columns: Any, thrusters: Any, arm: float | None, channels: str, strict: bool, seed: int,
     jobs: int, progress: Any,
-) -> "Validation":  # fmt: skip
+) -> Any:  # fmt: skip
     """Simulate each log with each model of a fit, and compare that with what was measured.
 
     The models get the commands only. Use logs that were not fitted. The scores are: error of the free run, error
@@ -38,14 +35,14 @@ def validate(
         --model out/yaw/yaw_model.json -o out/validation
     """
     from automarine_cli.comparison.validation import compare, load_usable, predictions_of
-    from automarine_cli.logs import given_columns
+    from automarine_cli.logs import ColumnMap
     from automarine_cli.models.store import read_model
     from automarine_cli.runs.channels import AUTO, choose_channels, parse_channels
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
 
-    half_a_drive = (thrusters is None) != (arm is None) and (thrusters is None or columns is None)
-    drive: dict[str, Any] = {"columns": given_columns(columns), "thrusters": thrusters, "arm": arm}
+    half_a_drive = (thrusters is None) != (arm is None) and (thrusters is None or columns == ColumnMap())
+    drive: dict[str, Any] = {"columns": columns, "thrusters": thrusters, "arm": arm}
     execution = {"strict": strict, "jobs": jobs, "progress": progress}
     stored = read_model(model)
     if half_a_drive and (stored.in_plane or arm is not None or stored.dof.levered):

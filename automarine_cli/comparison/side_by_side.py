@@ -70,10 +70,9 @@ class Difference:
 
 def difference(estimate: Estimate, other: Estimate) -> Estimate | None:
     """Subtract `other`, from data of its own; means over runs run by run. None where no interval can be given: for
-    other units, and for means with less than two runs in common.
-
-    The interval takes the distance of each end from its value from the two intervals, so that it is as skew as
-    they are (Zou and Donner 2008, Statistics in Medicine 27:1693, equation 9)."""
+    other units, and for means with less than two runs in common. The interval takes the distance of each end from its
+    value from the two intervals, so that it is as skew as they are (Zou and Donner 2008, Statistics in Medicine
+    27:1693, equation 9)."""
     if isinstance(estimate, OverRuns) and isinstance(other, OverRuns):
         common = {run: value - other.by_run[run] for run, value in estimate.by_run.items() if run in other.by_run}
         return OverRuns.of(common, estimate.unit) if len(common) > 1 else None

@@ -7,7 +7,7 @@ per cent of gain is several degrees after a minute of free running; restarted, t
 each change of command by itself. A ramp is one change. States of the water go on as in the free run.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -48,10 +48,8 @@ def roll(
     step: float | None = None, water: ArrayLike = 0.0,
 ) -> Trajectory:  # fmt: skip
     """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,), and
-    from states of the `water` (W, 1, R); not finite where the model diverges.
-
-    Without a `step` [s] that is halved until positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`.
-    """
+    from states of the `water` (W, 1, R); not finite where the model diverges. Without a `step` [s] that is halved until
+    positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`."""
     signals, position, rate = needed_signals(model), np.atleast_2d(position), np.atleast_2d(rate)
 
     def once(step: float) -> Trajectory:
@@ -77,17 +75,10 @@ def roll(
     return path
 
 
-def groups(runs: Sequence[Run]) -> list[slice]:
-    """Cut into slices of consecutive runs whose padded size stays within reach of the memory."""
-    size = max(1, GROUP_SAMPLES // max(map(len, runs), default=1))
-    return [slice(i, i + size) for i in range(0, len(runs), size)]
-
-
 START_WINDOW_S = 1.0  # s over which a start is fitted
 MIN_AT_START = 5  # samples of such a fit, for slow loggers
 NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
 START_ROUNDS = 4
-RUNAWAY = 1e6  # no slope of a position that a vehicle could have
 MAX_WEIGHT = 100.0  # of a reading of a velocity [s]
 MIN_GAIN = 0.1  # of what a sensor shows of a small move
 
@@ -117,8 +108,8 @@ def start_states(model: Model, runs: Sequence[Run]) -> list[State]:
     rests = [rest_state(run) for run in runs]
     resting = [run for run, rest in zip(runs, rests) if rest is not None]
     at_rest = iter(aligned(model, resting, [rest for rest in rests if rest is not None]))
-    moving = iter(_fitted(model, [run for run, rest in zip(runs, rests) if rest is None]))
-    return [next(moving if rest is None else at_rest) for rest in rests]
+    step = step_of(model, runs) / 2
+    return [_fitted(model, run, step) if rest is None else next(at_rest) for run, rest in zip(runs, rests)]
 
 
 def aligned(model: Model, runs: Sequence[Run], states: Sequence[State]) -> list[State]:
@@ -138,45 +129,36 @@ def aligned(model: Model, runs: Sequence[Run], states: Sequence[State]) -> list[
     return [State(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 
 
-def _fitted(model: Model, runs: Sequence[Run]) -> list[State]:
-    """Fit start position and rate by Gauss-Newton, all runs at once, from a line through the same samples. What a
-    velocity sensor reads there counts with the ratio of the position's noise to its own."""
-    if not runs:
-        return []
-    ends = [int(np.searchsorted(run.time, run.time[0] + START_WINDOW_S * (1 + 1e-9), side="right")) for run in runs]
-    begins = [run.cut(0, max(end, MIN_AT_START)) for run, end in zip(runs, ends)]
-    step = step_of(model, runs) / 2
-    rates = np.array([slope(run.time, run.position)[0] for run in begins])
-    lead = np.array([run.time.mean() - run.time[0] for run in begins])
-    starts = np.stack([np.array([run.position.mean() for run in begins]) - rates * lead, rates])
-    width = max(len(run) for run in begins)
-    position, rate = np.full((2, len(runs), width), np.nan)
-    weight = np.zeros((len(runs), 1))
-    for i, (run, begin) in enumerate(zip(runs, begins)):
-        position[i, : len(begin)] = begin.position
-        if (readings := unbiased_velocity(run)) is not None:
-            rate[i, : len(begin)] = readings[: len(begin)]
-            ratio = max(position_noise(run.time, run.position), 1e-9) / max(velocity_noise(run), 1e-9)
-            weight[i] = min(ratio, MAX_WEIGHT)
-    readings = np.concatenate([position, weight * rate], axis=1)
-    nudges = NUDGE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[..., None]
-    for _ in range(START_ROUNDS):
-        tried = starts + nudges
-        states = roll(model, begins, tried[:, 0], tried[:, 1], step)
-        with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away within a second keeps the line
-            simulated = np.concatenate([states.position, weight * states.velocity], axis=2)
-            residual = np.where(np.isnan(readings), 0.0, readings - simulated[0])
-            slopes = np.where(np.isnan(readings), 0.0, (simulated[1::2] - simulated[2::2]) / (2 * NUDGE))
-        good = np.all(np.abs(slopes) < RUNAWAY, axis=(0, 2)) & np.all(np.abs(residual) < RUNAWAY, axis=1)
-        slopes, residual = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], residual, 0.0)
-        square = np.einsum("irn,jrn->rij", slopes, slopes) + 1e-12 * np.eye(2)
-        starts = starts + np.linalg.solve(square, np.einsum("irn,rn->ri", slopes, residual)[..., None])[..., 0].T
-    words = model.dof.words
-    quantities = f"{words.position} and {words.speed}"
-    return [
-        State(float(x), float(r), f"fitted: {quantities} that follow the first {len(run)} samples best")
-        for x, r, run in zip(*starts, begins)
-    ]
+def _fitted(model: Model, run: Run, step: float) -> State:
+    """Fit start position and rate by least squares, from a line through the same samples, with steps of `step` [s].
+    What a velocity sensor reads there counts with the ratio of the position's noise to its own."""
+    end = int(np.searchsorted(run.time, run.time[0] + START_WINDOW_S * (1 + 1e-9), side="right"))
+    begin, velocity, weight = run.cut(0, max(end, MIN_AT_START)), unbiased_velocity(run), 0.0
+    if velocity is not None:
+        noise = max(position_noise(run.time, run.position), 1e-9)
+        weight = min(noise / max(velocity_noise(run), 1e-9), MAX_WEIGHT)
+    readings = np.full(len(begin), np.nan) if velocity is None else velocity[: len(begin)]
+    rate = slope(begin.time, begin.position)[0]
+    line = np.array([begin.position.mean() - rate * (begin.time.mean() - begin.time[0]), rate])
+
+    def residuals(start: Floats) -> Floats:
+        path = roll(model, [begin], start[0], start[1], step)
+        off = weight * (readings - path.velocity[0, 0])[np.isfinite(readings)]
+        return np.concatenate([begin.position - path.position[0, 0], off])
+
+    (x, r), words = _least_squares(residuals, line), model.dof.words
+    how = f"fitted: {words.position} and {words.speed} that follow the first {len(begin)} samples best"
+    return State(float(x), float(r), how)
+
+
+def _least_squares(residuals: Callable[[Floats], Floats], initial: Floats) -> Floats:
+    """Find the start whose squared residuals are least; the `initial` one under a model that runs away."""
+    from scipy.optimize import least_squares  # here, as it takes its time to import
+
+    def finite(start: Floats) -> Floats:
+        return np.nan_to_num(residuals(start), nan=MAX_WAY, posinf=MAX_WAY, neginf=-MAX_WAY)
+
+    return np.asarray(least_squares(finite, initial, method="lm").x)
 
 
 MAX_WAY = 1e6  # m, or rad: a simulation that gets there diverges
@@ -232,7 +214,8 @@ def _paths(
     model: Model, runs: Sequence[Run], states: Sequence[State], water: Sequence[Floats] = ()
 ) -> Iterator[tuple[Floats, ...]]:
     """Simulate each run from its state and that of the `water` (W,): position and rate (N,) and water (N, W)."""
-    for group in groups(runs):
+    size = max(1, GROUP_SAMPLES // max(map(len, runs), default=1))
+    for group in (slice(i, i + size) for i in range(0, len(runs), size)):
         position, rate = (np.array([getattr(state, name) for state in states[group]]) for name in ("position", "rate"))
         stirred = np.array(water[group]).T[:, None] if water else 0.0
         path = roll(model, runs[group], position, rate, water=stirred)
@@ -318,10 +301,9 @@ def remade(model: Model, free: Sequence[FreeRun], gain: float, rng: np.random.Ge
 
 def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
     """Smooth position and rate at sample `i` by a parabola over `reach` [s] to either side, fewer samples: a line.
-
     Where a change or ramp `begins` right after `i`, the parabola bends differently before and after the middle of that
-    interval; it does not reach across where another begins unless too few samples are left. With a velocity sensor:
-    the mean of the positions carried to `i` by the velocities, and a line through these that may bend."""
+    interval; it does not reach across where another begins unless too few samples are left. With a velocity sensor: the
+    mean of the positions carried to `i` by the velocities, and a line through these that may bend."""
     bend = i + 1 in begins
     first, stop = (int(k) for k in np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach]))
     low = max([first, *(c for c in begins if c <= i)])
@@ -366,10 +348,9 @@ def planar_free_runs(model: Model, runs: Sequence[Run]) -> Iterator[FreeRun]:
 
 
 def planar_start(run: Run, model: Model) -> Floats:
-    """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero.
-
-    At rest the means of the readings before the first command; under way the state that follows the first `BEGIN_S`
-    best under the model."""
+    """Find north, east, heading and velocities (u, v, r) with which a run begins, (6,); what is not read is zero. At
+    rest the means of the readings before the first command; under way the state that follows the first `BEGIN_S` best
+    under the model."""
     commands = np.stack([run.command_of(dof) for dof in PLANAR.dofs])
     quiet = int(np.argmax(np.append(np.any(commands != commands[:, :1], axis=0), True)))
     at_rest = not commands[:, 0].any() and quiet >= MIN_IN_THE_PLANE
@@ -386,15 +367,12 @@ def planar_start(run: Run, model: Model) -> Floats:
     batch = make_batch([first], PLANAR_STEP_S, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 
-    from scipy.optimize import least_squares  # here, as it takes its time to import
-
     def residuals(state: Floats) -> Floats:
         path = simulate(model, batch, start=Start(state[:3, None, None], state[3:, None, None]))
         errors = [(path.reading(of)[0] - of.values)[of.seen] / NOISE[of.quantity] for of in channels]
-        off = np.concatenate([*errors, (state - initial) / START_SD])
-        return np.nan_to_num(off, nan=MAX_WAY, posinf=MAX_WAY, neginf=-MAX_WAY)
+        return np.concatenate([*errors, (state - initial) / START_SD])
 
-    return np.asarray(least_squares(residuals, initial, method="lm").x)
+    return _least_squares(residuals, initial)
 
 
 def _mean(values: Floats | None, until: NDArray[np.bool_]) -> float:

@@ -135,10 +135,9 @@ def planar_errors(free: FreeRun) -> Errors:
 
 
 def rate_error(free: FreeRun) -> Floats:
-    """Return measured less simulated rate, in the unit that people see, as many values as there are.
-
-    With a rate in the log, less its bias, at the samples that have one; otherwise both positions are treated alike,
-    put on an even grid and differentiated by Savitzky and Golay's parabola, never across a gap."""
+    """Return measured less simulated rate, in the unit that people see, as many values as there are. With a rate in the
+    log, less its bias, at the samples that have one; otherwise both positions are treated alike, put on an even grid
+    and differentiated by Savitzky and Golay's parabola, never across a gap."""
     run, dof = free.run, free.run.dof
     logged = unbiased_velocity(run)
     if logged is not None:
@@ -420,10 +419,9 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
 
 
 def expected_error(model: Model, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:
-    """Return the restarted error that the model would have if it were right, in the unit that people see.
-
-    The runs are simulated anew with the noise of theirs, with more thrust and with as much less by the
-    `scatter`, and scored as the measured ones. None where the scatter is not known, or the model runs away."""
+    """Return the restarted error that the model would have if it were right, in the unit that people see. The runs are
+    simulated anew with the noise of theirs, with more thrust and with as much less by the `scatter`, and scored as the
+    measured ones. None where the scatter is not known, or the model runs away."""
     if scatter is None or any(of_run.diverged for of_run in free):
         return None
     rng, errors = np.random.default_rng(seed), list[Floats]()

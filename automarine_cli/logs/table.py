@@ -293,11 +293,11 @@ def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | lis
     return columns
 
 
-def csv_text(columns: dict[str, Floats | list[str]], comment: str) -> str:
+def csv_text(columns: Mapping[str, Floats | Sequence[str]], comment: str) -> str:
     """Return the columns as CSV behind a line of comment: every digit that a number has, a missing one empty."""
     import pandas as pd  # here, as whoever only reads logs needs none of it
 
-    frame, number = pd.DataFrame(columns), lambda value: repr(float(value)).removesuffix(".0")
+    frame, number = pd.DataFrame(dict(columns)), lambda value: repr(float(value)).removesuffix(".0")
     return f"# {comment}\n" + frame.to_csv(index=False, lineterminator="\n", float_format=number)
 
 

@@ -47,11 +47,9 @@ def ordered_map(
     function: Callable[[Item], Result], items: Iterable[Item], jobs: int = 1, *, cluster: str | None = None,
     progress: Progress = silent, stage: str = "",
 ) -> list[Result]:  # fmt: skip
-    """Return `[function(item) for item in items]`, the same on any number of `jobs` and on a Dask `cluster`.
-
-    The first item that raises decides the error. Raises SettingError if `jobs` is below one, a process dies (usually
-    for want of memory), or there is no cluster at the address.
-    """
+    """Return `[function(item) for item in items]`, the same on any number of `jobs` and on a Dask `cluster`. The first
+    item that raises decides the error. Raises SettingError if `jobs` is below one, a process dies (usually for want of
+    memory), or there is no cluster at the address."""
     work = list(items)
     with lasting_map(min(jobs, len(work) or 1), cluster=cluster if work else None, progress=progress) as mapped:
         return mapped(function, work, stage)

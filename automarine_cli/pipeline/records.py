@@ -65,10 +65,8 @@ Source = Path | Document
 def read_plain(
     path: Source, kind: Literal["JSON", "TOML"], refuse: type[AutomarineError], *, most: int | None = None
 ) -> dict[str, object]:
-    """Read the table (JSON: object) in a file of at most `most` bytes; nothing in it is executed.
-
-    Raises `refuse` with the file, and the key's path where there is one.
-    """
+    """Read the table (JSON: object) in a file of at most `most` bytes; nothing in it is executed. Raises `refuse` with
+    the file, and the key's path where there is one."""
     name, most = printable(path.name), most or MAX_FILE_BYTES[kind]
     try:
         with path.open("rb") as file:
@@ -128,13 +126,10 @@ def everything(data: object, place: Place = ()) -> Iterator[tuple[object, Place]
 
 @dataclass(frozen=True)
 class Codec:
-    """How the data of one file become records.
-
-    `name` is that of the file or table, for messages; `words` fill the keys and become the value of the field marked
-    `FILLER`; `refuse` is raised. `writer` is the command that writes such files; where none is named they are settings
-    that people write. A record of results refuses unknown keys only if it names in `unread` those that may be there;
-    settings refuse all.
-    """
+    """How the data of one file become records. `name` is that of the file or table, for messages; `words` fill the keys
+    and become the value of the field marked `FILLER`; `refuse` is raised. `writer` is the command that writes such
+    files; where none is named they are settings that people write. A record of results refuses unknown keys only if it
+    names in `unread` those that may be there; settings refuse all."""
 
     name: str
     words: Dof | None = None
@@ -273,10 +268,8 @@ def _expected(hint: Any) -> str:
 
 
 def json_text(data: object) -> str:
-    """Return the JSON of automarine: order kept, indent 1, letters of any alphabet kept, newline at the end.
-
-    Raises OutputError for a value that is not a finite number: a result file never holds NaN.
-    """
+    """Return the JSON of automarine: order kept, indent 1, letters of any alphabet kept, newline at the end. Raises
+    OutputError for a value that is not a finite number: a result file never holds NaN."""
     text = json.dumps(data, indent=1, ensure_ascii=False, default=lambda array: array.tolist()) + "\n"
     if re.search(r"\b(NaN|Infinity)\b", text):
         for value, place in everything(json.loads(text)):

@@ -154,13 +154,11 @@ def result_folder(
     out: Path, *, command: str, options: Mapping[str, object], inputs: Sequence[Input],
     seed: int | None, overwrite: bool,
 ) -> Iterator[ResultFolder]:  # fmt: skip
-    """Write the results of `command` into the folder `out`, whole or not at all.
-
-    `inputs` are the files read, each with the short name that results use and its role (without one: a log);
-    `options` and `seed` must hold all else that the results depend on. On leaving without an error the manifest is
-    added and the whole folder takes the place of the former one; what others put there stays. Raises OutputError if
-    `out` holds results and `overwrite` is false, is a file, is being written to by another, or cannot be written.
-    """
+    """Write the results of `command` into the folder `out`, whole or not at all. `inputs` are the files read, each with
+    the short name that results use and its role (without one: a log); `options` and `seed` must hold all else that the
+    results depend on. On leaving without an error the manifest is added and the whole folder takes the place of the
+    former one; what others put there stays. Raises OutputError if `out` holds results and `overwrite` is false, is a
+    file, is being written to by another, or cannot be written."""
     refuse_unfit(out)
     target = Path(os.path.realpath(out))
     work = target.with_name(f".{target.name}.automarine")

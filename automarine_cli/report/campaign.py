@@ -5,7 +5,7 @@ what only all steps together tell.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,12 +14,13 @@ from typing import Any
 from automarine_cli import effects
 from automarine_cli.comparison.validation import VALIDATION, ScoreEntry, ValidationFile
 from automarine_cli.control.tuning import TUNING
-from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING
+from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING, SUSPECTED, UNEXPLAINED
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ExcludedRun, OutputError
-from automarine_cli.estimate import Given
+from automarine_cli.estimate import Estimate, Given
+from automarine_cli.fits.driven import JUDGED_HORIZON_S
 from automarine_cli.fits.innovations import sentences_of
 from automarine_cli.models.store import (
     DIAGNOSIS,
@@ -31,13 +32,12 @@ from automarine_cli.models.store import (
     PlanarFile,
     named_model,
 )
-from automarine_cli.pipeline.records import ResultKind, Shown, to_mapping
+from automarine_cli.pipeline.records import ResultKind, RunsUsed, Shown, to_mapping
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
-from automarine_cli.report.good_enough import five_numbers, worst
 from automarine_cli.report.log_tables import CHECK, CheckFile
 from automarine_cli.report.page import page, plain
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
-from automarine_cli.report.tables import MISSING, Table, escape, interval, number
+from automarine_cli.report.tables import MISSING, Table, escape, interval, number, with_band
 from automarine_cli.text import listed, plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
@@ -72,6 +72,22 @@ WORST = "The worst verdict decides. More: `automarine guide good-enough`."
 WITHOUT = "This is the model without {}, which the diagnosis added: the final numbers are at the top."
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
+GOOD, CLOSER, UNFIT = GRADES = "good", "look closer", "do not use"
+MIN_RUNS_USED, MAX_SET_ASIDE_SHARE = 6, 0.1  # runs; share of them
+RELATIVE_HALF_WIDTHS = (0.05, 1.0)  # of the interval, as a share of the number; beyond 1 it contains zero
+RESTARTED_ERROR_RATIOS = (1.5, 3.0)  # times the error of a right model
+AHEAD_ERROR_RATIOS = (0.5, 1.0)  # of the error of the better constant
+DIAGNOSED = {NOTHING: GOOD, NAMED: GOOD, SUSPECTED: CLOSER, UNEXPLAINED: UNFIT}
+LIMITS = {
+    "runs used": (f"{MIN_RUNS_USED} or more, nearly all", MISSING),
+    "95 % intervals": ("within ± 5 %", "zero inside, or at a bound"),
+    "restarted error": (f"below {RESTARTED_ERROR_RATIOS[0]:g} times", f"above {RESTARTED_ERROR_RATIOS[1]:g} times"),
+    f"error {JUDGED_HORIZON_S:g} s ahead": ("half of the better constant's", "above it"),
+    "diagnosis": ("nothing missing, or named", "unexplained"),
+}
+"""What is looked at: when it is good, and when the model must not be used."""
+*MEASURED, DIAGNOSIS_ROW = [*LIMITS][2:]
+MEASURES = (("error", *MEASURED), (DIAGNOSIS_ROW, DIAGNOSIS_ROW))
 
 
 @dataclass(frozen=True)
@@ -101,11 +117,9 @@ RUN = ResultKind("run.json", "run", RunFile, "run", YAW)
 @dataclass(frozen=True)
 class CampaignStep:
     """A step: its name, its folder, the kind of its result, and the section of the campaign file with its settings.
-
     `logs` are kinds of logs: those of the first tuple of which there are any are taken, or all logs where there is no
     section. `models` are files of results before it, of which it takes the first that is there; it is of the `final`
-    model, which there is where a diagnosis named an effect.
-    """
+    model, which there is where a diagnosis named an effect."""
 
     name: str
     folder: str
@@ -333,10 +347,8 @@ def _(result: Report) -> Sections:
 
 
 def make_report(folder: Path, title: str | None = None, ran: RunFile | None = None) -> Report:
-    """Make the report of a campaign's folder from its step folders, and from what `run` says of them.
-
-    Steps that have no result have a line that says why. Raises OutputError if there is none at all.
-    """
+    """Make the report of a campaign's folder from its step folders, and from what `run` says of them. Steps that have
+    no result have a line that says why. Raises OutputError if there is none at all."""
     steps, ran = read_steps(folder), ran or RunFile("")
     if not steps:
         raise OutputError(
@@ -349,9 +361,8 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     lines |= {step.step: f"skipped: {step.skipped}" if step.skipped else "refused" for step in ran.steps}
     lines |= headlines(steps)
     numbers = {motion: rows for motion in (*DOFS, PLANAR.name) if (rows := _numbers(MotionResults(steps, motion)))}
-    grades = [{"motion": motion} | row for motion, rows in numbers.items() for row in rows]
-    if len(numbers) == 1:
-        grades = next(iter(numbers.values()))
+    several = len(numbers) > 1
+    grades = [{"motion": motion} | row if several else row for motion, rows in numbers.items() for row in rows]
     good_enough: list[Table | str] = ["## Is it good enough?", Table.of("", grades), WORST] if grades else []
     pages = [result for result in reversed(list(steps.values())) if result.step.section]
     pages.sort(key=lambda result: SECTIONS.index(result.step.section))  # what is final or missing stands first in each
@@ -431,6 +442,78 @@ def _main(file: ModelFile | PlanarFile) -> dict[str, Given]:
         return {name: value for name, value in file.parameters.items() if name in MASSES}
     values, names = dict(file.main_parameters()), file.dof.symbols
     return {name: value for name, value in values.items() if name != names.linear or names.quadratic not in values}
+
+
+def five_numbers(
+    runs: RunsUsed, estimates: Mapping[str, Estimate | None], validation: ValidationFile | None,
+    diagnosis: DiagnosisFile | None,
+) -> Iterator[dict[str, str]]:  # fmt: skip
+    """Give a row of each number with its verdict, a dash for what was not measured."""
+    of_restarts, of_ahead = _errors(validation) if validation else (("not validated", ""),) * 2
+    found = (_runs_used(runs), _widest(estimates), of_restarts, of_ahead, _diagnosis(diagnosis))
+    for (name, (good, unfit)), (value, verdict) in zip(LIMITS.items(), found):
+        row = {"look at": name, "verdict": verdict or MISSING, "value": value}
+        yield {**row, f"{GOOD} if": good, f"{UNFIT} if": unfit}
+
+
+def worst(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return the verdict that decides, and what it is for or what was not measured; empty where there are no rows."""
+    grades = {row["look at"]: row["verdict"] for row in rows}
+    for grade in (UNFIT, CLOSER):
+        if bad := [name for name, verdict in grades.items() if verdict == grade]:
+            return f"{grade} ({', '.join(bad)})"
+    unknown = [name for name, *ways in MEASURES if rows and all(grades[way] == MISSING for way in ways)]
+    return (f"{GOOD}, but not known: " if unknown else GOOD * bool(rows)) + ", ".join(unknown)
+
+
+def _graded(value: float, limits: tuple[float, float]) -> str:
+    return GRADES[sum(value > limit for limit in limits)]
+
+
+def _runs_used(runs: RunsUsed) -> tuple[str, str]:
+    every = runs.used + len(runs.set_aside)
+    few = runs.used < MIN_RUNS_USED or len(runs.set_aside) > MAX_SET_ASIDE_SHARE * every
+    return f"{runs.used} of {every}", CLOSER if few else GOOD
+
+
+def _widest(estimates: Mapping[str, Estimate | None]) -> tuple[str, str]:
+    """Judge the widest interval."""
+    widths = [(max(e.ci95[1] - e.value, e.value - e.ci95[0]) / max(abs(e.value), 1e-300), name)
+              for name, e in estimates.items() if e is not None]  # fmt: skip
+    if bound := [name for name, e in estimates.items() if e is not None and e.at_bound]:
+        return f"{bound[0]} at its bound", UNFIT
+    if not widths:
+        return MISSING, ""
+    width, name = max(widths)
+    return f"± {number(100 * width, 2)} % ({name})", _graded(width, RELATIVE_HALF_WIDTHS)
+
+
+def _errors(file: ValidationFile) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Judge the restarted error, of driven runs that of predictions instead."""
+    model, unit = file.judged, file.dof.units.shown
+    score, ahead = file.models[model], {entry.horizon_s: entry for entry in file.prediction.get(model, ())}
+    if (entry := ahead.get(JUDGED_HORIZON_S)) is not None and entry.rmse is not None:
+        constant = min(size for size in (entry.constant_rate, entry.constant, float("inf")) if size is not None)
+        value = f"{number(entry.rmse, 3)} {unit}, the better constant's {number(constant, 3)} {unit}"
+        return ("driven runs", ""), (value, _graded(entry.rmse / max(constant, 1e-9), AHEAD_ERROR_RATIOS))
+    if score.restarted is None or not file.expected:
+        return (MISSING if score.restarted is None else f"{number(score.restarted, 3)} {unit}", ""), (MISSING, "")
+    ratio = score.restarted / file.expected
+    right = f"{number(ratio, 2)} times the {number(file.expected, 2)} {unit} of a right model"
+    value = f"{number(score.restarted, 3)} {unit}, {right}"
+    return (value, _graded(ratio, RESTARTED_ERROR_RATIOS)), ("not of driven runs", "")
+
+
+def _diagnosis(file: DiagnosisFile | None) -> tuple[str, str]:
+    if file is None:
+        return "not diagnosed", ""
+    rivals = sum(len(effect.rivals) for effect in file.effects)
+    names = ", ".join(effect.name for effect in file.effects)
+    value = file.verdict.replace("-", " ") + (f": {names}" if names else "")
+    verdict = DIAGNOSED.get(file.verdict, CLOSER)
+    if file.verdict == NAMED and rivals:
+        return f"{value}, {plural(rivals, 'rival')} not excluded", CLOSER
+    return value, verdict
 
 
 def _sentences(steps: Steps) -> list[str]:
@@ -528,8 +611,7 @@ def _of_validation(file: ValidationFile, result: StepResult, of_motion: MotionRe
     name = ""
     if of_motion.added:
         name = f"the model with {of_motion.added}" if final else f"without {of_motion.added}"
-    band = " [{}, {}]".format(*(number(end, 3) for end in score.ci95)) if score.ci95 else ""
-    errors = [f"{number(score.rmse, 3)}{band} {unit} free run", f"{number(score.restarted, 3)} {unit} restarted"]
+    errors = [f"{with_band(score.rmse, score.ci95)} {unit} free run", f"{number(score.restarted, 3)} {unit} restarted"]
     if file.motion == PLANAR.name:
         errors = ["heading " + errors[0]]
     elif not final:
@@ -614,7 +696,8 @@ def _set_aside(steps: Steps) -> list[str]:
     for folder, result in steps.items():
         for run in result.file.runs.set_aside:
             folders.setdefault(run, []).append(folder)
-    rows = []
-    for run, names in folders.items():
-        rows.append({"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(names)})
+    rows = [
+        {"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(names)}
+        for run, names in folders.items()
+    ]
     return ["## Runs set aside", Table.of("", rows).to_markdown()] if rows else []

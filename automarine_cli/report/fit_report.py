@@ -55,41 +55,36 @@ def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> Iterator[Caution]:
             after = f"had not converged after {fit.mixed.iterations} iterations"
             says = f"Model {model} {after}; its numbers are rough: do not use them, or add runs."
             yield Caution(model, EVERY_ROLE, says, grave=True)
-        dof = fit.model.dof
         for role in EVERY_ROLE:
-            estimate = fit.estimates.get(dof.parameters[role])
-            if estimate is not None and not estimate.known:
-                stuck = _stuck(fit, role)
-                if sentence := stuck or _odd(role, estimate, dof):
-                    yield Caution(model, (role,), f"Model {model}: {sentence}", grave=bool(stuck))
+            yield from _doubts(fit, role)
         yield from _correlations(fit)
 
 
-def _stuck(fit: OutputErrorFit, role: str) -> str:
-    """A parameter at its bound, or one that the runs never moved."""
+def _doubts(fit: OutputErrorFit, role: str) -> Iterator[Caution]:
+    """A parameter at its bound, one that the runs never moved, a negative one, or an interval wider than its value."""
     dof = fit.model.dof
     name, remedy = dof.parameters[role], dof.fill(REMEDY[role])
-    i = list(fit.estimates).index(name)
+    estimate = fit.estimates.get(name)
+    if estimate is None or estimate.known:
+        return
+    i, (low, high) = list(fit.estimates).index(name), estimate.ci95
+    band = f"{name} is {estimate.value:.3g} [{low:.3g}, {high:.3g}]"
+    says = ""
     if i in fit.mixed.at_bound:
-        return f"{name} stands at a bound of its range, so its interval is meaningless; {remedy}."
-    if fit.covariance[i, i] <= 0.0:
-        value = float(fit.mixed.theta[i])
-        return f"{name} never moved from its start, {value:.3g}: these runs hold no information on it; {remedy}."
-    return ""
-
-
-def _odd(role: str, estimate: Estimate, dof: Dof) -> str:
-    """A negative parameter, or one whose interval is wider than its value."""
-    (low, high), remedy = estimate.ci95, dof.fill(REMEDY[role])
-    value = f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}]"
-    if estimate.value < 0:
+        says = f"{name} stands at a bound of its range, so its interval is meaningless; {remedy}."
+    elif fit.covariance[i, i] <= 0.0:
+        start = f"{float(fit.mixed.theta[i]):.3g}"
+        says = f"{name} never moved from its start, {start}: these runs hold no information on it; {remedy}."
+    grave = bool(says)
+    if not says and estimate.value < 0:
         why = f"a negative {dof.words.inertia}" if role == INERTIA else "a drag that drives the vehicle"
         mend = "something else acts on these runs: look for it with `automarine diagnose`"
         mend = f"the interval holds zero: take a model without it, or {remedy}" if high >= 0 else mend
-        return f"{value}, {why}, which no vehicle has; {mend}."
-    if high - low > estimate.value:
-        return f"{value}, an interval wider than the value; these runs hold little information on it: {remedy}."
-    return ""
+        says = f"{band}, {why}, which no vehicle has; {mend}."
+    elif not says and high - low > estimate.value:
+        says = f"{band}, an interval wider than the value; these runs hold little information on it: {remedy}."
+    if says:
+        yield Caution(fit.number, (role,), f"Model {fit.number}: {says}", grave)
 
 
 def _correlations(fit: OutputErrorFit) -> list[Caution]:
@@ -372,7 +367,11 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     derived |= {f"drag {way}": e for way, e in preferred.ways.drag.items()} if preferred.ways else {}
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
         lines.append(f"{text}.")
-    lines += [fit.preference.because, *_known(fit)]
+    units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY_ROLE, "constant")}
+    known = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, mixed.names)
+    lines += [fit.preference.because, *known]
+    if known and fit.velocity_error_fit:
+        lines.append("The velocity errors of the paper do not use it.")
     noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
     if preferred.noise is not None:
         bound = " (at its bound)" * channel_noises(mixed, dof)[dof.position].at_bound
@@ -393,15 +392,6 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines += [f"Read: {note}." for note in shared_readings(fit.used_runs)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
-
-
-def _known(fit: YawFit) -> tuple[str, ...]:
-    """Say what was known beforehand, and by whom it was not used."""
-    dof = fit.dof
-    units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY_ROLE, "constant")}
-    sentences = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, fit.preferred.mixed.names)
-    paper = ("The velocity errors of the paper do not use it.",) if sentences and fit.velocity_error_fit else ()
-    return (*sentences, *paper)
 
 
 LOOK_FOR_EFFECT = "An effect is missing: look for it with `automarine diagnose`."

@@ -1,16 +1,21 @@
-"""What is shown of logs without a fit: the runs and thruster tests that `check` lists, and those that `slice` cuts."""
+"""What is shown of logs without a fit: the runs and thruster tests that `check` lists, what `slice` cuts, and what
+`simulate` makes, with the truth beside it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown
+from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, plain, to_mapping
 from automarine_cli.report.sections import Content, Sections, document, file_stems, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import ExcludedRun, runs_json
+from automarine_cli.simulation.campaign import SimulatedRun, label, log_bytes, log_of, runs_by_file
+from automarine_cli.simulation.specification import Specification, levels_of
 from automarine_cli.text import plural
+from automarine_cli.thrusters.map import bollard_columns
 
 MAX_RUNS_OF_NOTE = 3  # that are named
 MAX_LEVELS_WRITTEN = 6  # written out
@@ -48,16 +53,15 @@ class Check(Shown):
 
 @sections.register
 def _(result: Check) -> Sections:
-    by_dof = {dof: [run for run in result.runs if run.dof is dof] for dof in DOFS.values()}
-    tables = [_run_table(runs, dof) for dof, runs in by_dof.items() if runs]
-    tables += [_test_table(result.tests)] if result.tests else []
-    usable = []
-    for dof, runs in by_dof.items():
-        count = sum(not run.why for run in runs)
-        if runs:
+    tables, usable = list[Table](), list[str]()
+    for dof in DOFS.values():
+        if runs := [run for run in result.runs if run.dof is dof]:
+            count = sum(not run.why for run in runs)
             entirely = "" if count else ", so a fit takes them whole"
+            tables.append(_run_table(runs, dof))
             usable.append(f"{count} of {len(runs)} {dof.name} runs have a usable {dof.words.step}{entirely}")
     if result.tests:
+        tables.append(_test_table(result.tests))
         usable.append(plural(len(result.tests), "thruster test"))
     answer, notes = "; ".join(usable) + ".", [note for table in tables for note in table.notes]
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
@@ -150,16 +154,12 @@ class Slices(Shown):
 @sections.register
 def _(result: Slices) -> Sections:
     content, cuts = result.to_json(), result.cuts
-    rows = []
-    for cut in cuts:
-        low, high = _seconds(cut["from_s"]), _seconds(cut["to_s"])
-        row = {
-            "run": cut["run"],
-            result.by: cut["state"],
-            "log": cut["source"],
-            "rows": "{} to {}".format(*cut["rows"]),
-        }
-        rows.append(row | {"from s": low, "to s": high, "lasts s": number(cut["to_s"] - cut["from_s"], 3)})
+    rows = [
+        {"run": cut["run"], result.by: cut["state"], "log": cut["source"], "rows": "{} to {}".format(*cut["rows"]),
+         "from s": _seconds(cut["from_s"]), "to s": _seconds(cut["to_s"]),
+         "lasts s": number(cut["to_s"] - cut["from_s"], 3)}
+        for cut in cuts
+    ]  # fmt: skip
     moving, logs = sum(cut["moving"] for cut in cuts), plural(len(result.sources), "log")
     answer = f"{plural(len(cuts), 'run')} cut from {logs} by {result.by}"
     if moving:
@@ -167,9 +167,8 @@ def _(result: Slices) -> Sections:
     notes = [f"{source.file}: {note}" for source in result.sources for note in source.notes]
     notes += [f"{gap['source']}, {interval_of(gap)}: {gap['why']}" for gap in content["left_out"]]
     table = Table.of("Runs", rows, notes)
-    files: dict[str, Content] = {
-        cut["file"]: log for cut, log in zip(cuts, (log for source in result.sources for log in source.contents))
-    }
+    logs_cut = (log for source in result.sources for log in source.contents)
+    files: dict[str, Content] = dict(zip((cut["file"] for cut in cuts), logs_cut))
     files |= {"slices.json": content, "slices.md": table.to_markdown()}
     folders = dict.fromkeys(cut["file"].partition("/")[0] + "/" for cut in cuts)
     listed = ("slices.json", "slices.md", *folders)
@@ -183,3 +182,85 @@ def interval_of(part: Mapping[str, Any]) -> str:
 
 def _seconds(value: float) -> str:
     return f"{value:.3f}".rstrip("0").rstrip(".")
+
+
+TRUTH = "truth.json"
+TRUTH_DECIMALS = 9  # of what was drawn: more would show the machine's own rounding
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation(Shown):
+    """A campaign: its specification, the seed used, and its runs in the order of the campaign."""
+
+    specification: Specification
+    seed: int
+    runs: tuple[SimulatedRun, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Return the truth (schema automarine/simulation-truth/1): vehicle, effects, what was drawn for each run."""
+        spec, thrusters = self.specification, None
+        if (bollard := spec.bollard) is not None:
+            thrusters = {"file": bollard.file} | to_mapping(bollard)
+            thrusters = {key: value for key, value in thrusters.items() if key not in ("folder", "name", "format")}
+        planar = ("hidden", "disturbance", "sensors") if spec.motion.turns else ()
+        return {
+            "schema": "automarine/simulation-truth/1", "simulated": label(spec, self.seed), "seed": self.seed,
+            "vehicle": to_mapping(spec.vehicle),
+            **{key: plain(getattr(spec, key)) for key in planar},
+            "effects": [{"name": effect.name, **effect.values} for effect in spec.effects],
+            "thrusters": thrusters,
+            **{key: to_mapping(getattr(spec, key)) for key in ("logger", "scatter", "campaign")},
+            "made": [_truth_of(run, number, spec) for number, run in enumerate(self.runs, 1)],
+        }  # fmt: skip
+
+
+@sections.register
+def _(result: Simulation) -> Sections:
+    spec, comment, truth = result.specification, label(result.specification, result.seed), result.to_json()
+    files: dict[str, Content] = {
+        file: partial(log_of, runs, spec, result.seed) for file, runs in runs_by_file(result.runs).items()
+    }
+    groups: dict[tuple[str, str], list[SimulatedRun]] = {}
+    for run in result.runs:
+        groups.setdefault((run.plan.group.folder, run.plan.group.kind), []).append(run)
+    rows = [
+        {"folder": folder, "kind": kind, "runs": len(runs), "files": len({run.plan.file for run in runs}),
+         "samples": sum(len(run.columns["time_s"]) for run in runs),
+         "faulty on purpose": sum(run.plan.group.fault is not None for run in runs)}
+        for (folder, kind), runs in sorted(groups.items())
+    ]  # fmt: skip
+    if (bollard := spec.bollard) is not None:
+        files[bollard.file] = lambda: log_bytes(bollard_columns(bollard, result.seed), bollard.format, comment)
+        readings = len(levels_of(bollard.levels)) * bollard.repeats
+        rows.append({"folder": bollard.folder, "kind": "bollard test", "runs": 1, "files": 1, "samples": readings,
+                     "faulty on purpose": 0})  # fmt: skip
+    folders = sorted({f"{row['folder']}/" for row in rows if row["folder"]})
+    made: Any = truth["made"]
+    table, listed = Table.of("Simulated campaign", rows), (*folders, TRUTH)
+    return Sections([table], files | {TRUTH: truth}, listed=listed, rows=made, answer=comment)
+
+
+def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> dict[str, object]:
+    """What was drawn for one run, the bias of its rates if they have one; instants on the campaign's clock."""
+    plan, dofs = run.plan, specification.motion.dofs
+    words, base, columns = dofs[-1].words, dofs[-1].units.base, [*specification.columns]
+    position, rate = columns[len(dofs) - 1], columns[-1]
+    forces = [dof.command for dof in dofs] if len(dofs) > 1 else [words.force]
+    truth: dict[str, object] = {
+        "file": plan.file, "run": plan.name, "kind": plan.group.kind, "number_in_campaign": number,
+        "start_s": _rounded(plan.start), f"start_{words.position}_{base}": _rounded(run.start),
+        f"{words.position}_zero_{base}": _rounded(dofs[-1].inner(run.biases[position])), "gain": _rounded(run.gain),
+        f"added_{words.force}": _rounded(run.added_moment),
+        "commands": [
+            dict(zip(forces, values)) | {"from_s": _rounded(plan.start + instant)}
+            for values, instant in zip(plan.moments, run.switches.tolist())
+        ],
+        "samples": len(run.columns["time_s"]),
+    }  # fmt: skip
+    if specification.logger.rate_bias is not None or (len(dofs) > 1 and rate in run.biases):
+        truth[f"{words.speed}_bias_{base}_s"] = _rounded(dofs[-1].inner(run.biases[rate]))
+    return truth if plan.group.fault is None else truth | {"fault": plan.group.fault}
+
+
+def _rounded(value: float) -> float:
+    return round(value, TRUTH_DECIMALS) + 0.0

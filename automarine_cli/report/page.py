@@ -123,10 +123,8 @@ def page(text: str, folder: Path, title: str) -> str:
 
 
 def figure(folder: Path, place: str, alt: str) -> str:
-    """A figure of the page, from its SVG or else its PNG; a sentence if there is neither.
-
-    An image element lets nothing act that is in its file, and fetches nothing: the file need not be searched.
-    """
+    """A figure of the page, from its SVG or else its PNG; a sentence if there is neither. An image element lets nothing
+    act that is in its file, and fetches nothing: the file need not be searched."""
     for suffix, kind in MEDIA_TYPES.items() if SAFE_PLACE.fullmatch(place) else ():
         path = (folder / place).with_suffix(suffix)
         if path.is_file():

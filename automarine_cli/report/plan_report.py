@@ -37,7 +37,7 @@ def _(plan: Plan) -> Sections:
     files[PLAN.file] = plan.to_json()
     for slot in plan.slots:
         files[command_path(slot)] = command_file(slot.candidate, rest_s, unit, plan.drive, plan.columns)
-    figures = {"plan": Drawing("plan.plan_figure", plan)} if plan.errors else {}
+    figures = {"plan": Drawing("parameters.plan_figure", plan)} if plan.errors else {}
     return Sections(
         [_totals(plan), *plan.notes, *intervals], files, figures,
         FILES if plan.errors else [name for name in FILES if name != "plan.png"], plan.runs(), details=[sheet, *splits],
@@ -76,28 +76,22 @@ def _sheet_rows(plan: Plan) -> Table:
 def _sheet_table(plan: Plan) -> Table:
     rows = _sheet_rows(plan)
     columns = {title: rows.header.index(name) for name, title in SHEET.items()}
-    idle = f"{plan.limits.runs.rest_before_s:g} s"
-    return Table(
-        "Run sheet", tuple(columns), tuple(tuple(row[i] for i in columns.values()) for row in rows.rows),
-        notes=(f"Every log begins with {idle} at rest, thrusters idle.",),
-    )  # fmt: skip
+    note = f"Every log begins with {plan.limits.runs.rest_before_s:g} s at rest, thrusters idle."
+    return Table.of("Run sheet", [{title: row[i] for title, i in columns.items()} for row in rows.rows], [note])
 
 
 def _interval_table(plan: Plan) -> Table:
     columns = {"now": plan.now} | ({"with the earlier runs": plan.together} if plan.together else {})
     columns |= {"new runs alone": plan.alone}
+    dof, symbols = plan.fitting.model.dof, plan.fitting.model.dof.symbols
+    ratio = {dof.words.inertial_length: f"{symbols.inertia}/{symbols.quadratic}"}
     rows = [
-        {"parameter": _symbol(name, plan) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else "")}
+        {"parameter": ratio.get(name, name) + (f" [{alone.unit}]" if alone.unit not in ("", "1") else "")}
         | {column: _precision(estimates.get(name)) for column, estimates in columns.items()}
         for name, alone in plan.alone.items()
     ]
     note = "Value, predicted 95 % interval, and half its width in percent."
     return Table.of("Intervals before and after", rows, [note])
-
-
-def _symbol(name: str, plan: Plan) -> str:
-    dof, symbols = plan.fitting.model.dof, plan.fitting.model.dof.symbols
-    return f"{symbols.inertia}/{symbols.quadratic}" if name == dof.words.inertial_length else name
 
 
 def _precision(estimate: Estimate | None) -> str:

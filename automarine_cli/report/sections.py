@@ -25,9 +25,8 @@ Content = str | bytes | Mapping[str, object] | Callable[[], str | bytes]
 
 
 class Drawing:
-    """A figure that a function of report/figures, MODULE.FUNCTION, draws of the subjects when it is called.
-
-    What draws is imported then, and not for those who want no figures."""
+    """A figure that a function of report/figures, MODULE.FUNCTION, draws of the subjects when it is called. What draws
+    is imported then, and not for those who want no figures."""
 
     def __init__(self, place: str, *subjects: Any) -> None:
         self.place, self.subjects = place, subjects
@@ -39,14 +38,12 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Sections:
-    """Sections of a result, in the order in which they are read.
-
-    `answer` is the one line that stands first, the only one with -q: by default the first sentence of `printed`, which
-    are the tables and sentences to judge it by; `details` are those that the terminal shows with -v. `files` by name
-    are texts, bytes, what makes these, or data to be written as JSON; `figures` draw what is saved as NAME.png, and can
-    be pickled; `listed` is what the terminal names, all files and figures where nothing is given; `rows` are the
-    numbers, one mapping a parameter, run or score; `warnings` say what could not be made.
-    """
+    """Sections of a result, in the order in which they are read. `answer` is the one line that stands first, the only
+    one with -q: by default the first sentence of `printed`, which are the tables and sentences to judge it by;
+    `details` are those that the terminal shows with -v. `files` by name are texts, bytes, what makes these, or data to
+    be written as JSON; `figures` draw what is saved as NAME.png, and can be pickled; `listed` is what the terminal
+    names, all files and figures where nothing is given; `rows` are the numbers, one mapping a parameter, run or score;
+    `warnings` say what could not be made."""
 
     printed: Sequence[Table | str]
     files: Mapping[str, Content] = field(default_factory=dict)

@@ -27,11 +27,9 @@ def text_table(
     grid: Sequence[Sequence[str]], right: Sequence[bool], rules: Sequence[int], width: int | None = None, *,
     full: bool = True,
 ) -> list[str]:  # fmt: skip
-    """Lines of a table whose first row is the header; `right` are the columns that stand to the right.
-
-    Cells are folded at blanks, the widest columns first, to the `width`, or that of a pipe. What is still too wide for
-    a `width` is shown as several tables, each with the first column; unless `full`, a line names what is left out.
-    """
+    """Lines of a table whose first row is the header; `right` are the columns that stand to the right. Cells are folded
+    at blanks, the widest columns first, to the `width`, or that of a pipe. What is still too wide for a `width` is
+    shown as several tables, each with the first column; unless `full`, a line names what is left out."""
     if not grid[0]:
         return []
     widths, limit = [max(map(len, column)) for column in zip(*grid)], width or PIPE_COLUMNS

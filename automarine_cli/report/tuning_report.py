@@ -6,7 +6,7 @@ import numpy as np
 
 from automarine_cli.control.tuning import TUNING, Tuning, TuningCheck, cell, headlines, labels, margins_of, promises
 from automarine_cli.report.sections import Content, Drawing, Sections, bullets, document, sections
-from automarine_cli.report.tables import Table, number
+from automarine_cli.report.tables import MISSING, Table, number
 
 VERDICTS = {
     "gains": "New gains.", "leave": "Leave the gains as they are.", "cannot-promise": "No promise can be made.",
@@ -24,7 +24,7 @@ def _(tuning: Tuning) -> Sections:
     tables = [] if tuning.new is None and tuning.old is None else [_gains_table(tuning), _promised_table(tuning)]
     files: dict[str, Content] = {TUNING.file: tuning.to_json(), "tuning.md": _page(tuning, tables)}
     files |= {name: table.to_csv() for name, table in zip(("gains.csv", "tuning.csv"), tables)}
-    figures: dict[str, Drawing] = {"tuning": Drawing("plan.tuning_figure", tuning)} if tables else {}
+    figures: dict[str, Drawing] = {"tuning": Drawing("parameters.tuning_figure", tuning)} if tables else {}
     if tuning.new is not None:
         listed.insert(0, tuning.target.file)
         files[tuning.target.file] = tuning.target_text()
@@ -76,10 +76,6 @@ def _promised_table(tuning: Tuning) -> Table:
     ])  # fmt: skip
 
 
-def _or_never(value: float | None) -> str:
-    return number(value, 3) if value is not None and math.isfinite(value) else "never"
-
-
 def _page(tuning: Tuning, tables: list[Table]) -> str:
     nominal, noise = tuning.nominal, tuning.crowds[0].noise[0]
     parts = [f"# A controller for {tuning.target.name}, from {tuning.source}", *_sentences(tuning)]
@@ -106,7 +102,8 @@ def _(check: TuningCheck) -> Sections:
     for step in steps:
         size = f"{dof.logged(step.size):+.3g} {dof.units.log}"
         for label, figure in zip(words, step.figures.values()):
-            flown, low, high = map(_or_never, (figure["flown"], *figure["promised"]))
+            sizes = (figure["flown"], *figure["promised"])
+            flown, low, high = (number(size, 3).replace(MISSING, "never") for size in sizes)
             rows.append({
                 "step": f"{step.run}, {step.begins:.1f} s, {size}", "": label, "flown": flown,
                 "promised": f"{low} to {high}", "held": "yes" if figure["held"] else "no",
@@ -119,5 +116,5 @@ def _(check: TuningCheck) -> Sections:
     picture = "![Steps as flown, and the bands that were promised](tuning_check.png)"
     page = document("# A log beside what was promised", verdict, table, picture)
     files: dict[str, Content] = {"tuning_check.json": check.to_json(), "tuning_check.md": page}
-    figures = {"tuning_check": Drawing("plan.flown_figure", steps, dof)}
+    figures = {"tuning_check": Drawing("parameters.flown_figure", steps, dof)}
     return Sections((verdict, table), files, figures, rows=check.to_json()["steps"])

@@ -28,10 +28,9 @@ MAX_SWITCHES = 24
 @dataclass(frozen=True)
 class Channel:
     """What one kind of sensor logged of all runs: `quantity` is that of the records, of the degree of freedom in place
-    `dof` of the motion, its `velocity` or its position. `values` (R, N) [base units], zero where not `seen` (R, N).
-
-    One that does not `count` stands in for a sensor that the log lacks (a heading summed up from a gyro): it is shown,
-    and no evidence."""
+    `dof` of the motion, its `velocity` or its position. `values` (R, N) [base units], zero where not `seen` (R, N). One
+    that does not `count` stands in for a sensor that the log lacks (a heading summed up from a gyro): it is shown, and
+    no evidence."""
 
     quantity: str
     dof: int
@@ -138,12 +137,10 @@ def make_batch(
     runs: Sequence[Run], max_step: float, signals: Sequence[str] = (), hold: bool = True, *,
     motion: Motion | None = None, channels: Sequence[str] | None = None,
 ) -> Batch:  # fmt: skip
-    """Lay `runs` out for simulation with steps of at most `max_step` [s].
-
-    `motion` is by default that of the runs' one degree of freedom. `channels` names the quantities measured that are to
-    be followed, by default the positions of the runs alone; `signals` the columns of `Run.extras` that effects need;
-    without `hold` nobody holds a vehicle. Raises RunError for no runs, a run without a moment, runs with moments in
-    different units, or a missing signal."""
+    """Lay `runs` out for simulation with steps of at most `max_step` [s]. `motion` is by default that of the runs' one
+    degree of freedom. `channels` names the quantities measured that are to be followed, by default the positions of the
+    runs alone; `signals` the columns of `Run.extras` that effects need; without `hold` nobody holds a vehicle. Raises
+    RunError for no runs, a run without a moment, runs with moments in different units, or a missing signal."""
     unit = unit_of(runs, signals)
     motion = motion or alone(runs[0].dof)
     commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
@@ -196,10 +193,9 @@ def signals_of(runs: Sequence[Run], name: str) -> list[Floats]:
 
 
 def without_noise(values: Floats) -> Floats:
-    """A column of a run (N,), or its mean in every row where it scatters about that like white noise: a simulation
-    sums up what it reads, and steep dependences would wander with the noise.
-
-    Von Neumann's ratio, below one by more than WHITE of its standard deviations where neighbours are alike."""
+    """A column of a run (N,), or its mean in every row where it scatters about that like white noise: a simulation sums
+    up what it reads, and steep dependences would wander with the noise. Von Neumann's ratio, below one by more than
+    WHITE of its standard deviations where neighbours are alike."""
     if len(values) < 2 or not np.ptp(values) > 0:
         return values
     alike = 1.0 - 0.5 * float(np.mean(np.diff(values) ** 2) / np.var(values))

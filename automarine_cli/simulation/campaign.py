@@ -3,10 +3,10 @@
 
 import gzip
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, groupby, islice
+from itertools import groupby, islice
 from math import exp, floor, log2
 from typing import TypeAlias
 
@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, SURGE, SWAY
 from automarine_cli.errors import SettingError
+from automarine_cli.logs.table import csv_text
 from automarine_cli.models.model import Model
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import Floats
@@ -37,11 +38,9 @@ MOMENT_DECIMALS = 6
 
 @dataclass(frozen=True)
 class Plan:
-    """One run to be made: `key` names its random streams; `name` its run, `file` its log.
-
-    `samples` are logged; from sample `changes[j]` on `moments[j]` (of each degree of freedom) shows in the log, before
-    the first nothing is commanded. `turn` counts the runs of the specification; `start` [s] is the campaign's clock at
-    the first sample."""
+    """One run to be made: `key` names its random streams; `name` its run, `file` its log. `samples` are logged; from
+    sample `changes[j]` on `moments[j]` (of each degree of freedom) shows in the log, before the first nothing is
+    commanded. `turn` counts the runs of the specification; `start` [s] is the campaign's clock at the first sample."""
 
     key: str
     name: str
@@ -56,12 +55,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """One run: its plan, what was drawn for it, and its log.
-
-    Drawn are start position (in the plane heading) [rad or m], the logarithm of the factor on the command delivered,
-    the instants [s since the first sample] at which commands changed, the constant moment or force added, the `biases`
-    of the sensors by column [units of logs], and the `disturbance` (D, windows), held over windows of two seconds.
-    `columns` (N,) are in the units of logs, rounded."""
+    """One run: its plan, what was drawn for it, and its log. Drawn are start position (in the plane heading) [rad or
+    m], the logarithm of the factor on the command delivered, the instants [s since the first sample] at which commands
+    changed, the constant moment or force added, the `biases` of the sensors by column [units of logs], and the
+    `disturbance` (D, windows), held over windows of two seconds. `columns` (N,) are in the units of logs, rounded."""
 
     plan: Plan
     start: float
@@ -94,10 +91,8 @@ def make_campaign(
 
 
 def _chunks(plans: Sequence[Plan], steps: Sequence[float], specification: Specification) -> list[list[int]]:
-    """Indices of the runs that are simulated together: runs of one step, so that no run's numbers depend on
-    the others; in the plane each by itself.
-
-    The whole campaign where there are effects, since an effect may look at all of it."""
+    """Indices of the runs that are simulated together: runs of one step, so that no run's numbers depend on the others;
+    in the plane each by itself. The whole campaign where there are effects, since an effect may look at all of it."""
     if specification.effects:
         return [list(range(len(plans)))] if plans else []
     chunk = 1 if specification.motion.turns else CHUNK_RUNS
@@ -212,9 +207,8 @@ def _own_phases(model: Model, plans: Sequence[Plan], seed: int) -> dict[str, Flo
 
 
 def _knots(time: Floats, switches: Floats, is_held: bool) -> Floats:
-    """Instants at which a run is simulated [s]: its samples, and close to both sides of each change of command.
-
-    They begin with the first sample; with the first change where that comes earlier, or where the vehicle `is_held`."""
+    """Instants at which a run is simulated [s]: its samples, and close to both sides of each change of command. They
+    begin with the first sample; with the first change where that comes earlier, or where the vehicle `is_held`."""
     first = time[0]
     if len(switches) and (is_held or switches[0] < first):
         first = switches[0]
@@ -223,11 +217,14 @@ def _knots(time: Floats, switches: Floats, is_held: bool) -> Floats:
 
 
 def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
-    """Plan all runs in the order in which they are made.
-
-    Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
-    more than half a thousand million samples."""
-    plans = list(islice(_listed(specification, seed), MAX_SIMULATED_RUNS + 1))
+    """Plan all runs in the order in which they are made. Raises SettingError for two runs of one name in one file, two
+    groups that write one file, and a campaign of more than half a thousand million samples."""
+    base = getattr(specification.vehicle, "model", None)
+    listed = ((group, run) for group in specification.runs for run in group.runs(base, seed))
+    plans = []
+    for turn, (group, (name, key, commands)) in enumerate(islice(listed, MAX_SIMULATED_RUNS + 1)):
+        file = f"{group.folder}/{name if group.together is None else group.together}.{group.format}"
+        plans.append(Plan(key, name, file, group, turn, *_on_the_grid(commands, specification)))
     if len(plans) > MAX_SIMULATED_RUNS:
         raise SettingError(f"{specification.source}: more than {MAX_SIMULATED_RUNS} runs would be made; ask for fewer")
     _refuse_clashes(plans, specification)
@@ -245,15 +242,6 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
         wait = specification.campaign.wait_between_s if plan.group.wait_after_s is None else plan.group.wait_after_s
         clock += (plan.samples - specification.motion.turns) * specification.logger.period + wait
     return tuple(placed)
-
-
-def _listed(specification: Specification, seed: int) -> Iterator[Plan]:
-    turn, base = 0, getattr(specification.vehicle, "model", None)
-    for group in specification.runs:
-        for name, key, commands in group.runs(base, seed):
-            file = f"{group.folder}/{name if group.together is None else group.together}.{group.format}"
-            yield Plan(key, name, file, group, turn, *_on_the_grid(commands, specification))
-            turn += 1
 
 
 def _on_the_grid(
@@ -361,26 +349,27 @@ def log_of(runs: Sequence[SimulatedRun], specification: Specification, seed: int
 
 def log_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes:
     """One log in the format "csv", "csv.gz" or "parquet"; `comment` goes first, or into Parquet's metadata."""
-    if format == "parquet":
-        return parquet_bytes(columns, comment)
-    head = [f"# {comment}", ",".join(columns)]
-    rows = map(",".join, zip(*(_cells(name, column) for name, column in columns.items())))
-    text = "\n".join(chain(head, rows)) + "\n"
-    return text.encode() if format == "csv" else gzip_bytes(text.encode())
+    if format != "parquet":
+        columns = {name: _cells(name, column) for name, column in columns.items()}
+    return file_bytes(columns, format, comment)
 
 
-def parquet_bytes(columns: Mapping[str, Column], comment: str) -> bytes:
-    sink = pa.BufferOutputStream()
-    pq.write_table(pa.table(dict(columns), metadata={"comment": comment}), sink)
-    return bytes(sink.getvalue().to_pybytes())
-
-
-def _cells(name: str, column: Column) -> Iterable[str]:
+def _cells(name: str, column: Column) -> Sequence[str]:
     if not isinstance(column, np.ndarray):
         return column
     if name in COMMAND_COLUMNS:
-        return (f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".") for value in column.tolist())
-    return (f"{value:.{LOG_DECIMALS}f}" for value in column.tolist())
+        return [f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".") for value in column.tolist()]
+    return [f"{value:.{LOG_DECIMALS}f}" for value in column.tolist()]
+
+
+def file_bytes(columns: Mapping[str, Column], format: str, comment: str) -> bytes:
+    """A table as a file of one of the three formats, numbers with every digit."""
+    if format == "parquet":
+        sink = pa.BufferOutputStream()
+        pq.write_table(pa.table(dict(columns), metadata={"comment": comment}), sink)
+        return bytes(sink.getvalue().to_pybytes())
+    text = csv_text(columns, comment).encode()
+    return text if format == "csv" else gzip_bytes(text)
 
 
 def gzip_bytes(data: bytes) -> bytes:

@@ -28,14 +28,12 @@ Slope = Callable[..., tuple[Floats, Floats, Sequence[Floats]]]
 
 @dataclass(frozen=True)
 class Start:
-    """What differs from run to run and is no property of the vehicle; each broadcasts to (P, R), switch_delay to
-    (P, R, E).
-
-    `position` and `velocity` at the first sample, of several degrees of freedom (D, P, R), or (D, 1, 1) for all runs
-    alike: in the plane north, east and heading, and the velocities over ground in the vehicle's axes. `log_gain` is
-    that of everything delivered, `switch_delay` [s] of every change of command from the middle of the interval in which
-    it happened, `disturbance` (D, P, R, windows), of one degree of freedom (P, R, windows), a moment or force in each
-    window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run, `water` the
+    """What differs from run to run and is no property of the vehicle; each broadcasts to (P, R), switch_delay to (P, R,
+    E). `position` and `velocity` at the first sample, of several degrees of freedom (D, P, R), or (D, 1, 1) for all
+    runs alike: in the plane north, east and heading, and the velocities over ground in the vehicle's axes. `log_gain`
+    is that of everything delivered, `switch_delay` [s] of every change of command from the middle of the interval in
+    which it happened, `disturbance` (D, P, R, windows), of one degree of freedom (P, R, windows), a moment or force in
+    each window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run, `water` the
     states of the water, (W, P, R), in the order of the model's terms, `command_delay` (P, 1, 1) [s] that of all
     commands after that middle."""
 
@@ -58,10 +56,9 @@ class Start:
 @dataclass(frozen=True)
 class Trajectory:
     """Simulated states at the samples: positions as the sensors show them, true positions and velocities. In the plane
-    positions are north, east and heading, velocities those over ground in the vehicle's axes.
-
-    `nodes` holds the three at all nodes of the simulation grid, (D, P, R, M + 1) each, and the W states of the water,
-    (W, P, R, M + 1); samples are picked when asked for."""
+    positions are north, east and heading, velocities those over ground in the vehicle's axes. `nodes` holds the three
+    at all nodes of the simulation grid, (D, P, R, M + 1) each, and the W states of the water, (W, P, R, M + 1); samples
+    are picked when asked for."""
 
     nodes: tuple[Floats, Floats, Floats, Floats] = field(repr=False)
     node: NDArray[np.int64] = field(repr=False)
@@ -105,10 +102,9 @@ def step_for(model: Model, moment: float) -> float:
 
 
 def simulate(model: Model, batch: Batch, theta: Floats | None = None, start: Start | None = None) -> Trajectory:
-    """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own.
-
-    Commands are held over each step; the order is actuators on the commands, sum of forces with water states, division
-    by inertia, sensors on the positions."""
+    """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own. Commands are
+    held over each step; the order is actuators on the commands, sum of forces with water states, division by inertia,
+    sensors on the positions."""
     theta = np.atleast_2d(model.theta if theta is None else theta)
     start = start or Start()
     starts = map(np.shape, (start.position, start.velocity, start.log_gain))
@@ -143,7 +139,6 @@ def _integrate(
     shape: tuple[int, ...],
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1), and the water's states, (W, P, R, M + 1).
-
     Positions are followed only where something depends on them: numpy's cost a call, not arithmetic, is what a step
     costs. In a current the velocities that are advanced are those through the water."""
     movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
@@ -296,10 +291,8 @@ def rk4(
     followed: bool = True,
 ) -> tuple[Floats, Floats, list[Floats]]:  # fmt: skip
     """Give the way of a step of `h` [s] by Runge and Kutta's method, and the velocity (both D, P, R) and the states of
-    the water at its end.
-
-    `force` and `time` are those at its begin, middle and end; a position on which nothing depends need not be
-    `followed`."""
+    the water at its end. `force` and `time` are those at its begin, middle and end; a position on which nothing depends
+    need not be `followed`."""
     half, sixth = 0.5 * h, h / 6.0
 
     def stage(step: Floats, moved: Floats, rise: Floats, stirring: Sequence[Floats], at: int):  # type: ignore[no-untyped-def]
@@ -333,7 +326,6 @@ def product_with(matrices: Floats) -> Callable[[Sequence[Floats] | Floats], list
 
 def turning_of(momentum: Sequence[Floats], velocity: Floats) -> tuple[Floats, Floats, Floats]:
     """Coriolis and centripetal force C(nu) nu [N, N, N m], each (P, R), of velocities (3, P, R) with momentum p = M nu.
-
     It is (-p_y r, p_x r, p_y u - p_x v): the axes turn with the vehicle (Fossen 2021, chapter 3 for the rigid body,
     chapter 6 for added mass). It does no work. The last entry holds (m_v - m_u) u v, the moment that keeps a vehicle on
     an oblique course: the water's own, the Munk moment, is its opposite and turns it broadside."""

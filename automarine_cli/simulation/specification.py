@@ -97,20 +97,6 @@ Commands: TypeAlias = tuple[tuple[float, ...], ...]
 """Rows of a moment or force for each degree of freedom, and how many seconds it is held."""
 MAX_VALUES = 100_000
 KIND_LABELS = {"step": "{f}", "coast-down": "coast"}  # what labels begin with where it is not the kind
-SETTINGS = {
-    "step": (("levels",), ("way", "duration_s")),
-    "coast-down": (("levels", "coast_s"), ("way", "duration_s")),
-    "reversal": (("levels",), ("way", "duration_s", "back_s")),
-    "sequence": (("commands",), ()),
-    "ramp": (("to", "duration_s"), ("from_", "steps")),
-    "rest": (("duration_s",), ()),
-    "planar": (("name",), ("commands", "largest", "hold_s", "duration_s")),
-}
-"""What a kind of runs needs, and what it may have beside it."""
-OF_SOME_KINDS = (
-    "levels", "way", "duration_s", "coast_s", "back_s", "commands", "to", "from_", "steps", "largest", "hold_s",
-)  # fmt: skip
-HOLD_S, DRAWN_S, DEFAULT_STAIRS = (2.0, 5.0), 40.0, 20  # where a group does not say
 
 
 @dataclass(frozen=True)
@@ -147,18 +133,9 @@ def levels_of(levels: Levels) -> tuple[float, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class RunGroup(Settings):
-    """Runs of one kind, where their logs go and what is wrong with them on purpose.
-
-    Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
-    group go into the one file of that name, distinguished by a column `run`. `wait_after_s` takes the place of the
-    campaign's wait after each of these runs.
-
-    A step holds each of the `levels` (in a file of yaw `moments`, of a translation `forces`) until the base vehicle has
-    gone its `way` [unit of logs] (`turn_deg`, `travel_m`), or for `duration_s`. Then a coast-down lets go for
-    `coast_s`, and a reversal has the opposite for `back_s`, by default for twice as long. A sequence has any
-    `commands`, a ramp goes `from_` one level `to` another in so many `steps`. In the plane `commands` are
-    [X N, Y N, N N m, seconds], or drawn anew for each run between minus and plus the `largest` of each, held for
-    `hold_s` [least, most]."""
+    """Runs of one kind, where their logs go and what is wrong with them on purpose. Files are `folder/LABEL.format`
+    with a letter for the repeat (or `suffix`); with `together` all runs of the group go into the one file of that name,
+    distinguished by a column `run`. `wait_after_s` takes the place of the campaign's wait after each of these runs."""
 
     kind: Literal["step", "coast-down", "reversal", "sequence", "ramp", "rest", "planar"]
     name: str | None = None
@@ -169,47 +146,13 @@ class RunGroup(Settings):
     suffix: str | None = None
     fault: Literal["never-moves"] | None = None
     wait_after_s: ZeroOrMore | None = None
-    levels: Levels | None = field(default=None, metadata=keyed("{forces}"))
-    way: AboveZero | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
-    duration_s: AboveZero | None = None
-    coast_s: AboveZero | None = None
-    back_s: AboveZero | None = None
-    commands: Commands | None = None
-    largest: tuple[float, float, float] | None = None
-    hold_s: tuple[float, float] | None = None
-    to: float | None = None
-    from_: float | None = None
-    steps: CountAboveZero | None = None
-    dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
+    dof: Dof = field(repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         safe_path(self, "name", "folder", "together", "suffix")
-        needed, optional = SETTINGS[self.kind]
-        for name in OF_SOME_KINDS:
-            if getattr(self, name) is not None and name not in (*needed, *optional):
-                keys = ", ".join(key_of(self, name) for name in (*needed, *optional))
-                raise SettingError(f"{key_of(self, name)} is no setting of the kind {self.kind}, which has {keys}")
-        if lacking := next((name for name in needed if getattr(self, name) is None), None):
-            key = format_value(key_of(self, lacking))
-            raise SettingError(f"key {key} is missing; give it, as runs of the kind {self.kind} need it")
         if self.suffix is not None and self.repeats > 1:
             raise SettingError("suffix names a single run; expected repeats = 1 with it")
-        if "way" in optional and (self.way is None) == (self.duration_s is None):
-            raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
-        if self.levels is not None and 0.0 in levels_of(self.levels):
-            name = key_of(self, "levels")
-            raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
-        if self.kind == "planar" and (self.commands is None) == (self.largest is None):
-            raise SettingError("expected one of commands = [[X, Y, N, seconds], ...] and largest = [X, Y, N]")
-        size = 4 if self.kind == "planar" else 2
-        if self.commands is not None and not all(len(row) == size and row[-1] > 0 for row in self.commands or [()]):
-            forces = "X, Y, N" if self.kind == "planar" else self.dof.words.force
-            raise SettingError(f"commands: expected at least one [{forces}, seconds], each longer than 0 s")
-        (least, most), duration = self.hold_s or HOLD_S, self.duration_s or DRAWN_S
-        if self.largest and not (0 < least <= min(most, duration) and duration <= MAX_VALUES * least):
-            expected = f"expected [least, most], both above 0, for 1 to {MAX_VALUES} commands in duration_s"
-            raise SettingError(f"hold_s: {expected}")
 
     def runs(self, model: Any, seed: int) -> Iterator[tuple[str, str, Commands]]:
         """Yield the name of each run, the key of its random streams, and what is commanded."""
@@ -218,39 +161,124 @@ class RunGroup(Settings):
                 letter = ascii_lowercase[repeat] if self.repeats <= len(ascii_lowercase) else str(repeat + 1)
                 name = f"{label}_{self.suffix or (letter if self.repeats > 1 else '')}".rstrip("_")
                 key = f"{self.folder}/{name if self.kind == 'planar' else f'{label}#{self.suffix or repeat}'}"
-                yield name, key, commands if self.largest is None else tuple(self._drawn(seed, key))
+                yield name, key, commands
 
     def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
-        """Label and commands of each run, repeats left out."""
-        base, hold = self.name or self.dof.fill(KIND_LABELS.get(self.kind, self.kind)), self.duration_s or 0.0
-        if self.to is not None:
-            count = self.steps or DEFAULT_STAIRS
-            stairs = np.linspace(self.from_ or 0.0, self.to, count + 1)[1:].round(6).tolist()
-            yield f"{base}_{moment_text(self.to)}", tuple((moment, hold / count) for moment in stairs)
-        elif self.levels is None:
-            yield base, ((0.0, hold),) if self.kind == "rest" else self.commands or ()
-        for moment in () if self.levels is None else levels_of(self.levels):
-            if self.way is not None:
-                hold = time_to_turn(self.dof.inner(self.way), moment, model)
-            commands = [(moment, hold)]
+        """Yield label and commands of each run, repeats left out."""
+        raise NotImplementedError
+
+    @property
+    def label(self) -> str:
+        return self.name or self.dof.fill(KIND_LABELS.get(self.kind, self.kind))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepRuns(RunGroup):
+    """Each of the `levels` (in a file of yaw `moments`, of a translation `forces`) is held until the base vehicle has
+    gone its `way` [unit of logs] (`turn_deg`, `travel_m`), or for `duration_s`. Then a coast-down lets go for
+    `coast_s`, and a reversal has the opposite for `back_s`, by default for twice as long."""
+
+    levels: Levels = field(metadata=keyed("{forces}"))
+    way: AboveZero | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
+    duration_s: AboveZero | None = None
+    coast_s: AboveZero | None = None
+    back_s: AboveZero | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.way is None) == (self.duration_s is None):
+            raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
+        if (self.coast_s is None) == (self.kind == "coast-down") or (self.back_s and self.kind != "reversal"):
+            raise SettingError(f"the kind is {self.kind}; a coast-down needs coast_s, and only a reversal has back_s")
+        if 0.0 in levels_of(self.levels):
+            name = key_of(self, "levels")
+            raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
+
+    def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
+        for level in levels_of(self.levels):
+            hold = self.duration_s or time_to_turn(self.dof.inner(self.way or 0.0), level, model)
+            commands = [(level, hold)]
             if self.coast_s:
                 commands.append((0.0, self.coast_s))
             if self.kind == "reversal":
-                commands.append((-moment, self.back_s or 2.0 * hold))
-            yield f"{base}_{moment_text(moment)}", tuple(commands)
+                commands.append((-level, self.back_s or 2.0 * hold))
+            yield f"{self.label}_{moment_text(level)}", tuple(commands)
 
-    def _drawn(self, seed: int, key: str) -> Iterator[tuple[float, ...]]:
-        (least, most), duration = self.hold_s or HOLD_S, self.duration_s or DRAWN_S
+
+@dataclass(frozen=True, kw_only=True)
+class RampRuns(RunGroup):
+    """One ramp `from_` one level `to` another in so many `steps`."""
+
+    to: float
+    duration_s: AboveZero
+    from_: float = 0.0
+    steps: CountAboveZero = 20
+
+    def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
+        stairs = np.linspace(self.from_, self.to, self.steps + 1)[1:].round(6).tolist()
+        yield f"{self.label}_{moment_text(self.to)}", tuple((level, self.duration_s / self.steps) for level in stairs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestRuns(RunGroup):
+    duration_s: AboveZero
+
+    def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
+        yield self.label, ((0.0, self.duration_s),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceRuns(RunGroup):
+    """Any `commands`: levels and how many seconds they are held; in the plane [X N, Y N, N N m, seconds]."""
+
+    commands: Commands
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        forces = ["X", "Y", "N"] if self.kind == PLANAR.name else [self.dof.words.force]
+        if not all(len(row) == len(forces) + 1 and row[-1] > 0 for row in self.commands or [()]):
+            expected = f"expected at least one [{', '.join(forces)}, seconds], each longer than 0 s"
+            raise SettingError(f"commands: {expected}")
+
+    def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
+        yield self.label, self.commands
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnRuns(RunGroup):
+    """Commands in the plane, drawn anew for each run between minus and plus the `largest` of each, held for `hold_s`
+    [least, most]."""
+
+    largest: tuple[float, float, float]
+    hold_s: tuple[float, float] = (2.0, 5.0)
+    duration_s: AboveZero = 40.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        least, most = self.hold_s
+        if not (0 < least <= min(most, self.duration_s) and self.duration_s <= MAX_VALUES * least):
+            expected = f"expected [least, most], both above 0, for 1 to {MAX_VALUES} commands in duration_s"
+            raise SettingError(f"hold_s: {expected}")
+
+    def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
+        yield self.label, ()
+
+    def runs(self, model: Any, seed: int) -> Iterator[tuple[str, str, Commands]]:
+        for name, key, _ in super().runs(model, seed):
+            yield name, key, self._drawn(seed, key)
+
+    def _drawn(self, seed: int, key: str) -> Commands:
+        least, most = self.hold_s
         holds: list[float] = []
-        for share in uniform(int(duration / least) + 1, seed, key, "hold"):
-            remaining = duration - sum(holds)
+        for share in uniform(int(self.duration_s / least) + 1, seed, key, "hold"):
+            remaining = self.duration_s - sum(holds)
             if remaining < least:
                 break
             hold = least + (most - least) * float(share)
             holds.append(remaining if remaining - hold < least else hold)
         draw = np.stack([uniform(len(holds), seed, key, "command", dof.name) for dof in PLANAR.dofs], axis=1)
         commands = np.round((2.0 * draw - 1.0) * np.array(self.largest), 3) + 0.0
-        return ((*row, hold) for row, hold in zip(commands.tolist(), holds))
+        return tuple((*row, hold) for row, hold in zip(commands.tolist(), holds))
 
 
 def moment_text(moment: float) -> str:
@@ -282,7 +310,6 @@ MIN_NUMBER, MAX_NUMBER = 1e-12, 1e12  # of any number: beyond it no vehicle is, 
 @dataclass(frozen=True)
 class Vehicle(Settings):
     """The vehicle: inertia [force s², of a translation per metre], `quadratic` [force s²] and `linear` drag [force s].
-
     In a file they have the names of the motion: `I_r`, `k_rr` and `k_r`, or `m_u`, `X_uu` and `X_u`; the unit of force
     is `moment_unit` or `force_unit`. Who moves along an axis says which by `motion`; `difference` is half the quadratic
     drag one way less that the other way, the positive way first; `constant_force` [force] is weight less buoyancy where
@@ -327,7 +354,6 @@ class Vehicle(Settings):
 @dataclass(frozen=True)
 class Logger(Settings):
     """What the logger does to the truth; positions in the unit of the logs, which ends their keys (`noise_deg`).
-
     `rate_hz` samples a second; `noise` white noise of the position and `wrap` of it; `rate_noise` adds a column with
     the velocity, as a gyro reads it, and that noise; `rate_bias` is the standard deviation of what it reads at
     standstill, drawn for each run."""
@@ -352,14 +378,11 @@ class Logger(Settings):
 
 @dataclass(frozen=True)
 class Scatter(Settings):
-    """What differs from run to run, drawn anew for each.
-
-    `gain` is the standard deviation of the logarithm of the moment or force delivered over the one commanded;
-    `force` that of a constant moment or force added in each run, redrawn until it is at most
-    `force_most` of the run's smallest command (who sees his vehicle go the wrong way makes the run
-    again); `zero` [unit of logs] that of the sensor's zero; `start` one position, a list that the
-    runs take in turn, or "random". In a file of yaw they are `moment`, `moment_most`, `heading_zero_deg` and
-    `start_heading_deg`."""
+    """What differs from run to run, drawn anew for each. `gain` is the standard deviation of the logarithm of the
+    moment or force delivered over the one commanded; `force` that of a constant moment or force added in each run,
+    redrawn until it is at most `force_most` of the run's smallest command (who sees his vehicle go the wrong way makes
+    the run again); `zero` [unit of logs] that of the sensor's zero; `start` one position, a list that the runs take in
+    turn, or "random". In a file of yaw they are `moment`, `moment_most`, `heading_zero_deg` and `start_heading_deg`."""
 
     gain: ZeroOrMore = 0.0
     force: ZeroOrMore = field(default=0.0, metadata=keyed("{force}"))
@@ -378,10 +401,9 @@ class Scatter(Settings):
 
 @dataclass(frozen=True)
 class Schedule(Settings):
-    """How the campaign is run: one clock over all runs, which follow each other after `wait_between_s`.
-
-    Each run has `rest_before_s` and `rest_after_s` without a command in its log. `held`: someone holds the vehicle
-    still until the first change of its command."""
+    """How the campaign is run: one clock over all runs, which follow each other after `wait_between_s`. Each run has
+    `rest_before_s` and `rest_after_s` without a command in its log. `held`: someone holds the vehicle still until the
+    first change of its command."""
 
     order: Literal["listed", "random"] = "listed"
     rest_before_s: ZeroOrMore = 3.0
@@ -392,9 +414,8 @@ class Schedule(Settings):
 
 @dataclass(frozen=True)
 class Bollard(Settings):
-    """A bollard test: `thrusters_per_test` equal thrusters pull together, thrust a_f n² and -a_b n² each [N].
-
-    `levels` of the control signal, each measured `repeats` times with noise of `noise_N`, in random order."""
+    """A bollard test: `thrusters_per_test` equal thrusters pull together, thrust a_f n² and -a_b n² each [N]. `levels`
+    of the control signal, each measured `repeats` times with noise of `noise_N`, in random order."""
 
     a_f: AboveZero
     a_b: AboveZero
@@ -461,6 +482,10 @@ class Sensor(Settings):
     every_s: AboveZero | None = None
 
 
+Sensed: TypeAlias = tuple[Sensor, tuple[str, ...], tuple[str, ...]]
+"""The sensor of a column, and the words that name the random streams of its noise and its bias."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Disturbance(Settings):
     """Standard deviations of the forces [N] and the moment [N m] that nobody logs, and their time constant [s]."""
@@ -495,9 +520,8 @@ class Specification(Settings):
         if not self.runs and self.bollard is None:
             raise SettingError("nothing to simulate; expected [[runs]] or [bollard]")
         turns = self.motion.turns
-        if foreign := [
-            x for x in (("effects",) if turns else ("hidden", "disturbance", "sensors")) if getattr(self, x)
-        ]:
+        of_others = ("effects",) if turns else ("hidden", "disturbance", "sensors")
+        if foreign := [key for key in of_others if getattr(self, key)]:
             raise SettingError(f"{foreign[0]}: runs of {self.motion.name} have none; leave it out")
         if alien := next((group.kind for group in self.runs if (group.kind == "planar") is not turns), None):
             raise SettingError(f"runs: kind {alien!r} is of another motion than {self.motion.name}")
@@ -529,19 +553,15 @@ class Specification(Settings):
         return self.vehicle.force_unit if isinstance(self.vehicle, Vehicle) else ""
 
     @property
-    def sensed(self) -> dict[str, tuple[Sensor, tuple[str, ...], tuple[str, ...]]]:
-        """The sensor of each column logged, and the words that name the random streams of its noise and its bias."""
+    def sensed(self) -> dict[str, Sensed]:
         if self.sensors:
             return {name: (sensor, (name,), (name, "bias")) for name, sensor in self.sensors.items()}
         (position, rate), logger = self.columns, self.logger
-        sensors: dict[str, tuple[Sensor, tuple[str, ...], tuple[str, ...]]]
-        sensors = {position: (Sensor(noise=logger.noise, bias=self.scatter.zero), ("noise",), ("heading zero",))}
+        zero = Sensor(noise=logger.noise, bias=self.scatter.zero)
+        sensors: dict[str, Sensed] = {position: (zero, ("noise",), ("heading zero",))}
         if logger.rate_noise is not None:
-            sensors[rate] = (
-                Sensor(noise=logger.rate_noise, bias=logger.rate_bias or 0.0),
-                ("rate noise",),
-                ("rate bias",),
-            )
+            gyro = Sensor(noise=logger.rate_noise, bias=logger.rate_bias or 0.0)
+            sensors[rate] = (gyro, ("rate noise",), ("rate bias",))
         return sensors
 
     def model(self) -> Model:
@@ -571,6 +591,11 @@ class _Codec(Codec):
     def value(self, hint: Any, value: Any, place: Place = ()) -> Any:
         if hint == Vehicle | PlanarVehicle:
             hint = PlanarVehicle if isinstance(value, Mapping) and value.get("motion") == PLANAR.name else Vehicle
+        if hint is RunGroup and isinstance(value, Mapping):
+            kind = self.value(get_type_hints(RunGroup)["kind"], value.get("kind"), (*place, "kind"))
+            kinds = {"ramp": RampRuns, "rest": RestRuns, "sequence": SequenceRuns}
+            kinds[PLANAR.name] = DrawnRuns if "largest" in value else SequenceRuns
+            hint = kinds.get(kind, StepRuns)
         if hint is EffectSetting:
             if not isinstance(value, Mapping) or "name" not in value:
                 expected = f"a table with name = one of {', '.join(library.names())}"
@@ -580,8 +605,19 @@ class _Codec(Codec):
 
 
 def specification_from(mapping: Mapping[str, object], where: str = "specification") -> Specification:
-    """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key."""
-    _refuse_unlikely(mapping, where)
+    """Read a specification of any motion; `where` names it in messages. Raises SettingError with the key, also for
+    another schema and for numbers that no campaign has."""
+    if mapping.get("schema") != SIMULATION_SCHEMA:
+        schema = format_value(mapping.get("schema"))
+        raise SettingError(f'{where}: schema: found {schema}, expected the line schema = "{SIMULATION_SCHEMA}"')
+    for value, place in everything(mapping):
+        if place == ("seed",) or not isinstance(value, int | float) or not value:
+            continue
+        if not MIN_NUMBER <= abs(value) <= MAX_NUMBER:
+            sizes = f"{MIN_NUMBER:g} to {MAX_NUMBER:g}"
+            raise SettingError(
+                f"{where}: {in_words(place)}found {format_value(value)}, expected 0 or a size of {sizes}"
+            )
     vehicle = mapping.get("vehicle")
     motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
     planar = motion == PLANAR.name
@@ -609,18 +645,3 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
         table[name] = {**default, **part} if isinstance(part, Mapping) else part
     specification: Specification = _Codec(where, dof).read(Specification, table)
     return specification
-
-
-def _refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
-    """Refuse another schema, and numbers that no campaign has. Raises SettingError with the key's path."""
-    if mapping.get("schema") != SIMULATION_SCHEMA:
-        schema = format_value(mapping.get("schema"))
-        raise SettingError(f'{where}: schema: found {schema}, expected the line schema = "{SIMULATION_SCHEMA}"')
-    for value, place in everything(mapping):
-        if place == ("seed",) or not isinstance(value, int | float) or not value:
-            continue
-        if not MIN_NUMBER <= abs(value) <= MAX_NUMBER:
-            sizes = f"{MIN_NUMBER:g} to {MAX_NUMBER:g}"
-            raise SettingError(
-                f"{where}: {in_words(place)}found {format_value(value)}, expected 0 or a size of {sizes}"
-            )

@@ -1,7 +1,10 @@
 """Every number of README and guide stands in a golden output, a sample, the code or a record of what was measured."""
 
 import ast
+import importlib
+import json
 import re
+import sys
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -70,3 +73,13 @@ def test_every_record_is_of_a_number_on_its_page(page: str) -> None:
 def test_a_number_without_a_source_is_noticed() -> None:
     assert unknown("README.md", "It is 87.6543 % right, see `12.34` and [a page](x.md#56.7).") == {"87.6543"}
     assert unknown(MEASURED, "An error of 0.05.") == {"0.05"}
+
+
+def test_page_and_readme_show_the_measured_numbers_of_other_tools(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "tests" / "benchmarks"))
+    monkeypatch.delitem(sys.modules, "peers_page", raising=False)
+    peers = importlib.import_module("peers_page")
+    measured = json.loads(peers.RESULTS.read_text(encoding="utf-8"))
+    page, readme = peers.PAGE.read_text(encoding="utf-8"), peers.README.read_text(encoding="utf-8")
+    assert peers.written(page, readme, measured) == (page, readme)
+    assert {heading for heading, block in peers.blocks(measured).items() if not block} == set()

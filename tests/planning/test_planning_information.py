@@ -16,7 +16,7 @@ from automarine_cli.models.model import Model, response
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Candidate, Limits, candidates, mirrors
 from automarine_cli.planning.information import ANGLE, Fitting, read_prior_results, reported_covariance
-from automarine_cli.simulation.specification import Logger, RunGroup, Scatter, Schedule, Specification, Vehicle
+from automarine_cli.simulation.specification import Logger, Scatter, Schedule, SequenceRuns, Specification, Vehicle
 
 Floats = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def reported(runs: Sequence[Candidate], seed: int) -> list[float]:
     campaign = Specification(
         vehicle=Vehicle(INERTIA, DRAG, dof=YAW), logger=Logger(noise=1.0, dof=YAW),
         scatter=Scatter(gain=SCATTER, dof=YAW), campaign=Schedule(rest_before_s=3.0),
-        runs=tuple(RunGroup(kind="sequence", name=run.label, commands=run.commands, dof=YAW) for run in runs),
+        runs=tuple(SequenceRuns(kind="sequence", name=run.label, commands=run.commands, dof=YAW) for run in runs),
     )  # fmt: skip
     fit = identify(make_runs(campaign, seed), "whole-runs").output_error["3"]
     assert fit.inertial_turn_angle is not None

@@ -1,13 +1,18 @@
-"""The look of figures: the same bytes whatever the user's settings, colours that differ in grey too."""
+"""The look of figures: the same bytes whatever the user's settings; those of a fit by their structure."""
 
+import re
 from collections.abc import Callable
 
 import matplotlib
 import numpy as np
 import pytest
+from identified import identify
+from made_campaigns import both_ways, campaign
 from matplotlib.figure import Figure
 
+from automarine_cli.report import fit_report  # noqa: F401  registers what a fit shows
 from automarine_cli.report.figures.style import FIGURE_WRITERS, house_style, model_look, new_figure
+from automarine_cli.report.sections import sections
 
 png, svg, pdf = (FIGURE_WRITERS[kind] for kind in ("png", "svg", "pdf"))
 pytestmark = pytest.mark.usefixtures("drawn_figures")
@@ -52,3 +57,22 @@ def test_files_hold_no_date_and_no_program() -> None:
     assert picture.startswith(b"<?xml") and page.startswith(b"%PDF") and b">model 1</text>" in picture
     for word in (b"Software", b"tIME", b"Creation", b"dc:date", b"/Producer", b"/Creator", b"Matplotlib v"):
         assert all(word not in data for data in (pixels, picture, page))
+
+
+def is_complete(figure: Figure) -> None:
+    """Labels with units on the outer axes, all data finite."""
+    panels = [ax for ax in figure.axes if ax.axison]
+    labels = [label for ax in panels for label in (ax.get_xlabel(), ax.get_ylabel()) if label]
+    assert labels and all(re.search(r"\[.+\]", label) for label in labels), labels
+    for line in (line for ax in panels for line in ax.lines):
+        assert np.isfinite(np.asarray(line.get_xydata(), float)).all()
+    assert FIGURE_WRITERS["png"](figure).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("moments", [both_ways((0.2, 0.5, 0.8, 1.1)), [-0.3, -0.6, -0.9]])
+def test_figures_of_half_turns_are_complete(moments: list[float]) -> None:
+    fit = identify(campaign(moments, seed=1, gain_scatter=0.02))
+    drawn = {name: draw() for name, draw in sections(fit).figures.items()}
+    assert drawn.keys() >= {"half_turns", "drag", "inertia", "collapse"}
+    for figure in drawn.values():
+        is_complete(figure)

@@ -29,8 +29,7 @@ from automarine_cli.errors import OutputError
 from automarine_cli.estimate import Estimate
 from automarine_cli.models.store import DiagnosisFile, GapEntry
 from automarine_cli.pipeline.records import RunsUsed
-from automarine_cli.report.campaign import headlines, make_report, read_steps
-from automarine_cli.report.good_enough import five_numbers, worst
+from automarine_cli.report.campaign import five_numbers, headlines, make_report, read_steps, worst
 from automarine_cli.report.page import figure
 from automarine_cli.report.tables import MISSING
 from automarine_cli.text import printable

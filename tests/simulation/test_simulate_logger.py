@@ -13,7 +13,7 @@ from automarine_cli.commands.simulate import simulate
 from automarine_cli.dofs import YAW
 from automarine_cli.logs import find_logs, read_log
 from automarine_cli.runs.load import load_runs
-from automarine_cli.simulation.campaign import gzip_bytes, make_campaign
+from automarine_cli.simulation.campaign import make_campaign
 from automarine_cli.simulation.specification import Specification
 
 
@@ -93,9 +93,3 @@ def test_bollard_test_is_the_square_law_with_noise(tmp_path: Path) -> None:
     assert (len(n), len(set(n))) == (600, 30) and np.any(np.diff(n) < 0)
     off = force - 2 * np.where(n > 0, 2e-4, -1e-4) * n**2
     assert off.std() == pytest.approx(0.2, rel=0.12) and abs(off.mean()) < 4 * 0.2 / np.sqrt(len(n))
-
-
-def test_stored_gzip_is_read_by_gzip() -> None:
-    for size in (0, 1, 65535, 65536, 200_000):
-        data = bytes(i % 251 for i in range(size))
-        assert gzip.decompress(gzip_bytes(data)) == data

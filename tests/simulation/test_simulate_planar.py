@@ -107,7 +107,7 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
         ({"runs": []}, "nothing to simulate; expected [[runs]] or [bollard]"),
         ({"effects": [{"name": "dead-band", "width": 1}]}, "effects: runs of planar have none"),
         ({"logger": {"noise_deg": 1}}, "noise and bias are of the columns; give them in [sensors]"),
-        ({"runs": [{"name": "a"}]}, "expected one of commands = [[X, Y, N, seconds], ...] and largest"),
+        ({"runs": [{"name": "a"}]}, 'key "commands" is missing; expected a list'),
         ({"runs": [{"name": "a", "commands": [[1, 2, 3]]}]}, "commands: expected at least one [X, Y, N, seconds]"),
         ({"runs": [{"name": "a", "largest": [1, 1, 1], "duration_s": 1e9}]}, "for 1 to 100000 commands in duration_s"),
         ({"runs": [{"name": "a", "largest": [1, 1, 1], "duration_s": 1}]}, "for 1 to 100000 commands in duration_s"),

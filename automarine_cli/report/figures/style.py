@@ -68,11 +68,9 @@ def new_figure(
 
 @house_style
 def _file(kind: str, settings: dict[Any, Any], nameless: Sequence[str], figure: Figure) -> bytes:
-    """Return the figure as a file of a kind, the same bytes each time.
-
-    The layout is found once, for the first file: a second search would start where the first one ended and end a hair
-    beside it, and so would every pixel of a colour bar.
-    """
+    """Return the figure as a file of a kind, the same bytes each time. The layout is found once, for the first file: a
+    second search would start where the first one ended and end a hair beside it, and so would every pixel of a colour
+    bar."""
     buffer = io.BytesIO()
     with warnings.catch_warnings(), matplotlib.rc_context(settings):
         # the name of a run in letters that the font lacks is drawn as boxes
