@@ -282,7 +282,7 @@ class Validation(Shown):
     @property
     def contradiction(self) -> str:
         """Say which model these runs bear out in place of the one that the fit preferred; empty for none."""
-        preferred, shown = self.stored.preferred, self.dof.units.shown
+        preferred, unit = self.stored.preferred, self.dof.units.shown
         if losses := forecast_losses(self.predictions, len(self.runs)) if self.predictions else None:
             rivals = [number for number in losses if is_ahead(losses[number], losses[preferred])]
             rival = min(rivals, key=lambda number: losses[number].sum(), default="")
@@ -297,7 +297,7 @@ class Validation(Shown):
         (error, where), (error_of_preferred, _) = sizes
         return (
             f"These runs contradict the fit, which preferred model {preferred}: model {rival} is off by {error:.3g} "
-            f"{shown} {where}, model {preferred} by {error_of_preferred:.3g}. A fit to the logs of both decides."
+            f"{unit} {where}, model {preferred} by {error_of_preferred:.3g}. A fit to the logs of both decides."
         )
 
     @property

@@ -216,8 +216,8 @@ def diagnose_planar(
     where = find_planar_where(PlanarLikelihood((*runs, *unseen), observed), before, seed)
     verdict, why = verdict_of(rounds, where)
     fitted, held_out = (judged_runs(some, before, final) for some in (likelihood, other))
-    named = [step.best for step in rounds if step.best is not None]
-    final = named[-1].estimate if named else before
+    added = [step.best for step in rounds if step.best is not None]
+    final = added[-1].estimate if added else before
     surplus = {trial.candidate.added: trial.surplus for trial in rounds[0].tried}
     gains = [(candidate, surplus.get(candidate.added, promise)) for candidate, promise in rounds[0].promised]
     return Diagnosis(

@@ -293,7 +293,7 @@ def file_and_models(data: Mapping[str, object], where: str) -> tuple[ModelFile, 
     late = _command_delay(file.command_delay_s, codec)
     models = {number: model.delayed(late) for number, model in models.items()}
     names, scatter = tuple(name for name, _ in added), file.gain_scatter.value if file.gain_scatter else None
-    random = {name: given.value for name, given in file.random.items() if given.value is not None}
+    random = {name: size.value for name, size in file.random.items() if size.value is not None}
     return file, StoredModels(models, file.preferred, late, codec.name, names, scatter, random)
 
 

@@ -368,9 +368,9 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
         lines.append(f"{text}.")
     units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY_ROLE, "constant")}
-    known = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, mixed.names)
-    lines += [fit.preference.because, *known]
-    if known and fit.velocity_error_fit:
+    priors = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, mixed.names)
+    lines += [fit.preference.because, *priors]
+    if priors and fit.velocity_error_fit:
         lines.append("The velocity errors of the paper do not use it.")
     noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
     if preferred.noise is not None:

@@ -164,13 +164,13 @@ def _integrate(
         starts = (travelled[0], position, velocities[first], stirred[first])
         origin, there, now, stored = (x.take(on, axis=-1) for x in starts)
         water = list(stored)
-        held = {name: column[on, first:last].T for name, column in signals.items()}
-        held |= {name: curve[:, first:last].take(on, axis=-1).swapaxes(0, 1) for name, curve in curves.items()}
+        inputs = {name: column[on, first:last].T for name, column in signals.items()}
+        inputs |= {name: curve[:, first:last].take(on, axis=-1).swapaxes(0, 1) for name, curve in curves.items()}
         slope = right_hand_side(model.motion, [of_runs(term, on) for term in movers], inertia, current, origin)
         grid = (x[first:last].take(on, axis=-1) for x in (lengths, begins, tau))
         for m, (h, begin, force) in enumerate(zip(*grid)):
-            if held:
-                logged = {name: column[m] for name, column in held.items()}
+            if inputs:
+                logged = {name: column[m] for name, column in inputs.items()}
             times = begin, begin + 0.5 * h, begin + h
             way, now, water = rk4(slope, there, now, water, (tuple(force),) * 3, times, h, logged, followed)
             there = there + way if followed else there

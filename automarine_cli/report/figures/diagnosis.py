@@ -81,8 +81,10 @@ def before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
     gap = part.gap
     for r, run in enumerate(part.runs):
         clock = run.time - run.time[0] if gap.time is None else gap.time[r]
-        seen = [(np.flatnonzero(left[r]), left[r]) for left in gap.residuals]  # padded, or not predicted, is zero
-        residuals.append((run.name, [(clock[at], np.asarray(dof.shown(errors[at]))) for at, errors in seen]))
+        pairs = [
+            (np.flatnonzero(of_model[r]), of_model[r]) for of_model in gap.residuals
+        ]  # zero: padded, not predicted
+        residuals.append((run.name, [(clock[at], np.asarray(dof.shown(errors[at]))) for at, errors in pairs]))
     horizon, state = gap.horizon or HORIZON, "" if plane else " from filtered states"
     how = f"predicted {horizon:g} s ahead{state}" if diagnosis.driven else "with their own thrust and start"
     title = f"{'Headings of runs' if plane else 'Runs'} {'fitted' if part is diagnosis.fitted else 'held out'}, {how}"
