@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5370, "report": 4595, "logs": 4004, "diagnosis": 3892, "commands": 3291, "runs": 2704, "thrusters":
-    2858, "link": 2754, "control": 2159, "effects": 2025, "planning": 1790, "simulation": 1592, "exports": 1567,
-    "comparison": 1177, "models": 1208, "filters": 960, "pipeline": 811, "dofs": 480, "top": 276, "guide": 189,
+    "fits": 5494, "report": 4511, "logs": 3853, "diagnosis": 3848, "commands": 3211, "runs": 2554, "thrusters":
+    2704, "link": 2656, "control": 2049, "effects": 2049, "planning": 1760, "simulation": 1632, "exports": 1557,
+    "comparison": 1196, "models": 1209, "filters": 973, "pipeline": 800, "dofs": 479, "top": 286, "guide": 189,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 43702
-MAX_FILES = 215
+MAX_LINES_IN_ALL = 43010
+MAX_FILES = 212
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}

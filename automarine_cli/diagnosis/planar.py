@@ -231,7 +231,7 @@ def diagnose_planar(
         base={name: (e, final.estimates[name]) for name, e in before.estimates.items() if name in final.estimates},
         extended={
             **final.to_json(),
-            "effects": [trial.candidate.name for trial in named],
+            "effects": [trial.candidate.name for trial in added],
             "random": final.fit.of_chance,
             "covariance": final.covariance_json(),
         },
