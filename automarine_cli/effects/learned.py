@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects.base import MIXED, Effect, Parameter, State, choice, choose, reference
@@ -138,7 +137,7 @@ def spline(x: Floats, low: Floats, high: Floats, values: Sequence[Floats], *, cl
     return np.asarray(((cubic[..., 3] * u + cubic[..., 2]) * u + cubic[..., 1]) * u + cubic[..., 0])
 
 
-def _pieces(x: Floats, low: Floats | float, high: Floats | float, closed: bool) -> tuple[NDArray[np.int64], Floats]:
+def _pieces(x: Floats, low: Floats | float, high: Floats | float, closed: bool) -> tuple[np.ndarray, Floats]:
     """In which piece of a curve `x` lies, of runaways the first, and how far into it as a share."""
     pieces = len(_CUBICS[closed])
     at = pieces * (x - low) / (high - low)

@@ -98,7 +98,7 @@ def maker(effect: Effect) -> str:
     x = effect.variable
     source = x.code or (f"state.position % {x.turn!r}" if x.turn else f"state.signals[{x.name!r}]")
     variable = f"SimpleNamespace(read=lambda state: {source}, sized={x.sized}, turn={x.turn!r})"
-    return f'type("Curve", (Learned,), {{"variable": {variable}}})()'
+    return f'type("Curve", (Learned,), {{"name": "", "variable": {variable}}})()'
 
 
 def constants(subject: YawSubject, term: Term) -> str:

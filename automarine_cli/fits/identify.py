@@ -401,7 +401,7 @@ def _fit_whole(
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
     course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
     asks = bool(with_effects) or driven.is_driven(moving, at_rest, chosen.names)
-    by_filter = asks and (bool(with_effects) or not driven.mostly_stepped(moving))
+    pushed, by_filter = "", asks and (bool(with_effects) or not driven.mostly_stepped(moving))
     if not by_filter:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
@@ -409,7 +409,8 @@ def _fit_whole(
         preference = prefer_quiet(fits, ahead, dof)
         fit = fits[preference.number]
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
-        use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
+        pushed = driven.unknown_push(fit, moving)
+        use = driven.Judgement(worth, len(moving), large=pushed)
         by_filter = asks and driven.predicts_better(course, fit, moving, prior.parameters)
         how = (
             "by output error, which predicts runs left out as well"
@@ -419,6 +420,7 @@ def _fit_whole(
     if by_filter:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
         preference, use = _preferred_driven(fits, course, map_jobs)
+        use = replace(use, large=use.large or pushed)
         how = _by_filter(moving, with_effects)
     words = dof.words
     why = (

@@ -111,6 +111,7 @@ class Parameters(Sequence[Parameter]):
     def nuisance(self) -> tuple[Parameter, ...]:
         return self.entries[self.of_model.stop :]
 
+    @np.errstate(over="ignore")  # where a search runs away
     def natural(self, phi: ArrayLike) -> Floats:
         """Return theta (..., p) of phi, with what is tied as its tie says."""
         phi = np.asarray(phi, dtype=float)

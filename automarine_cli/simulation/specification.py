@@ -189,7 +189,9 @@ class StepRuns(RunGroup):
         if (self.way is None) == (self.duration_s is None):
             raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
         if (self.coast_s is None) == (self.kind == "coast-down") or (self.back_s and self.kind != "reversal"):
-            raise SettingError(f"the kind is {self.kind}; a coast-down needs coast_s, and only a reversal has back_s")
+            raise SettingError(
+                f"the kind is {self.kind}; give coast_s to a coast-down alone, and back_s to a reversal alone"
+            )
         if 0.0 in levels_of(self.levels):
             name = key_of(self, "levels")
             raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
