@@ -292,7 +292,7 @@ class Validation(Shown):
             rival = self.followed_better
             values = [self.models[number].overall["rmse"].value for number in (rival, preferred) if number]
             sizes = [(value, "over whole runs") for value in values if value is not None]
-        if not rival or len(sizes) < 2:
+        if not rival or len(sizes) < 2 or sizes[0][0] > (1.0 - MIN_CONTRADICTION) * sizes[1][0]:
             return ""
         (error, where), (error_of_preferred, _) = sizes
         return (
@@ -432,6 +432,7 @@ def expected_error(model: Model, free: Sequence[FreeRun], scatter: float | None,
     return size if np.isfinite(size) else None
 
 
+MIN_CONTRADICTION = 0.1  # share of the error by which a rival has to be better to contradict the fit's preference
 MIN_LEAD = 0.01  # share of the error below which a lead is of no use
 
 

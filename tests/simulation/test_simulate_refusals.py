@@ -48,7 +48,7 @@ turn_deg = 200
          "spec.toml: effects[0]: effect 'cross-coupling' needs the column 'surge', which simulated runs lack; "
          "leave it out"),
         ("turn_deg = 200", "", "spec.toml: runs[0]: expected one of turn_deg and duration_s"),
-        ("turn_deg = 200", "turn_deg = 200\ncoast_s = 5", "spec.toml: runs[0]: the kind is step; give coast_s to a coast-down"),
+        ("turn_deg = 200", "turn_deg = 200\ncoast_s = 5", "spec.toml: runs[0]: the kind is step; give coast_s to"),
         ("[0.5, -0.5]", "[0.5, 0]", "spec.toml: runs[0]: moments has a zero; expected other values"),
         ("turn_deg = 200", 'turn_deg = 200\nfolder = "../x"', "spec.toml: runs[0]: folder is '../x'; expected a name"),
         ("turn_deg = 200", "duration_s = 1e9", "spec.toml: 2e+10 samples would be made; expected at most 5e+08"),
