@@ -30,11 +30,11 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5500, "report": 4511, "logs": 3853, "diagnosis": 3848, "commands": 3211, "runs": 2554, "thrusters":
+    "fits": 5501, "report": 4511, "logs": 3853, "diagnosis": 3848, "commands": 3211, "runs": 2554, "thrusters":
     2704, "link": 2656, "control": 2049, "effects": 2048, "planning": 1760, "simulation": 1634, "exports": 1557,
     "comparison": 1197, "models": 1210, "filters": 973, "pipeline": 800, "dofs": 479, "top": 286, "guide": 189,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 43019
+MAX_LINES_IN_ALL = 43020
 MAX_FILES = 212
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

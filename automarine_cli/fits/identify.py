@@ -411,7 +411,8 @@ def _fit_whole(
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
         pushed = driven.unknown_push(fit, moving)
         use = driven.Judgement(worth, len(moving), large=pushed)
-        by_filter = asks and driven.predicts_better(course, fit, moving, prior.parameters)
+        few_steps = 2 * len(turns) < len(runs)  # what differs between steps from rest is their thrust
+        by_filter = asks and few_steps and driven.predicts_better(course, fit, moving, prior.parameters)
         how = (
             "by output error, which predicts runs left out as well"
             if asks
