@@ -406,12 +406,12 @@ def _fit_whole(
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
         ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
-        preference = prefer_quiet(fits, ahead, dof)
+        few_steps = 2 * len(turns) < len(runs)  # what differs between steps from rest is their thrust
+        preference = prefer_quiet(fits, ahead, dof) if few_steps else prefer(fits)
         fit = fits[preference.number]
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
         pushed = driven.unknown_push(fit, moving)
         use = driven.Judgement(worth, len(moving), large=pushed)
-        few_steps = 2 * len(turns) < len(runs)  # what differs between steps from rest is their thrust
         by_filter = asks and few_steps and driven.predicts_better(course, fit, moving, prior.parameters)
         how = (
             "by output error, which predicts runs left out as well"
