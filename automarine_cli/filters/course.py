@@ -12,6 +12,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.half_turn import commanded_before
 from automarine_cli.runs.run import Run, fresh_readings, position_noise
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
@@ -110,6 +111,7 @@ def _averaged(time: Floats, readings: Floats, at: NDArray[np.int64]) -> tuple[Fl
     return values, float(np.median(count))
 
 
+MAX_LEAD_S = 2.0  # before a log that begins with a command, longer than commands are late
 MIN_HOLD_S = 0.05  # over which a command is held as it is, at least; those of faster logs are averaged over that
 
 
@@ -268,7 +270,7 @@ def make_course(
         early=np.array([layout.early for layout in layouts]),
         at=at,
         part=padded([layout.part for layout in layouts], nodes),
-        before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
+        before=np.array([layout.before for layout in layouts]).T[..., None],
         start=np.array([run.time[0] for run in runs]),
         signals={name: padded([layout.signals[name] for layout in layouts], fine) for name in signals},
         channels=tuple(thinned),
@@ -289,6 +291,15 @@ def _lay(
     run: Run, node: Floats, motion: Motion, signals: Sequence[str], sensors: Sequence[tuple[int, str, bool]]
 ) -> SimpleNamespace:
     edges, mean = _fine(run)
+    commanded, logged = (
+        [mean(run.command_of(dof)) for dof in motion.dofs],
+        [mean(signals_of([run], name)[0]) for name in signals],
+    )
+    before = [commanded_before(run, dof) for dof in motion.dofs]
+    if any(held != forces[0] for held, forces in zip(before, commanded)):  # what a late command follows on
+        edges = np.append(edges[0] - MAX_LEAD_S, edges)
+        commanded = [np.append(held, forces) for held, forces in zip(before, commanded)]
+        logged = [np.append(column[0], column) for column in logged]
     at = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
     values, noise = np.zeros((2, len(sensors), len(node))), np.full((2, len(sensors)), np.nan)
     observed = np.zeros(values.shape, dtype=bool)  # of the readings that count as independent, and of all of them
@@ -301,12 +312,13 @@ def _lay(
             values[k, c, at_nodes], observed[k, c, at_nodes] = averages, True
     return SimpleNamespace(
         length=np.diff(node),
-        commanded=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
+        commanded=np.stack(commanded),
+        before=before,
         width=np.diff(edges),
         early=float(run.time[0] - edges[0]),
         at=at,
         part=np.clip((node - edges[at]) / np.diff(edges)[at], 0.0, 1.0),
-        signals={name: mean(signals_of([run], name)[0]) for name in signals},
+        signals=dict(zip(signals, logged)),
         values=values,
         seen=observed,
         noise=noise[0],

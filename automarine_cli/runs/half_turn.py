@@ -123,6 +123,42 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
     return first, pace
 
 
+START_S = 1.0  # length of a piece that shows a rate; a command shows within two of them
+
+
+def commanded_before(run: Run, dof: Dof) -> float:
+    """Return what was commanded before the first sample [unit of the command].
+
+    Nothing where a vehicle at rest gives way to the first command, for its log begins with that; else the first one.
+    """
+    first = float(run.command_of(dof)[0])
+    if dof is run.dof:
+        step = next(iter(find_steps(run)), None)
+        if step and step.begins_log and step.from_rest:
+            return 0.0
+    return 0.0 if first != 0.0 and not dof.has_constant and _sets_off(run, dof) else first
+
+
+def _sets_off(run: Run, dof: Dof) -> bool:
+    """Whether a motion begins with the log, by its velocities if they are logged, else by its position."""
+    velocity, since = run.channel(dof.velocity), run.time - run.time[0]
+    have = np.zeros(len(run), dtype=bool) if velocity is None else np.isfinite(velocity)
+    if velocity is not None and have.any():
+        begin, pace = abs(float(velocity[have][0])), float(np.abs(velocity[have]).max())
+        later = float(np.interp(2.0 * START_S, since[have], velocity[have]))
+    elif dof is run.dof and since[-1] >= 2.0 * START_S:
+        count = max(MIN_STEP_SAMPLES, int(np.searchsorted(since, 0.5 * START_S)))
+        straight, error = slope(since[:count], run.position[:count])
+        bent, doubt = start_motion(run.time, run.position, run.noise, dof.limits.start)  # where a few samples are far
+        begin = max(0.0, min(abs(straight) - 2.0 * error * run.noise, abs(bent) - doubt))
+        rates = np.diff(np.interp(np.arange(0.0, since[-1], START_S), since, run.position)) / START_S
+        later, pace = float(rates[min(1, len(rates) - 1)]), float(np.abs(rates).max())
+    else:
+        return False
+    gained = later * np.sign(run.command_of(dof)[0])
+    return bool(begin <= SLOW_RATE_SHARE * pace < gained)
+
+
 def released(run: Run) -> int:
     """The first sample of a new command before which the vehicle stands still from the start of the run on; else 0."""
     for first, stop, _ in segments(run.command)[1:2]:

@@ -14,7 +14,7 @@ from automarine_cli.effects.input_delay import delayed
 from automarine_cli.effects.thruster_imbalance import PARTS, lacking_signal
 from automarine_cli.errors import RunError
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import find_steps, released
+from automarine_cli.runs.half_turn import commanded_before, released
 from automarine_cli.runs.run import Run
 
 WINDOW_S = 2.0  # length [s] of the windows in which a disturbance moment is held
@@ -165,7 +165,7 @@ def make_batch(
         channels=tuple(_channels(runs, motion, samples, channels)),
         interval=padded([g.interval for g in grids], switches),
         start=np.array([run.time[0] for run in runs]),
-        before=np.array([[[_held_before(run, dof)] for run in runs] for dof in motion.dofs]),
+        before=np.array([[[commanded_before(run, dof)] for run in runs] for dof in motion.dofs]),
         window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW_S).astype(int),
         moment_unit=unit,
         signals={n: padded([s[g.held] for s, g in zip(signals_of(runs, n), grids)], steps) for n in signals},
@@ -250,9 +250,3 @@ def _grid(run: Run, force: Floats, max_step: float) -> _Grid:
         node=np.concatenate([[0], np.cumsum(count)]),
         interval=width,
     )
-
-
-def _held_before(run: Run, dof: Dof) -> float:
-    """What was commanded before the first sample: nothing if the vehicle starts from rest, else what that shows."""
-    first = next(iter(find_steps(run)), None) if dof is run.dof else None
-    return 0.0 if first and first.begins_log and first.from_rest else float(run.command_of(dof)[0])
