@@ -80,7 +80,7 @@ depths = option(
 )  # fmt: skip
 mass = option(
     "--mass", type=options.POSITIVE, metavar="KG",
-    help="The vehicle's mass with what floods it, for the metacentric height in metres.",
+    help="Flooded mass, for the metacentric height in metres.",
 )  # fmt: skip
 
 

@@ -27,7 +27,7 @@ from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, without_stuck, without_undriven
+from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, still, without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
@@ -366,7 +366,7 @@ def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], Ch
 def coasts(run: Run) -> bool:
     """Whether a run without a command slows down from a speed of its own, or swings, which shows drag over inertia."""
     if run.dof.restoring:
-        return bool(np.ptp(run.position) > max(2.0 * run.dof.limits.start, SPEED_SIGMAS * run.noise))
+        return still(run) is None
     ends = max(1, min(round(SPEED_PIECE_S / run.sample_period), len(run) // 4))
     pieces = (run.position[ends] - run.position[0], run.position[-1] - run.position[-1 - ends])
     before, after = (abs(way) / (ends * run.sample_period) for way in pieces)
@@ -471,6 +471,8 @@ def _too_little(run: Run) -> str:
     words, longer = run.dof.words, f"log for longer, at least {FEWEST_SAMPLES} samples"
     if len(run) < FEWEST_SAMPLES:
         return f"{len(run)} samples say nothing of drag or {words.inertia}; {longer}"
+    if run.dof.restoring:
+        return str(still(run))
     return f"no {words.force} acts in this run, nor does it slow down: it shows neither drag nor {words.inertia}"
 
 

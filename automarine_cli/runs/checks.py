@@ -226,6 +226,17 @@ def undriven(run: Run) -> str | None:
     )
 
 
+def still(run: Run) -> str | None:
+    """Say why a run of a vehicle that weight turns back shows no swing, or None."""
+    size, words = float(np.ptp(run.position)), run.dof.words
+    if size > max(2.0 * run.dof.limits.start, SPEED_SIGMAS * run.noise):
+        return None
+    return (
+        f"no {words.step}: the {words.position} changes by {run.dof.shown(size):.2g} {words.units}; let the vehicle go "
+        "from a larger angle"
+    )
+
+
 def _times(true: NDArray[np.bool_]) -> int:
     return int(np.sum(true[1:] & ~true[:-1]) + true[:1].sum())
 
