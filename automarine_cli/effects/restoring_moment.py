@@ -10,7 +10,7 @@ class RestoringMoment(Effect):
     name = "restoring-moment"
     parameters = (Parameter("{restoring}", "m g GM, the moment over sin({x})", "{force}", 0.0, inf, 1.0),)
     equation = "-{restoring} sin({x})"
-    says = "Weight and buoyancy turn the vehicle back."
+    says = "Weight and buoyancy bring the vehicle upright."
     reveals = "a free decay from several angles, to both sides"
     mistaken_for = ("tether-spring",)
     separated_by = "runs that start at different angles: a tether pulls back to where the run began"
