@@ -222,7 +222,7 @@ class Model:
             return (f"{dof.name}.{term.name}",)
         if term.base:
             return (dof.parameter(effect.role),)
-        prefix = f"{dof.name}." if self.motion.turns else ""
+        prefix = f"{dof.name}." if len(self.motion.dofs) > 1 else ""
         return tuple(f"{prefix}{term.name}.{name}" for name in effect.names_in(dof))
 
     @property
@@ -267,7 +267,7 @@ class Model:
         main = "quadratic" if "quadratic" in base else "linear"
         both = {term.name for term in self.terms} >= set(BASE_TERMS["2"])
         dofs, entries = self.motion.dofs, list[Parameter]()
-        units = [dof.units.forces[1] if self.motion.turns else self.moment_unit for dof in dofs]
+        units = [dof.units.forces[1] if len(dofs) > 1 else self.moment_unit for dof in dofs]
         size = np.broadcast_to(np.asarray(largest, dtype=float), len(dofs)).tolist()
         for dof, mass, unit in zip(dofs, self.masses, units):
             name = dof.parameter("inertia")
