@@ -440,10 +440,10 @@ def fit_whole_runs(
 ) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
-    One run alone cannot tell its gain from the vehicle's, and runs without a command have none. Raises FitError where
+    One run alone cannot tell its gain from the vehicle's, and free decays have none. Raises FitError where
     no start leads anywhere.
     """
-    alone = len(batch.names) == 1 or not np.any(batch.force)
+    alone = len(batch.names) == 1 or (batch.dof.restoring and not np.any(batch.force))
     prior_inertia = prior.parameters.get(batch.dof.parameter("inertia"))
     rough = rough_model(number, batch, sided, prior_inertia.value if prior_inertia else 1.0)
     parameters = rough.parameters(log_drag=True, signed_drag=True)
