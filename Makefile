@@ -115,7 +115,7 @@ sample-runs: $(READY) ## Make sample_runs again from its specifications
 	$(AUTOMARINE) simulate sample_runs/campaign.toml -o $(OUT)/sample_runs --overwrite
 	for made in thrusters steps validation truth.json; do \
 	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs/$$made sample_runs/$$made || exit 1; done
-	for made in hidden_one hidden_two surge sway heave hidden_surge hidden_heave planar; do \
+	for made in hidden_one hidden_two surge sway heave roll hidden_surge hidden_heave planar; do \
 	  $(AUTOMARINE) simulate sample_runs/$$made.toml -o $(OUT)/sample_runs_$$made --overwrite && \
 	  cp $(OUT)/sample_runs_$$made/truth.json sample_runs/$$made.truth.json || exit 1; \
 	  for logs in $(OUT)/sample_runs_$$made/*/; do rm -rf sample_runs/$$(basename $$logs) && \

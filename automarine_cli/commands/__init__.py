@@ -33,6 +33,8 @@ COMMANDS = {
         "fit-surge": "Identify drag, mass and a surge model.",
         "fit-sway": "Identify drag, mass and a sway model.",
         "fit-heave": "Identify drag, mass and a heave model.",
+        "fit-roll": "Identify period, damping and stability in roll.",
+        "fit-pitch": "Identify period, damping and stability in pitch.",
         "fit-planar": "Identify surge, sway and yaw together.",
     },
     "Judge": {
@@ -54,7 +56,7 @@ COMMANDS = {
     "Upkeep": {"verify": "Check that results are unchanged."},
 }
 """Names and short helps by group, in the order of the help."""
-MODULES = {f"fit-{motion}": "fit_motion" for motion in ("yaw", "surge", "sway", "heave")}
+MODULES = {f"fit-{motion}": "fit_motion" for motion in ("yaw", "surge", "sway", "heave", "roll", "pitch")}
 """Modules that do not have the command's name."""
 IN_PYTHON = {"run": "run_campaign", "slice": "slice_log"}
 """Names of commands in Python, where they have others there."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.commands import load
-from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW
+from automarine_cli.dofs import ALL_BUT_YAW, DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import AutomarineError, LogError, SettingError
 from automarine_cli.pipeline.records import read_mapping
@@ -36,7 +36,7 @@ KEYS = {
     "logs": ("thrusters", *OF_MOTION, "join"),
     "thrusters": ("map", "per_test"),
     YAW.name: ("moment",),
-    **dict.fromkeys(TRANSLATIONS, (*OF_MOTION, "force")),
+    **dict.fromkeys(ALL_BUT_YAW, (*OF_MOTION, "force")),
     PLANAR.name: ("runs", "validation", "force"),
     "tune": ("thrusters",),
 }
@@ -92,7 +92,7 @@ class Campaign:
         return step.always or step.section in self.sections
 
     def every_log(self) -> "list[LogFile]":
-        sections = ("logs", *TRANSLATIONS, PLANAR.name)
+        sections = ("logs", *ALL_BUT_YAW, PLANAR.name)
         return [log for section in sections for log in self.logs(section, *LOG_KINDS)]
 
     def logs(self, section: str, *kinds: str) -> "list[LogFile]":
@@ -148,7 +148,7 @@ class Campaign:
             settings["thrusters"] = self.beside.get("thrusters", fitted if fitted.is_file() else None)
             if settings["thrusters"] is None:
                 raise NothingToDoError("it needs the thruster map, and fit-thrusters gave none")
-            if motion not in TRANSLATIONS:
+            if motion not in ALL_BUT_YAW:
                 settings["arm"] = self.sections["vehicle"].get("arm_m")
         return work.settings({key: value for key, value in settings.items() if key in work.names})
 

@@ -1,5 +1,5 @@
 """`fit-yaw`, `fit-surge`, `fit-sway`, `fit-heave`: step runs -> drag (Table 1), inertia (Table 2), model, figures;
-whole runs where there are no steps."""
+whole runs where there are no steps. `fit-roll`, `fit-pitch`: free decays -> period, damping, restoring moment."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,7 +10,7 @@ import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import INPUT, Command, Function, command, option
-from automarine_cli.dofs import DOFS, HEAVE, SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs import DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
@@ -39,6 +39,16 @@ HELP_OF_TRANSLATION = """Identify the {motion} model from step runs: {results}.
       automarine fit-{motion} sample_runs/{motion} {part} -o out/{motion}
       automarine fit-{motion} sample_runs/{motion} {part} --tail {tail}
     """
+HELP_OF_SWING = """Identify the {motion} model from free decays: natural period, damping, restoring moment.
+
+    Logs need {motion}_deg, and {moment}_Nm (or {moment}, normalised) if a moment was commanded. Heel the vehicle, let
+    go, and log until it is still. Decays alone give ratios to the inertia; with --known or --mass they give more.
+
+    \b
+    Example:
+      automarine fit-{motion} sample_runs/roll -o out/{motion}
+      automarine fit-{motion} DECAYS --known I_{rate}=1.9 --mass 38
+    """
 DRAG_AND_MASS = "distance against force, drag (Table 1) and mass (Table 2)"
 HELPS = {
     "yaw": HELP,
@@ -57,6 +67,8 @@ HELPS = {
         columns="depth_m and force_Z_N (or Z, normalised; or n_vert with --thrusters), all positive down", tail="1.2",
         more=", together with a constant force. If drag down and up differ, both are given.",
     ),
+    "roll": HELP_OF_SWING.format(motion="roll", moment="K", rate="p"),
+    "pitch": HELP_OF_SWING.format(motion="pitch", moment="M", rate="q").replace("sample_runs/roll", "DECAYS"),
 }  # fmt: skip
 within = option(
     "--within", type=options.POSITIVE, metavar="METRES",
@@ -66,12 +78,16 @@ depths = option(
     "--depths", nargs=2, type=float, metavar="FROM TO",
     help="Use each step between these depths in metres, clear of surface and bottom.",
 )  # fmt: skip
+mass = option(
+    "--mass", type=options.POSITIVE, metavar="KG",
+    help="Flooded mass, for the metacentric height in metres.",
+)  # fmt: skip
 
 
 def _fit(
-    dof: Dof, *, logs: Sequence[Any], columns: Any, fit_to: str, tail: float | None, channels: str,
-    with_effects: tuple[str, ...], known: Any, strict: bool, jobs: int, map_fn: "Each", progress: "Progress",
-    thrusters: Any = None, arm: float | None = None, within: float | None = None,
+    dof: Dof, *, logs: Sequence[Any], columns: Any, channels: str, with_effects: tuple[str, ...], known: Any,
+    strict: bool, jobs: int, map_fn: "Each", progress: "Progress", fit_to: str = "auto", tail: float | None = None,
+    mass: float | None = None, thrusters: Any = None, arm: float | None = None, within: float | None = None,
     depths: tuple[float, float] | None = None,
 ) -> "YawFit":  # fmt: skip
     from automarine_cli import effects
@@ -98,7 +114,7 @@ def _fit(
     drive = moment_maker(thrusters, arm, columns, dof)
     campaign = load_runs(logs, columns, dof=dof, strict=strict, progress=progress, jobs=jobs)
     runs = [run if drive is None else drive(run) for run in campaign.runs]
-    turns, not_turned = half_turns(runs, trim)
+    turns, not_turned = ((), ()) if dof.restoring else half_turns(runs, trim)
 
     def whole_runs() -> list[Any]:
         return [trim.of_whole(run) for run in runs]
@@ -106,7 +122,7 @@ def _fit(
     with append_exclusions(campaign.set_aside):
         fit = identify_turns(
             dof, turns, not_turned, whole_runs, fit_to="half-turns" if fit_to == "steps" else fit_to, prior=beforehand,
-            map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names,
+            map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names, mass=mass,
         )  # fmt: skip
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
     warnings = [*command_warnings(runs), *limits, *warnings_of(fit)]
@@ -151,8 +167,9 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
 
     fit: Function = partial(_fit, dof)
     fit.__doc__ = HELPS[dof.name]
+    of_steps = () if dof.restoring else (fit_to, tail)
     declared = options.together(
-        *particular[1:], options.logs, options.columns, *particular[:1], fit_to, tail, channels,
+        *particular[1:], options.logs, options.columns, *particular[:1], *of_steps, channels,
         with_effects, options.known_parameters, options.ending(options.strict, options.jobs),
     )  # fmt: skip
     then = f"automarine validate OTHER_LOGS --model {{out}}/{dof.name}_model.json"
@@ -164,7 +181,9 @@ FITS = {
     SURGE.name: _command(SURGE, options.thrusters, within),
     SWAY.name: _command(SWAY, options.together(), within),
     HEAVE.name: _command(HEAVE, options.thrusters, depths),
+    ROLL.name: _command(ROLL, mass),
+    PITCH.name: _command(PITCH, mass),
 }
 """What fits each motion, by its name."""
-fit_yaw, fit_surge, fit_sway, fit_heave = FITS.values()
+fit_yaw, fit_surge, fit_sway, fit_heave, fit_roll, fit_pitch = FITS.values()
 assert FITS.keys() == DOFS.keys()

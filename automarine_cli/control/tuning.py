@@ -63,8 +63,8 @@ def set_up(
     if thrusters is not None and not dof.levered:
         raise SettingError(f"--thrusters makes turning moments; for {dof.name} give --full with the whole force")
     most, bend = authority(stack, knowledge, full, map_and_arm(thrusters, arm, given_columns(columns), dof))
-    step = step if step is not None else STEP_DEG if dof.wraps else STEP_M
-    band = dof.inner(BAND_DEG if dof.wraps else BAND_M)
+    step = step if step is not None else STEP_DEG if dof.angular else STEP_M
+    band = dof.inner(BAND_DEG if dof.angular else BAND_M)
     task = Task(dof.inner(step), band, load / 100.0, margin, 0.0, load_recovery or math.inf)
     return design.problem_of(stack, task, knowledge, most, bend, seed)
 

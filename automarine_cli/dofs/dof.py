@@ -29,6 +29,7 @@ class Symbols:
     cubic: str
     constant: str = "constant_force"  # a force that always acts
     difference: str = "half_difference"  # of drag between the two ways
+    restoring: str = "restoring"  # moment of weight and buoyancy, over the sine of the angle
     water: str = "w"  # the water's velocity
 
 
@@ -75,6 +76,7 @@ class Words:
     gone_key: str = "covered"  # of how far it went
     way_key: str = "travel"  # of how far a step is to go, as a key begins
     range_key: str = "covered_m"  # the key of how far a run went in all
+    positions: str = "positions"
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ class Dof:
     makes moment or force, each counting by `sides`; `levered` where that takes a lever arm. `turn` is after how much
     the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every
     model; `windowed`: steps are followed inside a window of positions (`depths`), not for a length (`within`);
-    `directional`: drag may differ between the two ways, the positive one first. `columns` are the names under which
+    `directional`: drag may differ between the two ways, the positive one first; `restoring`: weight and buoyancy turn
+    it back to an angle of rest, so that it swings, and a step ends at an angle. `columns` are the names under which
     logs hold its quantities, by quantity, as (column, unit). `nicknames` is how people call them, for suggestions only;
     `plain_names` are those that mean nothing else. `mounts` says which thruster each of `thrusters` is; `horizontal`
     that it is a motion in the plane of the water, of which the velocities are known to tests of all motions.
@@ -150,6 +153,7 @@ class Dof:
     has_constant: bool = False
     windowed: bool = False
     directional: bool = False
+    restoring: bool = False
     columns: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     nicknames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     plain_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -162,6 +166,16 @@ class Dof:
     @property
     def wraps(self) -> bool:
         return self.turn < inf
+
+    @property
+    def angular(self) -> bool:
+        """Whether positions are angles and forces moments."""
+        return self.units.base == "rad"
+
+    @property
+    def biased(self) -> bool:
+        """Whether a constant force or moment is part of every model: weight less buoyancy, or what makes a list."""
+        return self.has_constant or self.restoring
 
     @property
     def channels(self) -> tuple[str, str]:
@@ -181,15 +195,16 @@ class Dof:
 
     def inner(self, logged: Any) -> Any:
         """A position or velocity as logs hold it in the unit of all arithmetic."""
-        return logged * (pi / 180) if self.wraps else logged
+        return logged * (pi / 180) if self.angular else logged
 
     @property
     def parameters(self) -> Mapping[str, str]:
         """Names of the parameters of the equation of motion, by what they are."""
         symbols = self.symbols
+        restoring = {"restoring": symbols.restoring} if self.restoring else {}
         return {
             "inertia": symbols.inertia, "linear": symbols.linear, "quadratic": symbols.quadratic,
-            "cubic": symbols.cubic, "constant": symbols.constant, "difference": symbols.difference,
+            "cubic": symbols.cubic, "constant": symbols.constant, "difference": symbols.difference, **restoring,
         }  # fmt: skip
 
     def parameter(self, role: str) -> str:
@@ -214,12 +229,13 @@ class Dof:
         parameters by what they are (the inertia's is `inertia_symbol`), `x`, `v`, `f` and `water` for position,
         velocity, force and the water's velocity, and the units."""
         words = {k: v for k, v in vars(self.words).items() if isinstance(v, str)}
-        plural = {f"{name}s": f"{words[name]}s" for name in ("force", "position", "speed")}
+        plural = {f"{name}s": f"{words[name]}s" for name in ("force", "speed")}
         there, back = self.words.ways
         to, fro = self.words.to_ways
         symbols, units = self.symbols, self.units
         return {
             **self.parameters, **words, **plural, "motion": self.name, "inertia_symbol": symbols.inertia,
+            "restoring": symbols.restoring,
             "x": symbols.position, "v": symbols.velocity, "f": symbols.force, "water": symbols.water,
             "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
             "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,
@@ -243,7 +259,7 @@ class Dof:
     def unit_in(self, template: str, force_unit: str) -> str:
         """A unit such as "{force} s²{/x2}": `{force}` stands for the force's unit, `{x}` for the base unit of
         positions, `{/x}`, `{/x2}`, `{/x3}` for "per metre" (nothing for angles)."""
-        per = [""] * 3 if self.wraps else [f"/{self.units.base}{power}" for power in ("", "²", "³")]
+        per = [""] * 3 if self.angular else [f"/{self.units.base}{power}" for power in ("", "²", "³")]
         return template.format_map(
             {"force": force_unit, "x": self.units.base, "/x": per[0], "/x2": per[1], "/x3": per[2]}
         )
@@ -251,7 +267,7 @@ class Dof:
 
 _UNITS = {
     "inertia": "{force} s²{/x}", "linear": "{force} s{/x}", "quadratic": "{force} s²{/x2}",
-    "cubic": "{force} s³{/x3}", "constant": "{force}", "difference": "{force} s²{/x2}",
+    "cubic": "{force} s³{/x3}", "constant": "{force}", "restoring": "{force}", "difference": "{force} s²{/x2}",
 }  # fmt: skip
 
 

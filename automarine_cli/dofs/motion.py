@@ -24,7 +24,7 @@ class Motion:
     @property
     def turns(self) -> bool:
         """Whether velocities are measured in axes that turn with the vehicle."""
-        return len(self.dofs) > 1
+        return YAW in self.dofs and len(self.dofs) > 1
 
     def index(self, dof: Dof) -> int:
         return self.dofs.index(dof)

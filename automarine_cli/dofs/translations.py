@@ -16,7 +16,8 @@ def symbols(force: str, velocity: str, position: str) -> Symbols:
 def words(name: str, position: str, ways: tuple[str, str], to: str = "") -> Words:
     """Return the words of a translation called `name` whose logs hold a `position` (distance, depth)."""
     to_ways = (to + ways[0], to + ways[1])
-    return Words(position, f"{position} sensor", f"{name} speed", f"{name} force", ways, to_ways)
+    more = {"positions": f"{position}s"}
+    return Words(position, f"{position} sensor", f"{name} speed", f"{name} force", ways, to_ways, **more)
 
 
 SURGE = Dof(

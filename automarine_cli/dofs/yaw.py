@@ -22,9 +22,10 @@ YAW = Dof(
         quadratic_math="k_{r|r|}", cubic="k_rrr",
     ),
     words=Words(
-        position="heading", sensor="compass", rate="yaw rate", full_force="yaw moment", ways=("starboard", "port"),
-        to_ways=("to starboard", "to port"), speed="rate", force="moment", inertia="inertia", an_inertia="an inertia",
-        full_inertia="yaw inertia", inertial_length="inertial turn angle", travelled="turned angle", step="half-turn",
+        position="heading", positions="headings", sensor="compass", rate="yaw rate", full_force="yaw moment",
+        ways=("starboard", "port"), to_ways=("to starboard", "to port"), speed="rate", force="moment",
+        inertia="inertia", an_inertia="an inertia", full_inertia="yaw inertia", inertial_length="inertial turn angle",
+        travelled="turned angle", step="half-turn",
         reach="half a turn", whole_way="a whole revolution and more", back_again="an unwinding turn", move="turn",
         moves="turns", moved="turned", moving="turning", unit="degree", units="degrees", spring="torsional spring",
         stiffness="torsional stiffness", both_ways="to both sides", each_way="to each side", one_way="to one side",

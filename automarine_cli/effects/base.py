@@ -202,7 +202,7 @@ class Effect:
     remembers: ClassVar[bool] = False  # whether what a sensor shows depends on what it showed: see `remember`
     reads_force: ClassVar[bool] = False  # whether `read` gets the moment delivered after the values
     delays: ClassVar[bool] = False  # whether it makes commands late
-    rotational: ClassVar[bool] = False  # whether it acts in rotations alone
+    rotational: ClassVar[bool] = False  # whether it acts on headings alone
 
     def acts_in(self, dof: Dof) -> bool:
         return dof.wraps or not self.rotational

@@ -15,7 +15,7 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
 from automarine_cli.exports.base import DRAGS, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
 from automarine_cli.exports.planar import PlanarSubject, planar_subject
-from automarine_cli.models.model import DELAY, Model, Term
+from automarine_cli.models.model import DELAY, RESTORING, Model, Term
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, models_of, motion_of
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.results_folder import manifest_of, refuse_existing, sha256, write_whole
@@ -207,7 +207,7 @@ def in_unit(target: Target, model: Model, settings: Settings, origin: Origin) ->
     """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
     dof, factor = model.dof, settings.newton_metres_per_nu
     unit, force = dof.units.forces[1], dof.words.force
-    full = "newton metres" if dof.levered else "newtons"
+    full = "newton metres" if dof.angular else "newtons"
     if model.moment_unit == unit and factor is not None:
         raise SettingError(IN_NEWTONS.format(origin.file, full))
     if model.moment_unit == "nu" and target.si and factor is None:
@@ -237,6 +237,8 @@ def _why_not(target: Target, term: Term, dof: Dof) -> str:
         return "the target has no counterpart for its law" * ((term.name, effect.law(term.values)) in target.lacks)
     if dof.has_constant and term.name == "bias-moment":
         return "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
+    if term.name == RESTORING:
+        return "it is weight and buoyancy: set the centres of mass and of volume of your model by it"
     if effect.columns:
         return f"it needs the logged {listed(effect.columns)}"
     return dof.fill(PLACE_WHY[effect.place.value])
@@ -259,7 +261,7 @@ def _matters(term: Term) -> bool:
 
 def refuse_inertia(target: Target, rigid: float | None, model: Model, origin: Origin) -> None:
     """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
-    if rigid is None and target.si and not model.dof.levered:
+    if rigid is None and target.si and not model.dof.angular:
         raise SettingError(
             f"{origin.file}: the identified {model.dof.words.inertia}, {model.inertia:.4g}, holds the water that moves "
             "along; as a link's mass it would weigh on the vehicle: give the vehicle's own with --rigid-inertia"

@@ -24,15 +24,15 @@ from automarine_cli.exports.planar import PlanarSubject, rigid_of
 from automarine_cli.models.model import FORCES, VELOCITIES
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
-AXIS_LETTERS = "xyzpqr"
-"""Of the six motions: the letters of the fluid's entries."""
+AXIS_LETTERS, RIGID_ENTRIES = "xyzpqr", ("mass", "mass", "mass", "ixx", "iyy", "izz")
+"""Of the six motions: the letters of the fluid's entries, and where their own inertia stands."""
 
 
 def write(subject: YawSubject) -> Written:
     """The SDF text. Raises SettingError where the added inertia would make the simulation unstable."""
     rigid, added = subject.inertias
     dof, r = subject.dof, subject.dof.symbols.velocity
-    letter, rate, rigid_entry = subject.force.lower(), r.upper(), "izz" if dof.wraps else "mass"
+    letter, rate, rigid_entry = subject.force.lower(), r.upper(), RIGID_ENTRIES[dof.number]
     linear, dot, entry = f"{letter}{rate}", f"{letter}Dot{rate}", 2 * AXIS_LETTERS[dof.number]
     if subject.form == DERIVATIVE and added >= rigid:
         raise SettingError(
@@ -53,7 +53,7 @@ def write(subject: YawSubject) -> Written:
     )
     drag = f"{linear} {r} + {linear}abs{rate} |{r}| {r} + {linear}{rate} {r}^2 + {dot} {r}'"
     equation = f"({rigid_entry} + {entry}) {r}' = {subject.force} + {drag}"
-    mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
+    mass, moment = (1.0, rigid) if dof.angular else (rigid, 1.0)
     fluid = {entry: added} if added and subject.form == FLUID else {}
     system = {"disable_added_mass": "false" if tags[dot] else "true"}
     system |= {tag: number(value) for i, (tag, value) in enumerate(tags.items()) if value or i < 2}

@@ -21,9 +21,11 @@ HARDENING = 2  # the law of a tether that pulls with the cube of the way as well
 VERSION = "Needs MuJoCo 3.7 or newer, which reads damping and stiffness of higher order."
 FREE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
 STICKY = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
+UPRIGHT = "Stiffness is the restoring moment as G (x - x^3/6): within 0.4 % of G sin(x) up to 45 degrees."
 HEAVY = "Gravity is 0: weight and buoyancy are not part of the model."
 MJCF_EFFECTS = (
     *DRAGS, "cubic-drag", "coulomb-drag", "tether-spring", "bias-moment", "thruster-lag", "input-delay", "saturation",
+    "restoring-moment",
 )  # fmt: skip
 LACKS = {
     *(("thruster-lag", law) for law in (0, 2, 3, 4)),  # filterexact is first order in the thrust
@@ -35,19 +37,21 @@ LACKS = {
 def write(subject: YawSubject) -> Written:
     dof = subject.dof
     rigid, added = subject.inertias
-    kind = "hinge" if dof.wraps else "slide"
+    kind = "hinge" if dof.angular else "slide"
     turned = subject.frame == "NED" and mirrored(dof)  # MuJoCo's z is up, its y to port
     axis = JOINT_AXES[dof.number % 3].replace("1", "-1") if turned else JOINT_AXES[dof.number % 3]
     damping = [subject.value(name) for name in (*DRAGS, "cubic-drag")]
     spring = subject.values.get("tether-spring", (0.0, 0.0, 0.0, 0.0))
-    stiffness = [spring[0], 0.0, spring[3] if spring[1] == HARDENING else 0.0]
+    upright = subject.value("restoring-moment")
+    stiffness = [spring[0] + upright, 0.0, (spring[3] if spring[1] == HARDENING else 0.0) - upright / 6.0]
     joint = {"damping": row(damping), "armature": number(added) if added else "", **_friction(subject),
              "stiffness": row(stiffness) if any(stiffness) else ""}  # fmt: skip
     v, drag = dof.symbols.velocity, "(d0 + d1 |{0}| + d2 {0}^2) {0}, d of damping"
     equation = f"({dof.words.inertia} + armature) {v}' = {dof.symbols.force} - {drag.format(v)}"
     notes = [subject.about_inertia(), FREE.format(dof.name), VERSION]
-    notes += [STICKY] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
-    mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
+    notes += [STICKY] * ("frictionloss" in joint) + [HEAVY] * (not dof.angular)
+    notes += [UPRIGHT] * (upright > 0.0)
+    mass, moment = (1.0, rigid) if dof.angular else (rigid, 1.0)
     fields = {
         "head": comment(head(subject, equation, notes)), "step": number(TIMESTEP_S), "mass": number(mass),
         "moments": row([moment] * 3), "name": dof.name, "kind": kind, "axis": axis, "joint": _attributes(joint),

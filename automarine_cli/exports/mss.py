@@ -14,13 +14,15 @@ from automarine_cli.exports.base import DRAGS, Planar, Target, Written, YawSubje
 from automarine_cli.exports.planar import PlanarSubject
 from automarine_cli.models.model import VELOCITIES
 
-MSS_EFFECTS = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
+MSS_EFFECTS = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment", "restoring-moment")
+AXES = "xyzxyz"  # along or about which the six motions are
 
 
 def write(subject: YawSubject) -> Written:
     force, r, words = subject.force, subject.dof.symbols.velocity, subject.dof.words
     rigid, added = subject.inertias
-    rigid_symbol = "I_z" if subject.dof.wraps else "m"
+    rigid_symbol = f"I_{AXES[subject.dof.number]}" if subject.dof.angular else "m"
+    angle = subject.dof.symbols.position
     terms = {
         "linear-drag": (f"{force}_{r}", r, "linear damping"),
         "quadratic-drag": (f"{force}_{r}{r}", f"|{r}| {r}", "quadratic damping"),
@@ -28,6 +30,7 @@ def write(subject: YawSubject) -> Written:
         "drag-asymmetry": (f"{force}_{r}2", f"{r}^2", "asymmetric damping"),
         "linear-drag-asymmetry": (f"{force}_abs{r}", f"|{r}|", "asymmetric damping"),
         "bias-moment": (f"{force}_0", "", "constant"),
+        "restoring-moment": (f"{force}_{angle}", f"sin({angle})", "restoring"),
     }
     rows = [(rigid_symbol, rigid, subject.unit, "rigid"), (f"{force}_{r}dot", -added, subject.unit, "added")]
     letter = subject.dof.symbols.force

@@ -10,7 +10,7 @@ from automarine_cli.exports.base import Target, Written, YawSubject, at_place, c
 
 
 def write(subject: YawSubject) -> Written:
-    index, turns, r = subject.dof.number, subject.dof.wraps, subject.dof.symbols.velocity
+    index, turns, r = subject.dof.number, subject.dof.angular, subject.dof.symbols.velocity
     notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias
     linear = at_place(-subject.value("linear-drag"), index)

@@ -29,7 +29,7 @@ SMOOTH_GYRO = 0.25
 def least_noise(dof: Dof, velocity: bool) -> float:
     """Give the noise below which readings were filtered or derived [base units, per s of a velocity]; a gyro's may be
     a share of that of a compass per second."""
-    return (SMOOTH_GYRO if velocity and dof.wraps else 1.0) * dof.limits.least_noise
+    return (SMOOTH_GYRO if velocity and dof.angular else 1.0) * dof.limits.least_noise
 
 
 def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
@@ -42,7 +42,7 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
                 if quantity in quantities and readings is not None:
                     fresh = fresh_readings(readings)
                     noises.append(position_noise(run.time[fresh], readings[fresh]))
-            gyro = dof.wraps and quantity == dof.velocity
+            gyro = dof.angular and quantity == dof.velocity
             if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
                 return MIN_STEP_S
     return MAX_STEP_S

@@ -80,11 +80,13 @@ def base_starts(problem: DrivenProblem) -> Floats:
     starts, middle = [], [chance.value for chance in problem.parameters.nuisance]
     linear, quadratic = model.drag()
     slope = linear + 2.0 * quadratic * float(problem.course.fastest[0])
+    swings = np.array([entry.role == "restoring" for entry in problem.parameters[1 : len(model.theta)]])
     middling = max(model.inertia, float(problem.course.length.max()) * slope)
     push = float(np.abs(problem.course.commanded).max()) / max(middling, 1e-9)
     for inertia, drag, size, unsteady in product(START_INERTIAS, START_DRAGS, START_DISTURBANCES, START_THRUST_NOISES):
         random = size * push / inertia, middle[1], unsteady, *middle[3:]
-        starts.append([inertia * middling, *(drag * model.theta[1:]), *random])
+        shares = np.where(swings, inertia, drag)  # a period is known better than inertia
+        starts.append([inertia * middling, *(shares * model.theta[1:]), *random])
     return problem.parameters.within(starts)
 
 

@@ -19,13 +19,15 @@ from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_v
 from automarine_cli.fits.preference import Preference, prefer, prefer_driven, prefer_quiet
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
+from automarine_cli.fits.weight import Buoyancy, Swing, swing_of
 from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
+from automarine_cli.models.parameter import Prior
 from automarine_cli.models.store import effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, without_stuck, without_undriven
+from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, still, without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
@@ -47,20 +49,17 @@ def covariance_json(
 def valid_range(moments: Iterable[float], model: Model) -> dict[str, object] | None:
     """The moments that were fitted, smallest and largest with their signs, and the steady rates that they lead to.
 
-    None without moments; the rates are None where the drag leaves no steady rate.
+    None without moments; the rates are None where nothing leaves a steady rate.
     """
     levels = [float(moment) for moment in moments]
     if not levels:
         return None
     ends = np.array([min(levels), max(levels)])
-    rates = steady_rate(*model.acting(ends))
+    rates = steady_rate(*model.acting(ends)) if not model.dof.restoring else np.full(2, np.nan)
     return {
         model.dof.words.force: ends.tolist(),
         model.dof.velocity_key: rates.tolist() if np.all(np.isfinite(rates)) else None,
     }
-
-
-GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,7 +70,8 @@ class YawFit(Shown):
     `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `output_error` and
     `velocity_error_fit` the two estimators by model, `why_no_velocity_error` a sentence where there is none, `refused`
     why models could not be fitted; `channels` are the sensors that count; `use` is what the model predicts, of whole
-    runs; `prior` is what was known beforehand. `warnings` are what a report says of all that.
+    runs; `prior` is what was known beforehand. `warnings` are what a report says of all that. `mass`
+    [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing showed it.
     """
 
     moment_unit: str
@@ -91,6 +91,8 @@ class YawFit(Shown):
     whole_steps: bool = False
     refused: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    mass: float | None = None
+    of_ratios: bool = False
 
     @property
     def preferred(self) -> whole_runs.OutputErrorFit:
@@ -120,6 +122,7 @@ class YawFit(Shown):
             **({"consistency": self.consistency.to_json()} if self.consistency else {}),
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
+            **({"swing": self.swing.to_json()} if self.swing else {}),
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.used_runs), self.set_aside, self.used_runs),
         }  # fmt: skip
@@ -138,8 +141,19 @@ class YawFit(Shown):
         return "whole steps" if self.whole_steps and self.dof.wraps else f"{self.dof.words.step}s"
 
     @property
-    def buoyancy(self) -> "Buoyancy | None":
+    def buoyancy(self) -> Buoyancy | None:
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
+
+    @property
+    def swing(self) -> Swing | None:
+        return self.swing_of(self.preference.number)
+
+    def swing_of(self, number: str) -> Swing | None:
+        """Return how a model of a vehicle that weight turns back swings; None of other motions."""
+        if not self.dof.restoring:
+            return None
+        mass = None if self.of_ratios or self.moment_unit != self.dof.units.forces[1] else self.mass
+        return swing_of(self.output_error[number], mass)
 
     def _driven_json(self) -> dict[str, object]:
         """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
@@ -154,7 +168,14 @@ class YawFit(Shown):
     def _model_json(self, number: str) -> dict[str, object]:
         fit, dof = self.output_error[number], self.dof
         symbols = dof.symbols
-        order = (symbols.quadratic, symbols.linear, symbols.inertia, symbols.constant, symbols.difference)
+        order = (
+            symbols.quadratic,
+            symbols.linear,
+            symbols.inertia,
+            symbols.constant,
+            symbols.restoring,
+            symbols.difference,
+        )
         estimates = {name: fit.estimates[name].to_json() for name in order if name in fit.estimates}
         content: dict[str, object] = dict(estimates)
         content[dof.ratio_key] = fit.inertial_turn_angle and fit.inertial_turn_angle.to_json()
@@ -171,6 +192,8 @@ class YawFit(Shown):
         }
         if added := effect_estimates(fit):
             content["effects"] = effects_json(added)
+        if (swing := self.swing_of(number)) is not None:
+            content["swing"] = swing.to_json()
         if fit.ways is not None:
             content["sides"] = fit.ways.to_json()
         seed = self.velocity_error_fit
@@ -220,39 +243,6 @@ def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
     }
 
 
-@dataclass(frozen=True)
-class Buoyancy:
-    """The constant force of a model, positive down, told as what a diver would do about it."""
-
-    force: Estimate
-
-    @property
-    def ballast(self) -> Estimate | None:
-        """Mass [kg], weighed in water, that balances the vehicle; None for a normalised force."""
-        value, stderr, low, high = (x / GRAVITY for x in (self.force.value, self.force.stderr, *self.force.ci95))
-        return Estimate(-value, stderr, (-high, -low), "kg") if self.force.unit == "N" else None
-
-    @property
-    def says(self) -> str:
-        low, high = self.force.ci95
-        if low < 0 < high:
-            return f"Buoyancy: not significant; the force is {low:.2g} to {high:.2g} {self.force.unit} down."
-
-        def size(of: Estimate) -> str:
-            low, high = sorted(map(abs, of.ci95))
-            return f"{abs(of.value):.3g} {of.unit} [{low:.3g}, {high:.3g}]"
-
-        way, action = ("up", "add") if self.force.value < 0 else ("down", "take off")
-        text = f"Buoyancy: a constant force of {size(self.force)} {way}"
-        if self.ballast is None:
-            return f"{text}, in the unit of the command."
-        return f"{text}: to balance it {action} {size(self.ballast)} of ballast, weighed in water."
-
-    def to_json(self) -> dict[str, object]:
-        ballast = self.ballast and self.ballast.to_json()
-        return {"constant_force": self.force.to_json(), "ballast_in_water": ballast, "says": self.says}
-
-
 FITTING, PREDICTING = "fitting models", "predicting runs left out"
 MIN_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run
@@ -270,6 +260,7 @@ def identify_turns(
     channels: str = AUTO,
     tail: float | None = None,
     with_effects: Sequence[str] = (),
+    mass: float | None = None,
 ) -> YawFit:
     """Fit the three models to a motion's steps, or to whole runs, which `load_runs` gives if they are needed.
 
@@ -278,7 +269,8 @@ def identify_turns(
     what comes after the first half-turns disagrees with them (see step_fit.py). `prior` is what
     need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
-    of the paper's method start, None: where they are best. Raises RunError where too few runs are left, FitError where
+    of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back.
+    Raises RunError where too few runs are left, FitError where
     the data cannot carry a fit.
     """
     runs = len(turns) + len(set_aside)
@@ -288,14 +280,17 @@ def identify_turns(
         steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
-    if not with_effects and (fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)):
+    if not (with_effects or dof.restoring) and (
+        fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)
+    ):
         return _fit_steps(turns, set_aside, fit_to, prior, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
             f"{plural(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
-    return _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects)
+    fit = _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects)
+    return replace(fit, mass=mass)
 
 
 def _reasons(set_aside: Sequence[ExcludedRun]) -> str:
@@ -369,7 +364,9 @@ def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], Ch
 
 
 def coasts(run: Run) -> bool:
-    """Whether a run without a command slows down from a speed of its own, which shows drag over inertia."""
+    """Whether a run without a command slows down from a speed of its own, or swings, which shows drag over inertia."""
+    if run.dof.restoring:
+        return still(run) is None
     ends = max(1, min(round(SPEED_PIECE_S / run.sample_period), len(run) // 4))
     pieces = (run.position[ends] - run.position[0], run.position[-1] - run.position[-1 - ends])
     before, after = (abs(way) / (ends * run.sample_period) for way in pieces)
@@ -388,7 +385,11 @@ def _fit_whole(
 ) -> YawFit:
     moving, chosen, short = usable_runs(runs, channels)
     dof = moving[0].dof
-    if not any(np.any(run.command != 0) for run in moving) and dof.parameter("inertia") not in prior.parameters:
+    of_ratios, free_decays = False, dof.restoring and not any(np.any(run.command != 0) for run in moving)
+    if free_decays:
+        of_ratios = dof.parameter("inertia") not in prior.parameters
+        prior = replace(prior, parameters={dof.parameter("inertia"): Prior(1.0), **prior.parameters})
+    elif not any(np.any(run.command != 0) for run in moving) and dof.parameter("inertia") not in prior.parameters:
         letter, words = dof.symbols.inertia, dof.words
         raise RunError(
             f"no {words.force} acts in these runs: they slow down by themselves, which shows drag over {words.inertia} "
@@ -400,7 +401,7 @@ def _fit_whole(
     # until it is let go, something that no model knows holds the vehicle against its constant force
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
     course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
-    asks = bool(with_effects) or driven.is_driven(moving, at_rest, chosen.names)
+    asks = bool(with_effects) or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
     pushed, by_filter = "", asks and (bool(with_effects) or not driven.mostly_stepped(moving))
     if not by_filter:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
@@ -424,8 +425,11 @@ def _fit_whole(
         use = replace(use, large=use.large or pushed)
         how = _by_filter(moving, with_effects)
     words = dof.words
+    option = "--with" if with_effects else "--fit-to whole-runs"
     why = (
-        f"The whole runs were fitted {how}, as asked ({'--with' if with_effects else '--fit-to whole-runs'}); steady "
+        f"Steps end at an angle, not at a {words.speed}, and have no velocity errors; the whole runs were fitted {how}"
+        if dof.restoring
+        else f"The whole runs were fitted {how}, as asked ({option}); steady "
         f"{words.speed}s and velocity errors are of {words.step}s only"
         if fit_to == "whole-runs" or with_effects
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
@@ -433,7 +437,7 @@ def _fit_whole(
     )
     return YawFit(
         moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, prior,
-        refused=refused,
+        refused=refused, of_ratios=of_ratios,
     )  # fmt: skip
 
 
@@ -467,6 +471,8 @@ def _too_little(run: Run) -> str:
     words, longer = run.dof.words, f"log for longer, at least {FEWEST_SAMPLES} samples"
     if len(run) < FEWEST_SAMPLES:
         return f"{len(run)} samples say nothing of drag or {words.inertia}; {longer}"
+    if run.dof.restoring:
+        return str(still(run))
     return f"no {words.force} acts in this run, nor does it slow down: it shows neither drag nor {words.inertia}"
 
 

@@ -94,6 +94,12 @@ def _prior(name: str, entry: object) -> Prior:
 
 def names_in(dof: Dof, effects: Iterable[str] = ()) -> dict[str, str]:
     """Qualified names of the parameters of one motion's fits, by what users write; `effects` are those beside drag."""
-    roles = ("inertia", "linear", "quadratic", *(["constant"] if dof.has_constant else []))
+    roles = (
+        "inertia",
+        "linear",
+        "quadratic",
+        *(["constant"] if dof.biased else []),
+        *(["restoring"] if dof.restoring else []),
+    )
     names = {dof.parameters[role]: dof.parameter(role) for role in roles} | {name: name for name in effects}
     return names | {COMMAND_DELAY: COMMAND_DELAY}

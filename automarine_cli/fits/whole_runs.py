@@ -216,21 +216,39 @@ def varying_terms(model: Model) -> list[str]:
     return [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
 
 
-def rough_model(number: str, batch: Batch, sided: bool = False) -> Model:
-    """Start values for model "1", "2" or "3": least squares of the momentum balance over windows of about a
-    second.
+def swing_rate(time: Floats, position: Floats) -> float:
+    """Give the circular frequency [rad/s] of the largest peak of a position's spectrum, at least a swing a run."""
+    even = np.linspace(time[0], time[-1], len(time))
+    swing = np.interp(even, time, position)
+    power = np.abs(np.fft.rfft(swing - np.median(swing), PADDED * len(even)))
+    peak = float(np.argmax(power)) / (PADDED * len(even) * (even[1] - even[0]))
+    return 2.0 * np.pi * max(peak, 1.0 / float(even[-1] - even[0]))
 
-    I (r2 - r1) + k_rr ∫|r|r dt + k_r ∫r dt = ∫tau dt (and a constant force times t, if there is one), with
-    rates from differences of the heading over the same windows. Raises FitError where inertia and drag come
-    out negative and the balance holds well enough to be sure: then a sign is wrong.
+
+PADDED = 8  # times the length of a run to which its spectrum is padded
+SWING_WINDOWS = 8.0  # in a swing, over which its momentum is balanced
+ROUGH_DAMPING = 0.02  # damping ratio of a swing, for which the balance gives none
+
+
+def rough_model(number: str, batch: Batch, sided: bool = False, inertia: float = 1.0) -> Model:
+    """Start values for model "1", "2" or "3": least squares of the momentum balance over windows of about a
+    second, or parts of a swing.
+
+    I (r2 - r1) + k_rr ∫|r|r dt + k_r ∫r dt = ∫tau dt (and a constant force times t, if there is one, less G ∫sin phi
+    dt where weight and buoyancy turn the vehicle back), with rates from differences of the heading over the same
+    windows. Where no moment acts, all of it is over the `inertia`, which is taken to be that. Raises FitError where
+    inertia and drag come out negative and the balance holds well enough to be sure: then a sign is wrong.
     """
-    rows, sides = [], []
+    rows, sides, rates, dof = [], [], [], batch.dof
     for i in range(len(batch.names)):
         observed = batch.seen[i]
         time, position = batch.time[i][observed], batch.position[i][observed]
         clock = np.concatenate([[0.0], np.cumsum(batch.length[i])])
         impulse = np.concatenate([[0.0], np.cumsum(batch.length[i] * batch.force[0, i])])
         window = max(time[-1] / 200.0, min(1.0, time[-1] / 8.0))
+        if dof.restoring:
+            rates.append(swing_rate(time, position))
+            window = max(2.0 * np.pi / (SWING_WINDOWS * rates[-1]), 2.0 * float(np.median(np.diff(time))))
         knots = np.arange(time[0], time[-1], window)
         way = np.interp(knots, time, position)
         rate = np.diff(way) / window
@@ -238,11 +256,15 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> Model:
         swing = np.diff(rate)
         push = np.diff(np.interp(middle, clock, impulse))
         mean = 0.5 * (rate[1:] + rate[:-1])
-        rows.append(np.stack([swing, window * np.abs(mean) * mean, window * mean, np.full(len(mean), -window)], axis=1))
+        turned = window * np.sin(way[1:-1]) if dof.restoring else 0.0 * mean
+        on, always = window * np.abs(mean) * mean, np.full(len(mean), -window)
+        rows.append(np.stack([swing, on, window * mean, always, turned], axis=1))
         sides.append(push)
     x, y = np.concatenate(rows), np.concatenate(sides)
     of_base = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number]
-    keep = of_base + [3] * batch.dof.has_constant
+    keep = of_base + [3] * dof.biased + [4] * dof.restoring
+    if dof.restoring and not np.any(batch.force):
+        return _rough_swing(number, batch, x[:, keep], float(np.median(rates)), inertia)
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
     misfit = np.sum((y - x[:, keep] @ values) ** 2)
     values, constant = values[: len(of_base)], values[len(of_base) :].tolist()
@@ -258,7 +280,19 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> Model:
         )
     scale = float(np.abs(batch.force).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
+    if dof.restoring:
+        constant[1] = constant[1] if constant[1] > 0.0 else values[0] * float(np.median(rates)) ** 2
     return Model.base(number, values[0], [*values[1:], *constant, *[0.0] * sided], batch.moment_unit, batch.dof)
+
+
+def _rough_swing(number: str, batch: Batch, x: Floats, rate: float, inertia: float) -> Model:
+    """The same from the columns `x` of the balance of free decays, which swing at the `rate` [rad/s]."""
+    values = np.linalg.lstsq(x[:, 1:], -x[:, 0], rcond=None)[0]
+    drags, constant = len(values) - 2, float(values[-2])
+    usual = [2.0 * ROUGH_DAMPING * rate, ROUGH_DAMPING]  # linear drag, quadratic drag
+    least = usual[:1] if number == "1" else usual[::-1][:drags]
+    drag = [value if value > small else small for value, small in zip(values[:drags], least)]
+    return Model.base(number, inertia, inertia * np.array([*drag, constant, rate**2]), batch.moment_unit, batch.dof)
 
 
 MAX_P_WAYS = 0.05  # p-value below which the two ways are told apart
@@ -406,11 +440,12 @@ def fit_whole_runs(
 ) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
-    One run alone cannot tell its gain from the vehicle's, so none is taken to scatter. Raises FitError where no start
-    leads anywhere.
+    One run alone cannot tell its gain from the vehicle's, and free decays have none. Raises FitError where
+    no start leads anywhere.
     """
-    alone = len(batch.names) == 1
-    rough = rough_model(number, batch, sided)
+    alone = len(batch.names) == 1 or (batch.dof.restoring and not np.any(batch.force))
+    prior_inertia = prior.parameters.get(batch.dof.parameter("inertia"))
+    rough = rough_model(number, batch, sided, prior_inertia.value if prior_inertia else 1.0)
     parameters = rough.parameters(log_drag=True, signed_drag=True)
     problem = whole_run_problem(rough, parameters, batch, at_rest).informed(prior.parameters)
     pooled = replace(problem, effects=problem.effects.with_scale(gain=0.0))

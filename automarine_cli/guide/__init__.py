@@ -8,7 +8,8 @@ from automarine_cli.errors import SettingError
 
 FOLDER = Path(__file__).parent
 OPTIONS = "`automarine {command} --help` lists all options."  # gives way to the list itself where a page is shown
-ON_PAGE_OF = {"fit-sway": "fit-surge", "fit-heave": "fit-surge"}  # commands without a page of their own
+# commands without a page of their own
+ON_PAGE_OF = {"fit-sway": "fit-surge", "fit-heave": "fit-surge", "fit-pitch": "fit-roll"}
 
 
 @dataclass(frozen=True)

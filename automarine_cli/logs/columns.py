@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW, Dof
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.dofs.yaw import DEGREE
 from automarine_cli.errors import LogError, SettingError
@@ -27,7 +27,7 @@ ANGLES, ANGULAR_RATES = {"deg": DEGREE, "rad": 1.0}, {"deg/s": DEGREE, "rad/s": 
 LENGTHS, SPEEDS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}, {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600}
 VELOCITIES = ("surge", "sway", "heave")  # of the vehicle's body, which tests of every motion may log
 PLACES = ("north", "east", "lat", "lon")  # on the water, which logs of motion in the plane may hold
-ROTATIONS = tuple(dof for dof in DOFS.values() if dof.wraps)
+ROTATIONS = tuple(dof for dof in DOFS.values() if dof.angular)
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},
     "voltage": {"V": 1.0, "mV": 1e-3},
@@ -41,7 +41,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         for dof in DOFS.values()
         for quantity, units in zip(
             (dof.position, dof.velocity, dof.command),
-            (ANGLES, ANGULAR_RATES, TORQUES) if dof.wraps else (LENGTHS, SPEEDS, FORCES),
+            (ANGLES, ANGULAR_RATES, TORQUES) if dof.angular else (LENGTHS, SPEEDS, FORCES),
         )
     },
 }
@@ -98,10 +98,11 @@ _ALL = (
     ("time_ms", "time", "ms"),
     ("time_us", "time", "us"),
     ("time", "time", TIMESTAMP),
-    *_of_motions(ROTATIONS, "position", "velocity", "command"),
+    *_of_motions([YAW], "position", "velocity", "command"),
     ("voltage_V", "voltage", "V"),
     *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
-    *_of_motions(TRANSLATIONS.values(), "velocity", "position", "command"),
+    *_of_motions([dof for dof in DOFS.values() if not dof.angular], "velocity", "position", "command"),
+    *_of_motions([dof for dof in ROTATIONS if dof is not YAW], "position", "velocity", "command"),
     ("north_m", "north", "m"),
     ("east_m", "east", "m"),
     ("lat_deg", "lat", "deg"),
@@ -127,8 +128,11 @@ def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
 
 
 def motions_in(held: Set[str]) -> list[Dof]:
-    """List the motions of which a log with these quantities is whole, those with a command of their own first."""
+    """List the motions of which a log with these quantities is whole, those with a command first; of roll or pitch
+    alone it needs none."""
     complete = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
+    if not any(dof.position in held for dof in DOFS.values() if not dof.restoring):  # a free decay has no command
+        complete = [dof for dof in DOFS.values() if dof.position in held]
     places = {dof.position: i for i, dof in reversed(list(enumerate(complete)))}
     return sorted(complete, key=lambda dof: (places[dof.position], dof.command not in held))
 
@@ -179,11 +183,17 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATE_WORDS = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
-NOT_COVERED = ("roll", "pitch")  # how words in names of columns begin that are of other axes
+SWINGS = tuple(dof.name for dof in DOFS.values() if dof.restoring)  # how words in names of their columns begin
 
 
-def other_axis(name: str) -> bool:
-    return any(word.startswith(NOT_COVERED) for word in re.split(r"[^a-z]+", name.lower()))
+def other_axis(name: str, quantity: str = "") -> bool:
+    """Whether a name is of roll or pitch, and the `quantity` that is looked for is not."""
+    axes = tuple(axis for axis in SWINGS if quantity not in quantities_by_motion(DOFS[axis]))
+    return any(word.startswith(axes) for word in re.split(r"[^a-z]+", name.lower()))
+
+
+def quantities_by_motion(dof: Dof) -> tuple[str, ...]:
+    return (dof.position, dof.velocity, dof.command)
 
 
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
@@ -195,7 +205,7 @@ def likely_column(quantity: str, names: Iterable[str]) -> str | None:
         if len(name) > LONGEST_GUESSED:
             continue
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-        if other_axis(name) or (position and set(plain.split("_")) & set(RATE_WORDS)):
+        if other_axis(name, quantity) or (position and set(plain.split("_")) & set(RATE_WORDS)):
             continue
         alike = [difflib.SequenceMatcher(None, plain, word).ratio() for word in words]
         likeness = max(alike) - 1e-6 * alike.index(max(alike))

@@ -415,6 +415,11 @@ class Layout:
     words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
+    def is_recognised(self) -> bool:
+        """Whether its columns are looked for by other names than the canonical ones."""
+        return self.dof.angular
+
+    @property
     def rules(self) -> dict[str, ColumnRule]:
         rules = naming.column_rules({column.key: column.rule for column in self.columns if not column.as_named}, "")
         return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
@@ -432,7 +437,7 @@ class Layout:
     @property
     def unused(self) -> tuple[str, ...]:
         """Columns that no fit looks at; of another motion than yaw all are read that have a canonical name."""
-        read_as = {*LABELS, *(column.source for column in self.columns), *(CANONICAL if not self.dof.wraps else ())}
+        read_as = {*LABELS, *(column.source for column in self.columns), *(() if self.is_recognised else CANONICAL)}
         used, single = read_as | ColumnMap(self.rules).sources, ("n_", "rpm_", "thruster_")
         return tuple(name for name in self.names if name not in used and not name.startswith(single))
 
@@ -470,15 +475,19 @@ def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -
     sources = {column.source for column in mapped.values()}
     names = [name for name in layout.names if name not in sources]
     spans = {name: alike[name] for name in names if name in alike}
-    every = BOLLARD if layout.bollard else YAW_QUANTITIES
+    needed: tuple[str, ...] = NEEDED
+    swing = layout.dof.restoring
+    if swing:  # decays need no command
+        needed = ("time", layout.dof.position, layout.dof.command)
+    every = BOLLARD if layout.bollard else (*needed, layout.dof.velocity) if swing else YAW_QUANTITIES
     columns = {quantity: mapped.get(quantity) or recognise(quantity, names, spans) for quantity in every}
     columns |= mapped
     if layout.bollard:
         columns |= _tests(columns, layout, mapped)
-    elif not all(columns[side] is not None for side in YAW.thrusters):
+    elif not swing and not all(columns[side] is not None for side in YAW.thrusters):
         columns |= {side: mapped.get(side) for side in YAW.thrusters}
-    commanded = all(columns.get(side) is not None for side in YAW.thrusters)  # in place of a moment
-    needed = BOLLARD[:2] if layout.bollard else NEEDED[:2] if commanded else NEEDED
+    commanded = swing or all(columns.get(side) is not None for side in YAW.thrusters)  # in place of a moment
+    needed = BOLLARD[:2] if layout.bollard else needed[:2] if commanded else needed
     lacking = tuple(quantity for quantity in needed if columns.get(quantity) is None)
     # a column that was recognised as two quantities is the first of them
     first = {column.source: column for column in reversed(list(columns.values())) if column is not None}
@@ -572,7 +581,7 @@ def layouts_of(
     if of_vehicles := {layout.names for layout in layouts if not layout.foreign}:
         # what strangers' columns do says nothing of columns of that name in logs
         layouts = _recognised((p for p in parts.values() if isinstance(p, Layout) and p.names in of_vehicles), user_map)
-    maps = maps_of([layout for layout in layouts if layout.dof.wraps], files, folder, user_map)
+    maps = maps_of([layout for layout in layouts if layout.is_recognised], files, folder, user_map)
     unread = {file: error for file, error in parts.items() if isinstance(error, LogError)}
     lost = {file: error for file, error in unread.items() if isinstance(error, NoHeading)}
     topics = tuple(dict.fromkeys(name for error in lost.values() for name in error.holds))  # of all, said once
@@ -588,6 +597,9 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
         return error
     mapped = {name: rule.source for name, rule in rules.columns.items() if rule.source in raw.names}
     dof = naming.motion_of(raw.names, mapped)
+    if dof is YAW and not any(is_called(quantity, raw.names) for quantity in (YAW.position, YAW.command)):
+        swings = [DOFS[name] for name in naming.SWINGS if is_called(DOFS[name].position, raw.names)]
+        dof = next(iter(swings), YAW)
     names = tuple(name for name in raw.names if name)
     labels = categorical_columns(raw, {*LABELS, *mapped.values()})
     split = naming.RUN in raw.names or naming.RUN in rules.columns or naming.BY in rules.columns
@@ -611,7 +623,7 @@ def _recognised(parts: Iterable[Layout | LogError], user_map: ColumnMap) -> list
     def alike(layout: Layout) -> dict[str, Span]:
         return together(o.spans for o in layouts if (o.bollard, o.dof) == (layout.bollard, layout.dof))
 
-    return [recognised(layout, alike(layout), user_map) if layout.dof.wraps else layout for layout in layouts]
+    return [recognised(layout, alike(layout), user_map) if layout.is_recognised else layout for layout in layouts]
 
 
 def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:

@@ -381,7 +381,7 @@ def require_motion(table: LogTable) -> None:
     by_name = naming.likely_column(dof.position, free) is None and naming.likely_column(dof.velocity, free) is not None
     velocity = dof.position not in table.columns and (dof.velocity in table.columns or by_name)
     by_thrusters = dof.command not in table.columns and {*dof.thrusters} & set(table.columns)
-    commands = dof.thrusters if by_thrusters else (dof.command,)
+    commands = dof.thrusters if by_thrusters else () if dof.restoring else (dof.command,)  # decays may have none
     require(table, ("time", dof.velocity if velocity else dof.position, *commands))
 
 

@@ -49,8 +49,12 @@ acts: beside inertia and drag a parameter of every fit."""
 DELAY = "input-delay"  # the effect that means the same
 MAX_DELAY_S = effects.get(DELAY).parameters[0].upper
 CONSTANT = "bias-moment"  # the term of a moment or force that always acts
+RESTORING = "restoring-moment"  # the term by which weight and buoyancy turn the vehicle back
 ASYMMETRY = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
 """The term by which drag differs between the two ways."""
+
+
+SWING_SHARE = 0.25  # of a radian of a swing, as fast as which a model may change
 
 
 def main_drag(number: str) -> str:
@@ -59,8 +63,9 @@ def main_drag(number: str) -> str:
 
 
 def base_terms(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
-    """The terms of model `number` of a motion: drag, a constant force where one acts, and the asymmetry if `sided`."""
-    constant = (CONSTANT,) if dof.has_constant else ()
+    """The terms of model `number` of a motion: drag, a constant force where one acts, what turns it back, and the
+    asymmetry if `sided`."""
+    constant = (*([CONSTANT] if dof.biased else []), *([RESTORING] if dof.restoring else []))
     return (*BASE_TERMS[number], *constant, *((ASYMMETRY[number],) if sided else ()))
 
 
@@ -217,7 +222,7 @@ class Model:
             return (f"{dof.name}.{term.name}",)
         if term.base:
             return (dof.parameter(effect.role),)
-        prefix = f"{dof.name}." if self.motion.turns else ""
+        prefix = f"{dof.name}." if len(self.motion.dofs) > 1 else ""
         return tuple(f"{prefix}{term.name}.{name}" for name in effect.names_in(dof))
 
     @property
@@ -253,16 +258,16 @@ class Model:
     ) -> Parameters:
         """Give the entries of theta as a fit searches them; steps are for the `largest` moment, or that of each motion.
 
-        If `log_drag` the drag that the model always has is on a logarithm; if `signed_drag` linear drag beside
-        quadratic drag has either sign, as in Table 1. Effects that make all commands late do so by `least_delay` [s] or
-        more, what varies from run to run has periods up to `longest_period` [s], and terms that were `dropped` stay as
-        they are.
+        If `log_drag` the drag that the model always has and what turns it back are on a logarithm; if `signed_drag`
+        linear drag beside quadratic drag has either sign, as in Table 1. Effects that make all commands late do so by
+        `least_delay` [s] or more, what varies from run to run has periods up to `longest_period` [s], and terms that
+        were `dropped` stay as they are.
         """
         base = [term.effect.role for term in self.terms if term.base]
         main = "quadratic" if "quadratic" in base else "linear"
         both = {term.name for term in self.terms} >= set(BASE_TERMS["2"])
         dofs, entries = self.motion.dofs, list[Parameter]()
-        units = [dof.units.forces[1] if self.motion.turns else self.moment_unit for dof in dofs]
+        units = [dof.units.forces[1] if len(dofs) > 1 else self.moment_unit for dof in dofs]
         size = np.broadcast_to(np.asarray(largest, dtype=float), len(dofs)).tolist()
         for dof, mass, unit in zip(dofs, self.masses, units):
             name = dof.parameter("inertia")
@@ -282,7 +287,7 @@ class Model:
                     upper = min(upper, longest_period)
                 if signed_drag and both and effect.role == "linear":
                     lower = -np.inf
-                log = law.log or (log_drag and term.base and effect.role == main and not stays)
+                log = law.log or (log_drag and term.base and effect.role in (main, "restoring") and not stays)
                 step = max(law.scaled(law.start, size[term.dof]), 1e-6)
                 unit = dof.unit_in(law.unit, units[term.dof])
                 entry = Parameter(name, value, lower, upper, log, step, effect.role, unit)
@@ -355,10 +360,12 @@ class Model:
         return None if self.water is None else theta[:, -2:].T[..., None]
 
     def fastest(self, moment: float) -> float:
-        """Shortest time constant [s] on the way to the steady rate under |moment|, of the base drag alone."""
+        """Shortest time constant [s] on the way to the steady rate under |moment|, of the base drag alone; of a swing
+        SWING_SHARE of the time in which its phase moves on by a radian."""
         linear, quadratic = self.drag()
         rate = steady_rate(abs(moment), linear, quadratic)
-        return float(self.inertia / max(linear + 2.0 * quadratic * float(rate), 1e-12))
+        answer = float(self.inertia / max(linear + 2.0 * quadratic * float(rate), 1e-12))
+        return min(answer, SWING_SHARE * float(np.sqrt(self.inertia / self.restoring))) if self.restoring else answer
 
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
         """What moves the vehicle under each `moment`: that with the constant force, and the drags on its way."""
@@ -368,6 +375,11 @@ class Model:
         moment = moment + self._value("constant")
         way = np.sign(moment)
         return (moment, linear + way * self._value("difference", 1), quadratic + way * self._value("difference", 2))
+
+    @property
+    def restoring(self) -> float:
+        """Restoring moment over the sine of the angle, zero where nothing turns the vehicle back."""
+        return self._value("restoring")
 
     def drag(self) -> tuple[float, float]:
         """Linear and quadratic drag, zero where the model has no such term."""

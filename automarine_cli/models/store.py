@@ -42,7 +42,7 @@ from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Sou
 from automarine_cli.text import MAX_NAME_LETTERS, Place, format_value, printable
 
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
-ROLES = ("inertia", "quadratic", "linear", "constant", "difference")
+ROLES = ("inertia", "quadratic", "linear", "constant", "restoring", "difference")
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,12 @@ class AddedEffect:
 class ModelEntry:
     """One of the models of a file; None is what it does not have."""
 
-    unread: ClassVar[tuple[str, ...]] = ("velocity_error", "sse", "why", "sides", "warnings", "notes")
+    unread: ClassVar[tuple[str, ...]] = ("velocity_error", "sse", "why", "sides", "swing", "warnings", "notes")
     inertia: Given | None = field(default=None, metadata=keyed("{inertia_symbol}"))
     quadratic: Given | None = field(default=None, metadata=keyed("{quadratic}"))
     linear: Given | None = field(default=None, metadata=keyed("{linear}"))
     constant: Given | None = field(default=None, metadata=keyed("{constant}"))
+    restoring: Given | None = field(default=None, metadata=keyed("{restoring}"))
     difference: Given | None = field(default=None, metadata=keyed("{difference}"))
     ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
     covariance: Covariance | None = field(default=None, metadata=keyed("output_error/covariance"))
@@ -101,7 +102,7 @@ class ModelEntry:
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "time_constant_s", "consistency")
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "time_constant_s", "consistency", "swing")
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))

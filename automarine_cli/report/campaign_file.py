@@ -11,7 +11,7 @@ from pathlib import Path
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
-from automarine_cli.logs.columns import BY, CANONICAL, OPEN, RUN, names_of, open_questions, other_axis
+from automarine_cli.logs.columns import BY, CANONICAL, OPEN, RUN, names_of, open_questions
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, in_newtons, places_of, pulses
 from automarine_cli.logs.table import splitting
 from automarine_cli.pipeline.records import Shown, everything, to_mapping
@@ -78,14 +78,13 @@ def _(result: NewCampaign) -> Sections:
         for column in look.columns
     ]  # fmt: skip
     asked = [f"{column.source}: {column.open}" for column in look.columns if column.open]
-    beyond = any(map(other_axis, look.unused)) * " (roll and pitch are not covered)"
     to_answer = f"{plural(len(questions), 'question')} to answer: {', '.join(questions)}."
     return Sections([
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
         Table.of("Columns", columns, asked) if columns else f"No column is recognised; {UNITS_LINE}.",
         to_answer if questions else "No open questions; check the file before running it.",
         *(["Some logs are not used; the campaign file says which and why."] if "# Not used" in result.text else ()),
-        *([f"Columns not read: {listed(look.unused)}{beyond}."] if look.unused else ()),
+        *([f"Columns not read: {listed(look.unused)}."] if look.unused else ()),
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),
     ])  # fmt: skip
 
@@ -197,7 +196,9 @@ def _motion(motion: str) -> Iterator[Line]:
     dof = DOFS[motion]
     depths = "# depths = [0.3, 2.5]  # metres: follow steps between them, clear of surface and bottom"
     yield f"[{motion}]  # {dof.position} against {dof.words.force}; everything else as in yaw"
-    yield depths if dof.windowed else "# within = 3.0  # metres from the start of a step, before the wall is felt"
+    within = "# within = 3.0  # metres from the start of a step, before the wall is felt"
+    mass = "# mass = 38.0  # kg, with what floods it, for the metacentric height"
+    yield mass if dof.restoring else depths if dof.windowed else within
 
 
 def _thrusters(look: Survey) -> Iterator[Line]:

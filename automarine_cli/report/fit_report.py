@@ -20,6 +20,7 @@ from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit, structure_of
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
+from automarine_cli.fits.weight import AMPLITUDE_DEG, Swing
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.models.store import DRAG_LAWS
@@ -36,6 +37,12 @@ REMEDY = {
     "linear": "add runs at smaller {forces}, each held until the {speed} is steady",
 }
 """What shows a parameter, by what it is."""
+SWING_REMEDY = {
+    "inertia": "add runs with a {force}",
+    "quadratic": "add decays from larger angles",
+    "linear": "log decays for longer, until they are in the noise",
+}
+"""The same of a vehicle that swings."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,7 @@ def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> Iterator[Caution]:
 def _doubts(fit: OutputErrorFit, role: str) -> Iterator[Caution]:
     """A parameter at its bound, one that the runs never moved, a negative one, or an interval wider than its value."""
     dof = fit.model.dof
-    name, remedy = dof.parameters[role], dof.fill(REMEDY[role])
+    name, remedy = dof.parameters[role], _remedy(role, dof)
     estimate = fit.estimates.get(name)
     if estimate is None or estimate.known:
         return
@@ -87,6 +94,10 @@ def _doubts(fit: OutputErrorFit, role: str) -> Iterator[Caution]:
         yield Caution(fit.number, (role,), f"Model {fit.number}: {says}", grave)
 
 
+def _remedy(role: str, dof: Dof) -> str:
+    return dof.fill((SWING_REMEDY if dof.restoring else REMEDY)[role])
+
+
 def _correlations(fit: OutputErrorFit) -> list[Caution]:
     """Pairs of parameters of which the runs show a combination only; two drags that are one take the inertia along,
     and stand alone. By the likelihood's covariance: that of a few runs left out scatters by itself."""
@@ -108,11 +119,13 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
 
 def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
     force, speed = dof.words.force, dof.words.speed
+    if set(pair) == set(DRAG) and dof.restoring:
+        return "these runs show their sum better than either: add decays from much smaller and much larger angles."
     if set(pair) == set(DRAG):
         return f"these runs determine only their total drag: add runs at much smaller and much larger {force}s."
     if share > 0:
         return "only their ratio is well determined: the thrust scatters; add runs, or measure thrust or voltage."
-    more = dof.fill(REMEDY[pair[0]])
+    more = _remedy(pair[0], dof)
     return f"these runs hardly separate them: hold each {force} until the {speed} is steady, and {more}."
 
 
@@ -194,9 +207,9 @@ def fit_warnings(
         )
     if position_noise and fit.noise and fit.noise > MIN_NOISE_RATIO * position_noise:
         sentences.append(
-            f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained; "
-            f"they scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves. An effect is missing, perhaps "
-            "a delay: `automarine diagnose` looks for it."
+            f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.positions} "
+            f"unexplained; they scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves. An effect is "
+            "missing, perhaps a delay: `automarine diagnose` looks for it."
         )
     turn = fit.inertial_turn_angle or (fits["3"].inertial_turn_angle if "3" in fits else None)
     low, high = dof.limits.plausible
@@ -264,9 +277,10 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
         ways = {m: of.ways for m, of in ml.items() if of.ways}
         rows += [_row(f"drag {way}{LIKELIEST}", {m: of.drag[way] for m, of in ways.items()}) for way in dof.words.ways]
         rows.append(_row("one drag both ways, p", {m: number(of.p_value, 2) for m, of in ways.items()}))
-    if dof.has_constant:
-        rows.append(_row("constant force, 95 %", _named(sym.constant, drag)))
-        rows.append(_row(f"constant force{LIKELIEST}", _named(sym.constant, ml)))
+    if dof.biased:
+        rows.append(_row(f"constant {dof.words.force}, 95 %", _named(sym.constant, drag)))
+        rows.append(_row(f"constant {dof.words.force}{LIKELIEST}", _named(sym.constant, ml)))
+        rows.append(_row(f"{sym.restoring} [{unit}]{LIKELIEST}", _named(sym.restoring, ml)))
     added = {m: _added(of) for m, of in ml.items()}
     units = {name: e.unit for of_model in added.values() for name, e in of_model.items()}
     for name, unit_of in units.items():
@@ -306,16 +320,25 @@ def _signs(dof: Dof) -> tuple[str, ...]:
     (first, second), sym, force = dof.words.ways, dof.symbols, dof.words.force
     v, quadratic = sym.velocity, sym.quadratic
     constant = f"; the constant {force} is weight less buoyancy, positive {first}" * dof.has_constant
+    turned = f" + {sym.restoring} sin({sym.position})" * dof.restoring
     signs = (
         f"{first.capitalize()} is positive. {sym.linear} and {quadratic} are positive where drag brakes, as in "
-        f"{force} = {sym.inertia} d{v}/dt + {sym.linear} {v} + {quadratic} |{v}| {v}; Fossen's derivatives of these "
-        f"names are their negatives. {sym.inertia} is {dof.words.full_inertia}{constant}."
+        f"{force} = {sym.inertia} d{v}/dt + {sym.linear} {v} + {quadratic} |{v}| {v}{turned}; Fossen's derivatives of "
+        f"these names are their negatives. {sym.inertia} is {dof.words.full_inertia}{constant}."
     )
     ways = (
         f"The drag of one way is {sym.linear} in model 1, else {quadratic}. Where {first} and {second} do not differ "
         "(p above 0.05) they are fitted as one; where they do, the value above is their mean."
     )
     return (signs, ways) if dof.directional else (signs,)
+
+
+SWING_LABELS = {
+    "natural period [s]": "natural_period", "damped period [s]": "damped_period", "damping ratio": "damping_ratio",
+    f"damping ratio at {AMPLITUDE_DEG:g} deg": "damping_at_amplitude",
+    "quadratic damping [1/rad]": "quadratic_damping", "angle of rest [deg]": "rest_angle",
+    "GM/k² [1/m]": "gm_over_gyradius_squared", "GM [m]": "metacentric_height",
+}  # fmt: skip
 
 
 def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
@@ -333,6 +356,11 @@ def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
     for way in dof.words.ways if dof.directional else ():
         far = {m: of.ways.distance.get(way) for m, of in ml.items() if of.ways}
         rows.append(_row(f"{ratio} {way}{LIKELIEST}", far))
+    swings = {m: swing for m in ml if (swing := fit.swing_of(m)) is not None}
+    for label in SWING_LABELS if swings else ():
+        rows.append(
+            _row(f"{label}{LIKELIEST}", {m: getattr(swing, SWING_LABELS[label]) for m, swing in swings.items()})
+        )
     of_units = f"{sym.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals."
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
     return Table.of(title, rows, (of_units, *notes), (1,)).without_empty_rows()
@@ -360,16 +388,17 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     model = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})"
     head = f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."
     use = () if fit.use is None else (fit.use.sentence(dof),)
-    lines = [head, *use] if fit.use is None or fit.use.of_use else [*use, head]
+    heads = [head] if fit.swing is None else _swing_heads(fit, fit.swing, model, values)
+    lines = [*heads, *use] if fit.use is None or fit.use.of_use else [*use, *heads]
     if fit.consistency is not None:
         lines += _disagreement(fit.consistency, dof)
-    derived = {f"{symbols.inertia}/{symbols.quadratic}": preferred.inertial_turn_angle}
+    derived = {} if dof.restoring else {f"{symbols.inertia}/{symbols.quadratic}": preferred.inertial_turn_angle}
     derived |= {f"drag {way}": e for way, e in preferred.ways.drag.items()} if preferred.ways else {}
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
         lines.append(f"{text}.")
     units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY_ROLE, "constant")}
     priors = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, mixed.names)
-    lines += [fit.preference.because, *priors]
+    lines += [fit.preference.because, *([] if fit.of_ratios else priors)]
     if priors and fit.velocity_error_fit:
         lines.append("The velocity errors of the paper do not use it.")
     noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
@@ -379,6 +408,8 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     scatter = preferred.gain_scatter
     band = "(at its bound)" if scatter.at_bound else "[{:.1f}, {:.1f}]".format(*(100 * end for end in scatter.ci95))
     line = f"Thrust scatters from run to run by {100 * scatter.value:.1f} % {band}; {noise}."
+    if not any(np.any(run.command) for run in fit.used_runs):
+        line = f"{noise[0].upper()}{noise[1:]}."
     if mixed.driven:
         names = ("disturbance", "disturbance-time", "thrust-noise")
         size, time, thrust = (mixed.value(f"{dof.name}.{name}") for name in names)
@@ -392,6 +423,25 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines += [f"Read: {note}." for note in shared_readings(fit.used_runs)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
+
+
+def _swing_heads(fit: YawFit, swing: Swing, model: str, values: str) -> list[str]:
+    """Say how the vehicle swings, and what the moments are or are over the inertia."""
+    dof, sym = fit.dof, fit.dof.symbols
+    first = {"natural period": swing.natural_period, "damping ratio": swing.damping_ratio,
+             f"quadratic damping {sym.quadratic}/{sym.inertia}": swing.quadratic_damping}  # fmt: skip
+    more = {
+        "Damped period": swing.damped_period, f"damping ratio at {AMPLITUDE_DEG:g}°": swing.damping_at_amplitude,
+        "angle of rest": swing.rest_angle, "GM/k² (k: radius of gyration)": swing.gm_over_gyradius_squared,
+        "GM": swing.metacentric_height,
+    }  # fmt: skip
+    fixed = f", {sym.inertia} fixed at 1" * fit.of_ratios
+    texts = [", ".join(_valued(name, e).removesuffix(" 1") for name, e in part.items() if e) for part in (first, more)]
+    because = f"decays alone show ratios: --known {sym.inertia}=VALUE gives moments"
+    moments = f"Ratios to {sym.inertia} ({because})" if fit.of_ratios else "Moments"
+    restoring = _valued(sym.restoring, fit.preferred.estimates[sym.restoring])
+    head = f"{dof.name.capitalize()}: {texts[0]}; {model} from {_carrying(fit)}{fixed}."
+    return [head, f"{texts[1]}.", f"{moments}: {values}, {restoring}."]
 
 
 LOOK_FOR_EFFECT = "An effect is missing: look for it with `automarine diagnose`."

@@ -58,6 +58,8 @@ def _(result: Check) -> Sections:
         if runs := [run for run in result.runs if run.dof is dof]:
             count = sum(not run.why for run in runs)
             entirely = "" if count else ", so a fit takes them whole"
+            if dof.restoring:
+                count, entirely = sum(run.why is None for run in runs), ", which a fit takes whole"
             tables.append(_run_table(runs, dof))
             usable.append(f"{count} of {len(runs)} {dof.name} runs have a usable {dof.words.step}{entirely}")
     if result.tests:
@@ -85,7 +87,7 @@ def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
             "jitter ms": number(run.jitter_ms, 2), "gaps": run.counts.get("gaps", 0),
             "dropped": sum(dropped.values()),
             f"noise {dof.units.shown}": number(run.noise, 2), "levels": levels or None,
-            "turns" if dof.wraps else dof.units.base: number(run.extent, 2),
+            "turns" if dof.wraps else dof.units.log: number(run.extent, 2),
             "kept of the step": turn and f"{turn['kept_samples']} samples, {moved}",
             "cut by": turn and turn["cut_by"],
             f"no {dof.words.step} because": run.why and run.why.split(":")[0],

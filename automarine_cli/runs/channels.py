@@ -426,7 +426,7 @@ def _mistaken_unit(size: float, dof: Dof) -> tuple[str, str]:
     base, log = f"{dof.units.base}/s", f"{dof.units.log}/s"
     units = {0.01: ("cm/s", 'unit = "cm/s"'), 0.001: ("mm/s", "scale = 0.001"), 1 / 3.6: ("km/h", "scale = 0.2778"),
              1852 / 3600: ("knots", 'unit = "kn"')}  # fmt: skip
-    if dof.wraps:
+    if dof.angular:
         units = {dof.units.per_base: (f"{base}, not in {log}", f'unit = "{base}"'),
                  1 / dof.units.per_base: (f"{log}, not in {base}", f'unit = "{log}"')}  # fmt: skip
     for factor, (unit, rule) in units.items():

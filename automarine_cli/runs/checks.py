@@ -58,6 +58,7 @@ def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
     """Return why a position as logged, shape (N,) [rad or m], cannot be one of this motion, or None."""
     if dof.wraps:
         return _angle_trouble(time, position, dof)
+    rules = {"m": ("millimetres", "mm"), "rad": ("degrees", "deg")}
     name, column = dof.position, dof.column(dof.position, dof.units.log)
     largest = median(np.abs(position - position[0]))
     later = np.interp(time + WAY_S, time, position)
@@ -66,8 +67,9 @@ def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
         return None
     size = f"the {name} changes by {fastest:.3g} {dof.units.base}/s"
     size = f"a {name} of {largest:.3g} {dof.units.base}" if largest > dof.limits.far else size
-    rule = f'{column} = {{ from = "{name}", unit = "mm" }}'
-    return f"units look wrong: {size}. If it is in millimetres, say so with --columns, such as {rule}"
+    units, unit = rules[dof.units.base]
+    rule = f'{column} = {{ from = "{name}", unit = "{unit}" }}'
+    return f"units look wrong: {size}. If it is in {units}, say so with --columns, such as {rule}"
 
 
 def _angle_trouble(time: Floats, angle: Floats, dof: Dof) -> str | None:
@@ -198,6 +200,8 @@ def undriven(run: Run) -> str | None:
     Mean speeds of pieces are compared with those of the pieces before. Speed is gathered with nothing commanded where
     no command acts in either or shortly before: nearly all of it, several times, both ways under a constant force."""
     dof, extent = run.dof, float(np.ptp(run.position))
+    if dof.restoring:  # weight and buoyancy make speed by themselves
+        return None
     pieces = max(1, int((run.time[-1] - run.time[0]) / SPEED_PIECE_S))
     edges = np.linspace(run.time[0], run.time[-1], pieces + 1)
     speed = np.diff(np.interp(edges, run.time, run.position)) / np.diff(edges)
@@ -219,6 +223,17 @@ def undriven(run: Run) -> str | None:
         f"gathered speed {there + back} times with nothing commanded: something that this log does not hold moved it, "
         f"such as another console or a hand. Expected the {words.force} that moved it: log the commands that reach the "
         "thrusters, or map their columns with --columns"
+    )
+
+
+def still(run: Run) -> str | None:
+    """Say why a run of a vehicle that weight turns back shows no swing, or None."""
+    size, words = float(np.ptp(run.position)), run.dof.words
+    if size > max(2.0 * run.dof.limits.start, SPEED_SIGMAS * run.noise):
+        return None
+    return (
+        f"no {words.step}: the {words.position} changes by {run.dof.shown(size):.2g} {words.units}; let the vehicle go "
+        "from a larger angle"
     )
 
 

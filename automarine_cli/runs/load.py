@@ -73,6 +73,8 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
         counts["glitches"] = int(np.count_nonzero(glitch))
         columns = _only(columns, ~glitch)
         _refuse(checks.clock_trouble(columns["time"]))
+    if dof.restoring and dof.command not in columns:
+        columns[dof.command] = np.zeros(len(columns["time"]))
     notes = table.notes
     if counts["duplicates"] > MAX_REPEATED_STAMPS * counts["rows"]:
         stamps = f"{counts['duplicates']} of {counts['rows']} stamps"
@@ -350,7 +352,7 @@ def load_runs(
         aside += bad
     require_usable(runs, aside, len(files), strict)
     _refuse_other_units(aside, runs, {file.name: (columns or ColumnMap()).of(file.path).columns for file in files})
-    runs = named_apart(runs)
+    runs = named_apart(_decays_in_one_unit(runs) if dof.restoring else runs)
     _refuse_two_units(runs)
     limited, limits = checks.within_limits(runs)
     return LoadedRuns(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
@@ -456,6 +458,12 @@ def rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices]]:
         return iter([(own_name(table.source), np.arange(len(table)))])
     order = np.argsort(runs.code, kind="stable")  # runs may take turns
     return zip(runs.names, np.split(order, np.searchsorted(runs.code[order], np.arange(1, len(runs.names)))))
+
+
+def _decays_in_one_unit(runs: Sequence[Run]) -> list[Run]:
+    """Return the runs, those in which no moment acts in the unit of those in which one does, else in the second one."""
+    unit = next((run.moment_unit for run in runs if np.any(run.moment)), runs[0].dof.units.forces[1])
+    return [run if np.any(run.moment) else replace(run, moment_unit=unit) for run in runs]
 
 
 def _refuse_two_units(runs: Sequence[Run]) -> None:

@@ -16,7 +16,7 @@ from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, 
 from automarine_cli.logs.columns import CANONICAL, driven, names_of, quantities_of
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of
 from automarine_cli.pipeline.parallel import Progress, ordered_map
-from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of
+from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of, still
 from automarine_cli.runs.half_turn import ALREADY_ON, HalfTurn, all_half_turns, segments, why_none
 from automarine_cli.runs.load import rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run, misfit_of, position_noise, undirected
@@ -53,7 +53,9 @@ class RunSeen:
 
     @property
     def kind(self) -> Literal["step", "manoeuvre", "idle"]:
-        """A step has one constant command, whether or not it serves, an idle run none at all."""
+        """A step has one constant command, whether or not it serves, an idle run none; a swing is a manoeuvre."""
+        if self.dof.restoring and self.why is None:
+            return "manoeuvre"
         count = 2 if self.levels is None else np.count_nonzero(self.levels)
         return "manoeuvre" if count > 1 else "step" if count else "idle"
 
@@ -106,10 +108,11 @@ def look_at_log(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[
 def look_at_run(run: Run) -> RunSeen:
     """Describe a run. Thruster commands without a moment or force are seen as they add up."""
     driven = run.as_commanded()
-    turns = all_half_turns(driven)
-    spans = np.diff(run.time)
+    turns = [] if run.dof.restoring else all_half_turns(driven)
+    spans, extent = np.diff(run.time), float(np.ptp(run.position))
     jitter = float(np.percentile(np.abs(spans - run.sample_period), 95))
     best = next((turn for turn in turns if not turn.why), None)
+    why = still(run) if run.dof.restoring else why_none(driven, turns) if best is None else None
     levels = sorted({moment for _, _, moment in segments(driven.command)})
     return RunSeen(
         run.dof, run.source, run.name, samples=len(run), begins_s=float(run.time[0]),
@@ -117,10 +120,11 @@ def look_at_run(run: Run) -> RunSeen:
         jitter_ms=round(1000 * jitter, 6),  # not the clock's rounding
         longest_step_s=float(spans.max()), counts=dict(run.counts),
         noise=float(run.dof.shown(position_noise(run.time, run.position))),
-        extent=float(np.ptp(run.position) / (run.dof.turn if run.dof.wraps else 1.0)), moment_unit=driven.moment_unit,
+        extent=extent / run.dof.turn if run.dof.wraps else float(run.dof.logged(extent)),
+        moment_unit=driven.moment_unit,
         levels=levels if len(levels) <= min(MAX_LOGGED_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns], half_turn=None if best is None else _step_seen(best),
-        why=None if best is not None else why_none(driven, turns), columns=sorted(run.extras),
+        why=why, columns=sorted(run.extras),
         notes=[*run.notes, *(run.dof.fill(ALREADY_ON) for turn in turns if turn.step.begins_log)],
         commanded=commanded(run),
     )  # fmt: skip

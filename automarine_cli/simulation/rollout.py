@@ -236,7 +236,7 @@ def right_hand_side(
     motion: Motion, movers: Sequence[Bound], inertia: Floats, current: Floats | None, origin: Floats
 ) -> Slope:
     """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states."""
-    single = not motion.turns
+    single, turns = len(motion.dofs) == 1, motion.turns
     inverse = 1.0 / inertia[:, 0, :1]
     if not single:
         momentum, accelerated = map(product_with, (inertia, np.asarray(np.linalg.inv(inertia), dtype=np.float64)))
@@ -278,6 +278,8 @@ def right_hand_side(
                 stirred.extend(term.effect.derivatives(states[term.dof], stored, term.values) if stored else ())
         if single:
             return (total[0] * inverse)[None], velocity, stirred
+        if not turns:
+            return np.stack(accelerated(total)), velocity, stirred
         turning = turning_of(momentum(velocity), velocity)
         moved = in_earth_axes(over_ground, position[2])
         return np.stack(accelerated([a - b for a, b in zip(total, turning)])), moved, stirred
@@ -311,12 +313,10 @@ def rk4(
 
 
 def product_with(matrices: Floats) -> Callable[[Sequence[Floats] | Floats], list[Floats]]:
-    """What multiplies vectors (3, P, R) by matrices (P, 3, 3). Entries that are zero in every set cost nothing: most
+    """What multiplies vectors (D, P, R) by matrices (P, D, D). Entries that are zero in every set cost nothing: most
     hulls couple few motions, and numpy's own products of so small matrices are several times slower."""
-    rows = [
-        [(j, np.ascontiguousarray(matrices[:, i, j, None])) for j in range(3) if matrices[:, i, j].any()]
-        for i in range(3)
-    ]
+    dofs = range(matrices.shape[1])
+    rows = [[(j, np.ascontiguousarray(matrices[:, i, j, None])) for j in dofs if matrices[:, i, j].any()] for i in dofs]
 
     def product(vectors: Sequence[Floats] | Floats) -> list[Floats]:
         return [reduce(np.add, [entry * vectors[j] for j, entry in row]) for row in rows]

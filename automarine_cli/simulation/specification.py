@@ -21,7 +21,7 @@ from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR, Motion, alone
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.models.model import CONSTANT, Model, Term, response
+from automarine_cli.models.model import CONSTANT, RESTORING, Model, Term, response
 from automarine_cli.models.store import PLANAR_MODEL, models_of
 from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, key_of, keyed
 from automarine_cli.quantities import Floats
@@ -186,6 +186,8 @@ class StepRuns(RunGroup):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.way is not None and self.dof.restoring:
+            raise SettingError(f"{key_of(self, 'way')}: a step of {self.dof.name} ends at an angle; give duration_s")
         if (self.way is None) == (self.duration_s is None):
             raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
         if (self.coast_s is None) == (self.kind == "coast-down") or (self.back_s and self.kind != "reversal"):
@@ -315,7 +317,7 @@ class Vehicle(Settings):
     In a file they have the names of the motion: `I_r`, `k_rr` and `k_r`, or `m_u`, `X_uu` and `X_u`; the unit of force
     is `moment_unit` or `force_unit`. Who moves along an axis says which by `motion`; `difference` is half the quadratic
     drag one way less that the other way, the positive way first; `constant_force` [force] is weight less buoyancy where
-    that acts, positive down."""
+    that acts, positive down, or what makes a list; `restoring` [moment] is m g GM of what swings."""
 
     inertia: AboveZero = field(metadata=keyed("{inertia_symbol}"))
     quadratic: ZeroOrMore = field(default=0.0, metadata=keyed("{quadratic}"))
@@ -324,6 +326,7 @@ class Vehicle(Settings):
     motion: str | None = None
     difference: float | None = field(default=None, metadata=keyed("{difference}"))
     constant_force: float | None = field(default=None, metadata=keyed("{constant}"))
+    restoring: AboveZero | None = field(default=None, metadata=keyed("{restoring}"))
     dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
@@ -339,7 +342,11 @@ class Vehicle(Settings):
         if abs(self.difference or 0.0) >= max(self.quadratic, 1e-300):
             names = f"{key_of(self, 'difference')} is not below {key_of(self, 'quadratic')}"
             raise SettingError(f"{names}; expected a drag that brakes both ways")
-        if self.constant_force and not self.dof.has_constant:
+        if (self.restoring is not None) is not self.dof.restoring:
+            those = " and ".join(dof.name for dof in DOFS.values() if dof.restoring)
+            expected = f"expected the moment m g GM of {self.dof.name}" if self.dof.restoring else "leave it out"
+            raise SettingError(f"{key_of(self, 'restoring')} is of {those}; {expected}")
+        if self.constant_force and not self.dof.biased:
             those, key = " and ".join(dof.name for dof in DOFS.values() if dof.has_constant), "constant_force"
             raise SettingError(f'{key_of(self, key)} is of {those}; elsewhere expected the effect "bias-moment"')
 
@@ -347,7 +354,7 @@ class Vehicle(Settings):
     def model(self) -> Model:
         values = {
             "quadratic-drag": self.quadratic, "linear-drag": self.linear, CONSTANT: self.constant_force,
-            "drag-asymmetry": self.difference,
+            "drag-asymmetry": self.difference, RESTORING: self.restoring,
         }  # fmt: skip
         terms = tuple(Term(name, (value,), base=True) for name, value in values.items() if value)
         return Model(alone(self.dof), (self.inertia,), terms, self.force_unit)

@@ -17,16 +17,20 @@ ROTATION = (
     "yaw heading headings moment moments inertia compass gyro turn turns turned turning half-turn half-turns degree "
     "degrees deg ° clockwise torsional revolution rad I_r k_r k_rr k_rr psi tau ψ τ yaw_rate"
 )
+NOT_OF_SWINGS = (
+    "yaw heading headings compass turn turns turned turning half-turn half-turns clockwise revolution I_r k_r k_rr "
+    "k_rrr psi tau ψ τ yaw_rate cm force forces"
+)
 TRANSLATION = "cm force forces mass"
 SIDES = "distance distances depth depths port starboard"
 OF_MOTION = {
     "surge": "surge astern X_u X_uu m_u", "sway": "sway Y_v Y_vv m_v",
-    "heave": "heave Z_w Z_ww m_w buoyancy ballast", "yaw": "",
+    "heave": "heave Z_w Z_ww m_w ballast", "yaw": "", "roll": "roll I_p k_p k_pp heel", "pitch": "pitch I_q k_q k_qq",
 }  # fmt: skip
 """Words of one translation alone."""
 SHARED = {
     "surge": "distance distances", "sway": "distance distances port starboard", "heave": "depth depths distance",
-    "yaw": "port starboard",
+    "yaw": "port starboard", "roll": "port starboard",
 }  # fmt: skip
 OF_NAMES = (
     *effects.names(), "tau_max", "tau_ref", "inertia.png", "inertia.svg", "start_heading", "fit-yaw", "yaw_model.json",
@@ -37,7 +41,8 @@ OF_NAMES = (
 
 def foreign_to(dof: Dof) -> re.Pattern[str]:
     """Any word, unit or symbol of another motion only: as such, with a capital or in a key, never in a longer word."""
-    words = {*(TRANSLATION if dof.wraps else ROTATION).split(), *SIDES.split()} - set(SHARED[dof.name].split())
+    foreign = NOT_OF_SWINGS if dof.restoring else TRANSLATION if dof.wraps else ROTATION
+    words = {*foreign.split(), *SIDES.split()} - set(SHARED[dof.name].split())
     words |= {word for name, text in OF_MOTION.items() if name != dof.name for word in text.split()}
 
     def alone(word: str) -> str:
@@ -57,7 +62,7 @@ def strange(text: str, dof: Dof) -> list[str]:
     return [words.replace("\n", " ") for words in around]
 
 
-@pytest.mark.parametrize("name", sorted(DOFS))
+@pytest.mark.parametrize("name", sorted({*DOFS} - {"pitch"}))  # which is roll in other letters
 def test_what_is_printed_and_written_is_of_its_motion(name: str, run: Callable[..., Result], tmp_path: Path) -> None:
     dof, texts = DOFS[name], dict[str, str]()
     for line, arguments in COMMANDS.items():

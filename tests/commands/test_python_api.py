@@ -54,8 +54,8 @@ def test_names_offered_are_there() -> None:
     assert set(am.__all__) <= set(dir(am))
     assert all(callable(getattr(am, name)) for name in am.__all__ if name not in ("__version__", "effects"))
     assert am.fit_yaw.__doc__ == fit_yaw.__doc__
-    with pytest.raises(AttributeError, match="has no attribute 'fit_roll'"):
-        _ = am.fit_roll  # type: ignore[attr-defined]
+    with pytest.raises(AttributeError, match="has no attribute 'fit_list'"):
+        _ = am.fit_list  # type: ignore[attr-defined]
 
 
 def test_a_prompt_and_a_notebook_show_tables(results: dict[str, Any]) -> None:

@@ -32,7 +32,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import parameter_estimates
 from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
-from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs import DOFS, ROLL, YAW, Dof
 from automarine_cli.effects import Effect, Parameter, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -98,7 +98,7 @@ def test_is_complete(name: str) -> None:
     assert effect.source.strip() == effect.source and effect.source and not effect.source.endswith(".")
     assert effect.mistaken_for and set(effect.mistaken_for) <= set(effects.names()) - {name}
     assert effect.parameters and set(effect.motions) <= set(DOFS) and effect.motions
-    assert effect.role in ("", *YAW.parameters) and (not effect.role or len(effect.parameters) == 1)
+    assert effect.role in ("", *ROLL.parameters) and (not effect.role or len(effect.parameters) == 1)
     module = inspect.getmodule(type(effect))
     assert module and module.__doc__ and '"' not in module.__doc__
 

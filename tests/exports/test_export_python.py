@@ -55,7 +55,8 @@ def many() -> Model:
 
 def trials() -> dict[tuple[str, str], Model]:
     """By name and frame: every law of every effect that the file can have, each in both frames, and many together."""
-    laws = ((name, law) for name in PYTHON_EFFECTS for law in range(laws_of(effects.get(name))))
+    of_yaw = [name for name in PYTHON_EFFECTS if effects.get(name).role != "restoring"]
+    laws = ((name, law) for name in of_yaw for law in range(laws_of(effects.get(name))))
     models = {f"{name} {law}": planted(name, law) for name, law in laws}
     models["many"] = many()
     curve = [0.0, 4.0, 1.2, 1.0, *np.linspace(-0.1, 0.2, KNOTS), 1.0]  # a gain on the thrust

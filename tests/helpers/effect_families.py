@@ -14,9 +14,11 @@ def family(effect: Effect) -> str:
 
 
 def families() -> dict[str, list[Effect]]:
-    """The library's own effects by family, both in the order of their names."""
+    """The library's own effects that may be hidden, by family, both in the order of their names."""
     found: dict[str, list[Effect]] = {}
     for name in effects.built_in():
+        if effects.get(name).role == "restoring":  # of roll and pitch, whose models have it always
+            continue
         found.setdefault(family(effects.get(name)), []).append(effects.get(name))
     return dict(sorted(found.items()))
 

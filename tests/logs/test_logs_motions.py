@@ -60,7 +60,7 @@ def test_a_campaign_file_has_a_section_of_each_translation(tmp_path: Path) -> No
         log(tmp_path / name, dof.columns[dof.position][0][0], dof.columns[dof.command][0][0])
     text = init(tmp_path).text
     for dof in DOFS.values():
-        if not dof.wraps:
+        if not dof.angular:
             assert f"\n[{dof.name}] " in text and f'steps = ["{dof.name}"]' in text
 
 

@@ -12,14 +12,15 @@ EVERY_MOTION = pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
 
 def model_of(dof: Dof, number: str = "2") -> Model:
     """Both drags, what always acts where something does, and an effect."""
-    values = [3.0, 0.5, *([-2.0] if dof.has_constant else [])]
+    values = [3.0, 0.5, *([-2.0] if dof.biased else []), *([4.0] if dof.restoring else [])]
     return Model.base(number, 2.0, values, dof.units.forces[0], dof)
 
 
 @EVERY_MOTION
 def test_parameters_have_qualified_names(dof: Dof) -> None:
     own, model = dof.symbols, model_of(dof).with_effect("sensor-lag", [0.2]).with_effect("cubic-drag", [0.1])
-    base = [own.inertia, own.quadratic, own.linear, *([own.constant] if dof.has_constant else [])]
+    base = [own.inertia, own.quadratic, own.linear, *([own.constant] if dof.biased else [])]
+    base += [own.restoring] if dof.restoring else []
     qualified = [f"{dof.name}.{name}" for name in base]
     assert model.parameter_names == (*qualified, "sensor-lag.T_s", f"cubic-drag.{own.cubic}")
     assert model.short_names == (*base, "T_s", own.cubic)

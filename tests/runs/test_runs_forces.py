@@ -86,7 +86,7 @@ def test_a_speed_alone_is_summed_up_to_trim_by(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("change", "why"), [
-    ({"motion": "roll"}, 'vehicle.motion: found "roll", expected yaw or surge or heave or sway'),
+    ({"motion": "list"}, 'vehicle.motion: found "list", expected yaw or surge or heave or sway'),
     ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
     ({"k_rr": 1.0}, 'vehicle: unknown key "k_rr"; did you mean "Z_ww"?'),
 ])  # fmt: skip

@@ -18,7 +18,7 @@ from automarine_cli.runs.run import position_noise
 Floats = NDArray[np.float64]
 WRAPPED = 2 * np.pi
 VEHICLES = {"small ROV": (0.4, 0.5), "ROV": (1.0, 1.5), "boat": (10.0, 3.0)}  # m/s, m/s²
-TRANSLATIONS = [dof for dof in DOFS.values() if not dof.wraps]
+TRANSLATIONS = [dof for dof in DOFS.values() if not dof.angular]
 
 
 def whole_turns_off(unwrapped: Floats, true: Floats) -> Floats:

@@ -18,7 +18,7 @@ from automarine_cli.simulation.campaign import make_campaign
 FORCES = ("surge", "heave")
 PRODUCTS = {
     "campaign": ("thrusters", "steps", "validation", "truth.json"),
-    **{name: (name, f"{name}_validation", "truth.json") for name in (*FORCES, "sway", "planar")},
+    **{name: (name, f"{name}_validation", "truth.json") for name in (*FORCES, "sway", "roll", "planar")},
     **{name: (name, "truth.json") for name in ("hidden_one", "hidden_two", *(f"hidden_{name}" for name in FORCES))},
 }
 """What each specification makes."""

@@ -1,0 +1,142 @@
+"""`fit-roll` and `fit-pitch`: free decays that scipy integrated; period, damping, stability are in their intervals."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+
+from automarine_cli.commands import automarine
+from automarine_cli.dofs import PITCH, ROLL, Dof
+from automarine_cli.fits.identify import YawFit, identify_turns
+from automarine_cli.fits.known import Known
+from automarine_cli.models.parameter import Prior
+from automarine_cli.runs.run import Run
+
+TRUTH = {"inertia": 1.9, "linear": 0.30, "quadratic": 0.90, "restoring": 12.0, "constant": 0.2}
+ANGLES = (0.5, -0.5, 0.35, -0.35, 0.25, -0.25)
+PERIOD = 2.0 * np.pi * np.sqrt(TRUTH["inertia"] / TRUTH["restoring"])
+DAMPING = TRUTH["linear"] / (2.0 * np.sqrt(TRUTH["inertia"] * TRUTH["restoring"]))
+NOISE = np.radians(0.2)
+
+
+def decay(
+    angle: float, seed: int, dof: Dof = ROLL, rate: float = 0.0, moment: float = 0.0, truth: Mapping[str, float] = TRUTH
+) -> Run:
+    """A run of 20 s that starts at an `angle` [rad] and `rate` [rad/s]; a `moment` acts on it for 5 s after 2 s."""
+
+    def slope(time: float, state: np.ndarray) -> list[float]:
+        swing = state[1]
+        drag = truth["linear"] * swing + truth["quadratic"] * abs(swing) * swing
+        acting = moment * (1.975 < time < 6.975)
+        push = acting + truth["constant"] - drag - truth["restoring"] * np.sin(state[0])
+        return [swing, push / truth["inertia"]]
+
+    time = 0.05 * np.arange(400)
+    path = solve_ivp(slope, (0.0, 20.0), [angle, rate], t_eval=time, rtol=1e-9, atol=1e-11, max_step=0.05).y[0]
+    noisy = path + NOISE * np.random.default_rng(seed).standard_normal(len(time))
+    command = np.where((time > 1.999) & (time < 6.999), moment, 0.0)
+    return Run(f"run_{seed}", f"run_{seed}.csv", time, noisy, command, "N m", dof=dof)
+
+
+def decays(seed: int, dof: Dof = ROLL) -> list[Run]:
+    return [decay(angle, 10 * seed + i, dof) for i, angle in enumerate(ANGLES)]
+
+
+def fitted(runs: list[Run], known: float | None = 1.9, mass: float | None = None) -> YawFit:
+    dof = runs[0].dof
+    prior = Known({} if known is None else {dof.parameter("inertia"): Prior(known)})
+    return identify_turns(dof, (), (), lambda: runs, prior=prior, mass=mass)
+
+
+@pytest.mark.slow
+def test_truth_is_recovered_within_standard_errors() -> None:
+    truth = {
+        "natural_period": PERIOD, "damping_ratio": DAMPING, "gm_over_gyradius_squared": 12.0 / 1.9 / 9.81,
+        "quadratic_damping": 0.9 / 1.9, "rest_angle": np.degrees(np.arcsin(0.2 / 12.0)),
+        "damping_at_amplitude": DAMPING + 4.0 * np.radians(10.0) * 0.9 / (3.0 * np.pi * 1.9),
+    }  # fmt: skip
+    scores, covered = [], []
+    for seed in range(12):
+        swing = fitted(decays(seed)).swing_of("2")
+        assert swing is not None and swing.metacentric_height is None
+        estimates = [getattr(swing, name) for name in truth]
+        scores.append([(e.value - value) / e.stderr for e, value in zip(estimates, truth.values())])
+        covered.append([e.ci95[0] <= value <= e.ci95[1] for e, value in zip(estimates, truth.values())])
+    z = np.array(scores)
+    assert np.abs(z.mean(axis=0)).max() < 3.0 / np.sqrt(len(z))
+    assert 0.4 < np.sqrt((z**2).mean()) < 1.6 and np.mean(covered) > 0.85
+
+
+@pytest.fixture(scope="module")
+def of_known() -> YawFit:
+    return fitted(decays(1), mass=38.0)
+
+
+def test_the_right_model_is_preferred_and_gm_is_in_metres(of_known: YawFit) -> None:
+    swing = of_known.swing
+    assert of_known.preference.number == "2" and swing is not None and swing.metacentric_height is not None
+    assert abs(swing.natural_period.value - PERIOD) < 3.0 * swing.natural_period.stderr
+    height = swing.metacentric_height
+    assert height.ci95[0] < 12.0 / (38.0 * 9.81) < height.ci95[1] and height.unit == "m"
+    assert swing.damped_period is not None
+    assert swing.damped_period.value == pytest.approx(PERIOD / np.sqrt(1.0 - DAMPING**2), rel=1e-3)
+
+
+def test_decays_alone_give_the_same_ratios(of_known: YawFit) -> None:
+    fit = fitted(decays(1), known=None, mass=38.0)
+    swing, same = fit.swing, of_known.swing
+    assert fit.of_ratios and swing is not None and same is not None and swing.metacentric_height is None
+    for name in ("natural_period", "damping_ratio", "quadratic_damping", "rest_angle"):
+        ratio, with_inertia = getattr(swing, name), getattr(same, name)
+        assert ratio.value == pytest.approx(with_inertia.value, rel=1e-3, abs=0.05 * with_inertia.stderr)
+        assert ratio.stderr == pytest.approx(with_inertia.stderr, rel=0.05)
+    assert fit.preferred.estimates["I_p"].value == 1.0
+
+
+def test_mirrored_decays_and_pitch_give_the_same(of_known: YawFit) -> None:
+    mirrored = fitted([replace(run, position=-run.position) for run in decays(1)])
+    pitch = fitted(decays(1, PITCH))
+    swing = of_known.swing
+    assert swing is not None and mirrored.swing is not None and pitch.swing is not None
+    for other, sign in ((mirrored.swing, -1.0), (pitch.swing, 1.0)):
+        assert other.natural_period.value == pytest.approx(swing.natural_period.value, rel=1e-6)
+        assert other.rest_angle.value == pytest.approx(sign * swing.rest_angle.value, rel=1e-3)
+    assert {"I_q", "k_q", "k_qq", "restoring"} <= set(pitch.preferred.estimates)
+
+
+def test_a_run_that_starts_moving_and_one_run_alone() -> None:
+    fit = fitted([decay(0.1, 3, rate=0.8)])
+    swing = fit.swing
+    assert swing is not None and abs(swing.natural_period.value - PERIOD) < 3.5 * swing.natural_period.stderr
+
+
+@pytest.mark.slow
+def test_moments_that_act_show_the_inertia() -> None:
+    pushes = (3.0, -3.0, 5.0, -5.0, 2.0, -4.0)
+    fit = fitted([decay(0.017, 40 + i, moment=push) for i, push in enumerate(pushes)], known=None)
+    inertia, restoring = fit.output_error["2"].estimates["I_p"], fit.output_error["2"].estimates["restoring"]
+    assert not fit.of_ratios and abs(inertia.value - 1.9) < 3.5 * inertia.stderr
+    assert abs(restoring.value - 12.0) < 3.5 * restoring.stderr
+
+
+def test_from_files_without_a_command_to_the_model(tmp_path: Path) -> None:
+    for run in decays(2):
+        rows = (f"{time:.3f},{np.degrees(angle):.4f}" for time, angle in zip(run.time, run.position))
+        (tmp_path / run.source).write_text("\n".join(["time_s,roll_deg", *rows]) + "\n")
+    out = tmp_path / "out"
+    result = CliRunner().invoke(automarine, ["fit-roll", str(tmp_path), "-o", str(out)])
+    assert result.exit_code == 0, result.output
+    first = " ".join(result.stdout.splitlines()[:3])
+    assert first.startswith("Roll: natural period 2.5") and "I_p fixed at 1." in first
+    stored = json.loads((out / "roll_model.json").read_text())
+    assert stored["schema"] == "automarine/roll-model/1" and stored["moment_unit"] == "N m"
+    low, high = stored["swing"]["natural_period_s"]["ci95"]
+    assert low < PERIOD < high and stored["swing"]["GM_m"] is None
+    log, model = str(tmp_path / "run_20.csv"), str(out / "roll_model.json")
+    read = CliRunner().invoke(automarine, ["validate", log, "--model", model, "--json"])
+    assert read.exit_code == 0 and json.loads(read.stdout)["models"]["2"]["rmse_deg"] < 0.25
