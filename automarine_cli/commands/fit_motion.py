@@ -70,6 +70,10 @@ HELPS = {
     "roll": HELP_OF_SWING.format(motion="roll", moment="K", rate="p"),
     "pitch": HELP_OF_SWING.format(motion="pitch", moment="M", rate="q").replace("sample_runs/roll", "DECAYS"),
 }  # fmt: skip
+length = option(
+    "--length", type=options.POSITIVE, metavar="METRES", seldom=True,
+    help="Vehicle's length, for K and T of a rudder in the prime system.",
+)  # fmt: skip
 within = option(
     "--within", type=options.POSITIVE, metavar="METRES",
     help="Use this many metres of each step, to end before the wall is felt.  [default: to its end]",
@@ -87,8 +91,8 @@ mass = option(
 def _fit(
     dof: Dof, *, logs: Sequence[Any], columns: Any, channels: str, with_effects: tuple[str, ...], known: Any,
     strict: bool, jobs: int, map_fn: "Each", progress: "Progress", fit_to: str = "auto", tail: float | None = None,
-    mass: float | None = None, thrusters: Any = None, arm: float | None = None, within: float | None = None,
-    depths: tuple[float, float] | None = None,
+    mass: float | None = None, length: float | None = None, thrusters: Any = None, arm: float | None = None,
+    within: float | None = None, depths: tuple[float, float] | None = None,
 ) -> "YawFit":  # fmt: skip
     from automarine_cli import effects
     from automarine_cli.fits.driven import parse_effects
@@ -122,7 +126,7 @@ def _fit(
     with append_exclusions(campaign.set_aside):
         fit = identify_turns(
             dof, turns, not_turned, whole_runs, fit_to="half-turns" if fit_to == "steps" else fit_to, prior=beforehand,
-            map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names, mass=mass,
+            map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names, mass=mass, length=length,
         )  # fmt: skip
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
     warnings = [*command_warnings(runs), *limits, *warnings_of(fit)]
@@ -177,7 +181,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
 
 
 FITS = {
-    YAW.name: _command(YAW, options.together(options.thrusters, options.arm)),
+    YAW.name: _command(YAW, options.together(options.thrusters, options.arm), length),
     SURGE.name: _command(SURGE, options.thrusters, within),
     SWAY.name: _command(SWAY, options.together(), within),
     HEAVE.name: _command(HEAVE, options.thrusters, depths),

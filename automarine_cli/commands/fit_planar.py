@@ -3,7 +3,8 @@
 from typing import Any
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import command
+from automarine_cli.commands.command import command, option
+from automarine_cli.dofs.motion import PLANAR
 
 
 @command("fit-planar", report="fit_report", then="automarine validate OTHER_LOGS --model {out}/planar_model.json")
@@ -11,11 +12,17 @@ from automarine_cli.commands.command import command
 @options.columns
 @options.thrusters
 @options.arm
+@option(
+    "--with", "with_effects", default="", seldom=True, metavar="EFFECTS",
+    type=options.Checked("fits.driven:parse_effects", *PLANAR.dofs, type=options.Names()),
+    help="Effects to fit as well, such as rudder,rudder-drag.",
+)  # fmt: skip
 @options.known_parameters
 @options.ending(options.strict, options.jobs)
 def fit_planar(
-    logs: Any, columns: Any, thrusters: Any, arm: float | None, known: Any, strict: bool, jobs: int, progress: Any
-) -> Any:
+    logs: Any, columns: Any, thrusters: Any, arm: float | None, with_effects: Any, known: Any, strict: bool, jobs: int,
+    progress: Any,
+) -> Any:  # fmt: skip
     """Identify surge, sway and yaw together, and what couples them.
 
     The logs need the heading, and the surge speed, the sway speed or the position on the water. The evidence
@@ -26,6 +33,7 @@ def fit_planar(
     Example:
       automarine fit-planar sample_runs/planar -o out/planar
     """
+    from automarine_cli.fits.driven import parse_effects
     from automarine_cli.fits.known import Known
     from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search
     from automarine_cli.runs.run import command_warnings
@@ -36,7 +44,8 @@ def fit_planar(
     channels, unfit = observed(campaign.runs), command_warnings(campaign.runs)
     names = channels.names()
     beforehand = beforehand.named(names, signed=sorted({*names.values()} - {*OWN}))
-    estimator = PlanarLikelihood(campaign.runs, channels, beforehand.parameters)
+    effects = parse_effects(with_effects, *PLANAR.dofs)
+    estimator = PlanarLikelihood(campaign.runs, channels, beforehand.parameters, effects)
     tried = search(estimator)
     limits = tuple(limit.warning for limit in campaign.limits)
     return PlanarFit(

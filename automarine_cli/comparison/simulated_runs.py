@@ -33,11 +33,6 @@ MAX_FINE_STEPS = 50_000  # beyond which a step is halved no more; long runs have
 GROUP_SAMPLES = 500_000  # padded samples simulated together: a few hundred megabytes at most
 
 
-def needed_signals(model: Model) -> tuple[str, ...]:
-    """Name the columns of `Run.extras` that the model's effects read, in the order of its terms."""
-    return tuple(dict.fromkeys(name for term in model.terms for name in effects.get(term.name).needs))
-
-
 def step_of(model: Model, runs: Sequence[Run]) -> float:
     step = step_for(model, max(float(np.abs(run.command).max()) for run in runs))
     return step if np.isfinite(step) else UNSTEADY_STEP_S  # drag that never balances it
@@ -50,7 +45,7 @@ def roll(
     """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,), and
     from states of the `water` (W, 1, R); not finite where the model diverges. Without a `step` [s] that is halved until
     positions settle to 0.01 degrees or cm. Raises RunError as `make_batch`."""
-    signals, position, rate = needed_signals(model), np.atleast_2d(position), np.atleast_2d(rate)
+    signals, position, rate = model.signals, np.atleast_2d(position), np.atleast_2d(rate)
 
     def once(step: float) -> Trajectory:
         batch = make_batch(runs, step, signals)
@@ -341,7 +336,7 @@ def planar_free_runs(model: Model, runs: Sequence[Run]) -> Iterator[FreeRun]:
     """Simulate every run by its commands from the state with which its log begins."""
     for run in runs:
         start = planar_start(run, model)
-        batch = make_batch([run], PLANAR_STEP_S, motion=PLANAR, channels=CHANNELS)
+        batch = make_batch([run], PLANAR_STEP_S, model.signals, motion=PLANAR, channels=CHANNELS)
         path = simulate(model, batch, start=Start(start[:3, None, None], start[3:, None, None]))
         simulated = {channel.quantity: path.reading(channel)[0, 0] for channel in batch.channels}
         yield FreeRun(run, simulated, State(start[:3], start[3:]), np.zeros((len(run), 0)))
@@ -364,7 +359,7 @@ def planar_start(run: Run, model: Model) -> Floats:
     if at_rest:
         return initial
     first = run.cut(0, max(int(np.count_nonzero(until)), MIN_IN_THE_PLANE))
-    batch = make_batch([first], PLANAR_STEP_S, motion=PLANAR, channels=CHANNELS)
+    batch = make_batch([first], PLANAR_STEP_S, model.signals, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 
     def residuals(state: Floats) -> Floats:

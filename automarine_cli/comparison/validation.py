@@ -19,7 +19,6 @@ from automarine_cli.comparison.simulated_runs import (
     Restarts,
     find_restarts,
     free_runs,
-    needed_signals,
     planar_free_runs,
     remade,
     restarted_errors,
@@ -489,7 +488,7 @@ def _predicted(
     model: Model, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
 ) -> tuple[Predicted, ...]:
     """Predict with one model, by the sizes that the runs themselves give to what is random."""
-    course = make_course(runs, at_rest, needed_signals(model), channels=channels)
+    course = make_course(runs, at_rest, model.signals, channels=channels)
     problem = driven_problem(model, course)
     problem = replace(problem, parameters=problem.parameters.fixed_at(model.theta))
     fit = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
@@ -506,7 +505,7 @@ def load_usable(
     `load_runs`, and ModelError for commands in another unit than the models'."""
     drive = moment_maker(thrusters, arm, columns, stored.dof)
     campaign = load_runs(logs, columns, dof=stored.dof, strict=strict, jobs=jobs, progress=progress)
-    signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
+    signals = dict.fromkeys(name for model in stored.models.values() for name in model.signals)
 
     def complete(run: Run) -> Run:
         driven = run if drive is None else drive(run)

@@ -16,7 +16,7 @@ from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, paper_grid
 from automarine_cli.planning.information import NO_RIVALS, PriorResults, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect, without
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.text import printable
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
@@ -229,6 +229,11 @@ def authority(
 
     Raises ModelError for a unit or a map that does not fit the model, and SettingError for a map of one direction."""
     unit, source, dof = knowledge.stored.model.moment_unit, knowledge.stored.source, knowledge.model.dof
+    if unit == STEERED:
+        raise ModelError(
+            f"{source} is a model of a rudder, whose moment depends on the speed; tune is for moments. Take Nomoto's "
+            "K and T of fit-yaw instead"
+        )
     twins = None if drive is None else turning(*drive)
     most = None if twins is None else twins.largest
     if full is None and most is not None and unit != "nu":

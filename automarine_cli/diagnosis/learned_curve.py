@@ -225,8 +225,8 @@ def learn(
             continue
         wins = all(obstacle(study, trial, base) for trial in _as_good(result, base, best.final))
         if wins and best.final.evidence < most and explained(best):
-            needed = {name for term in best.final.model.terms for name in effects.get(term.name).needs}
-            return replace(best, study=replace(study, signals=tuple(sorted({*study.signals, *needed}))))
+            needed = sorted({*study.signals, *best.final.model.signals})
+            return replace(best, study=replace(study, signals=tuple(needed)))
         if base is result.base:
             tied = ties(result, best.final)
     rivals = {name: {**result.rivals.get(name, {}), **tied.get(name, {})} for name in result.p_values}

@@ -206,14 +206,16 @@ def diagnose_planar(
     """Diagnose a model on `runs`, with `unseen` ones that are never fitted. Raises RunError for too few of either."""
     if len(runs) < 2 or not unseen:
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
-    likelihood, other = PlanarLikelihood(tuple(runs), observed), PlanarLikelihood(tuple(unseen), observed)
-    base = base_of(stored, observed)  # one start is enough for what somebody took for the vehicle
+    base = base_of(stored, observed)
+    likelihood, other = (
+        PlanarLikelihood(tuple(some), observed, signals=base.signals) for some in (runs, unseen)
+    )  # one start is enough for what somebody took for the vehicle
     outcome = stepwise_search(PlanarSearch(likelihood, other), likelihood.estimate(base, stored.random))
     rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken
         rounds = (*rounds[:-1], replace(rounds[-1], best=None, rivals=()))
-    where = find_planar_where(PlanarLikelihood((*runs, *unseen), observed), before, seed)
+    where = find_planar_where(PlanarLikelihood((*runs, *unseen), observed, signals=base.signals), before, seed)
     verdict, why = verdict_of(rounds, where)
     fitted, held_out = (judged_runs(some, before, final) for some in (likelihood, other))
     added = [step.best for step in rounds if step.best is not None]

@@ -391,8 +391,7 @@ def study_of(runs: Sequence[Run], base: Model, channels: tuple[str, ...] | None 
     driven = disturbed(runs, base, np.array([starts_at_rest(run) for run in runs]), channels)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
-    needed |= {name for term in base.terms for name in effects.get(term.name).needs}
-    return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted(needed)), channels=channels)
+    return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted({*needed, *base.signals})), channels=channels)
 
 
 def missed(study: DiagnosisProblem, model: Model, fit: InnovationsFit, begun: bool = False) -> Floats:

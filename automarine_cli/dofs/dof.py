@@ -227,7 +227,7 @@ class Dof:
     def vocabulary(self) -> Mapping[str, str]:
         """Every word and symbol by name, for templates such as "-{quadratic} |{v}| {v}": the fields of `Words`, the
         parameters by what they are (the inertia's is `inertia_symbol`), `x`, `v`, `f` and `water` for position,
-        velocity, force and the water's velocity, and the units."""
+        velocity, force and the water's velocity, `letter` for the force as in N_delta, and the units."""
         words = {k: v for k, v in vars(self.words).items() if isinstance(v, str)}
         plural = {f"{name}s": f"{words[name]}s" for name in ("force", "speed")}
         there, back = self.words.ways
@@ -237,7 +237,7 @@ class Dof:
             **self.parameters, **words, **plural, "motion": self.name, "inertia_symbol": symbols.inertia,
             "restoring": symbols.restoring,
             "x": symbols.position, "v": symbols.velocity, "f": symbols.force, "water": symbols.water,
-            "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
+            "letter": "XYZKMN"[self.number], "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
             "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,
             "ratio_key": self.ratio_key, "velocity_key": self.velocity_key,
         }  # fmt: skip

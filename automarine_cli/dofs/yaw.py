@@ -34,7 +34,7 @@ YAW = Dof(
     ),
     units=Units(
         base="rad", log="deg", per_base=1 / DEGREE, shown="deg", shown_per_base=1 / DEGREE, mark="°",
-        forces=("nu", "N m"),
+        forces=("nu", "N m", "rad"),  # the last of a rudder
     ),
     limits=Limits(
         trim=pi, least=60 * DEGREE, unmoved=5 * DEGREE, start=10 * DEGREE, plausible=(0.05, 3.0), spike=6 * DEGREE,
@@ -51,7 +51,7 @@ YAW = Dof(
         "heading": ("heading", "yaw", "psi", "hdg", "compass", "head", "azimuth", "course", "yaw_deg", "yaw_rad"),
         "yaw_rate": ("yaw_rate", "yawrate", "yaw_speed", "heading_rate", "gyro_z", "r"),
         "moment": (
-            "tau", "moment", "torque", "nm", "rudder", "rudder_deg", "yaw_moment", "tau_nm", "mz", "torque_z",
+            "tau", "moment", "torque", "nm", "yaw_moment", "tau_nm", "mz", "torque_z",
             "moment_z", "tau_z", "yaw_torque",
         ),
         "n_port": ("n_port", "port", "port_cmd", "left", "n_left", "cmd_port"),

@@ -207,6 +207,10 @@ class Effect:
     def acts_in(self, dof: Dof) -> bool:
         return dof.wraps or not self.rotational
 
+    def needs_at(self, values: tuple[float, ...]) -> tuple[str, ...]:
+        """Signals that it reads under the law that holds at these values."""
+        return self.needs
+
     def shifts(self, values: Sequence[float]) -> bool:
         """Whether it makes every command late by the same time, as a logger's convention does."""
         return self.delays

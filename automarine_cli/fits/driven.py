@@ -31,7 +31,7 @@ from automarine_cli.fits.whole_runs import (
 from automarine_cli.models.model import MAX_DELAY_S, Model, base_roles
 from automarine_cli.models.parameter import Parameters, Prior
 from automarine_cli.pipeline.parallel import Each
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.half_turn import segments
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -62,10 +62,13 @@ def driven_problem(
     return DrivenProblem(model, course, Parameters((*searched, *random)))
 
 
-def parse_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
-    """The effects that a fit is to have beside drag. Raises SettingError for what is none, or belongs to the drag."""
+def parse_effects(names: Sequence[str], *dofs: Dof) -> tuple[str, ...]:
+    """Return the effects that a fit of these motions is to have beside drag.
+
+    Raises SettingError for what is none, or belongs to the drag.
+    """
     every = [effects.get(name) for name in effects.names()] if names else []
-    may = [of.name for of in every if of.acts_in(dof) and not of.role]
+    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role]
     for name in names:
         if name not in may:
             raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")
@@ -191,7 +194,7 @@ def fit_driven(
     """
     model = rough
     for name in with_effects:
-        model = model.with_effect(name, _start(name, course))
+        model = model.with_effect(name, start_of(name, course))
     problem = driven_problem(model, course).informed(priors or {})
     fit = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(fit.of_model), fit, course)
@@ -246,7 +249,9 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     better = better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))
     if is_held and losses is not None:
         better = bool(losses[FORECASTS].sum() < losses[INNOVATIONS].sum())
-    if is_biased or (losses is None and not better):
+    if course.moment_unit == STEERED:  # its forecasts reach over the answer of the hull
+        chosen = FORECASTS
+    elif is_biased or (losses is None and not better):
         chosen = INNOVATIONS
     elif losses is None or (better and losses[FORECASTS].sum() <= losses[MIDDLE].sum()):
         chosen = FORECASTS
@@ -275,9 +280,10 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     return replace(best, ways=directional_drag(best)) if "difference" in best.roles else best
 
 
-def _start(name: str, course: Course) -> list[float]:
-    """Values from which the fit of an effect starts; what others refer to is that of the logs."""
-    parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded).max()) or 1.0
+def start_of(name: str, course: Course, place: int = 0) -> list[float]:
+    """Give values from which the fit of an effect on the degree of freedom in that place starts; what others refer to
+    is that of the logs."""
+    parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded[place]).max()) or 1.0
     logged = {signal: float(column[course.width > 0].mean()) for signal, column in course.signals.items()}
     references = {"moment": largest, "clock": float(course.start.min()), **logged}
     held = (references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest) for p in parameters)
@@ -290,9 +296,10 @@ def _refuse_runaways(model: Model, fit: Fit, course: Course) -> None:
     linear, quadratic = model.drag()
     slowness = model.fastest(largest)
     deviation = float(np.sqrt(max(run_covariance(fit)[0, 0], 0.0)))
-    if linear <= 0 and quadratic <= 0:
+    coupled = any(term.name == "cross-coupling" for term in model.terms)  # the speed ahead may be all that damps it
+    if linear <= 0 and quadratic <= 0 and not coupled:
         reason = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
-    elif not MIN_ANSWER_S < slowness < MAX_ANSWER_S:
+    elif not (coupled or MIN_ANSWER_S < slowness < MAX_ANSWER_S):
         reason = f"it would answer its thrusters within {slowness:.2g} s"
     elif fit.names[0] not in fit.parameters.priors and (0 in fit.at_bound or not 0.0 < deviation <= np.log(3.0)):
         reason = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
@@ -377,7 +384,7 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
     for name in PROPOSED:
         if name in have:
             continue
-        start = _start(name, course)
+        start = start_of(name, course)
         wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.priors)
         theta = np.array([*narrow.of_model, *start])
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
@@ -409,7 +416,7 @@ def fitted_driven(
     runs: Sequence[Run], course: Course, map_jobs: Each, with_effects: Sequence[str], priors: Mapping[str, Prior]
 ) -> tuple[dict[str, OutputErrorFit], dict[str, str]]:
     """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
-    ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), priors=priors)
+    ask = partial(fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), priors=priors)
     outcomes = dict(zip(MODELS, map_jobs(ask, MODELS, "fitting models")))
     fits = {number: fit for number, (fit, _) in outcomes.items() if fit is not None}
     refused = {number: why for number, (fit, why) in outcomes.items() if fit is None}
@@ -418,7 +425,7 @@ def fitted_driven(
     return fits, refused
 
 
-def _fit_driven_model(
+def fit_driven_model(
     number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], priors: Mapping[str, Prior]
 ) -> tuple[OutputErrorFit | None, str]:
     """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
@@ -442,7 +449,7 @@ def predicts_better(course: Course, quiet: OutputErrorFit, runs: Sequence[Run], 
     Of runs of held commands the evidence alone does not decide: an effect that a model lacks looks like a disturbance,
     and there predicts hardly better.
     """
-    fit, _ = _fit_driven_model(quiet.number, runs=runs, course=course, with_effects=(), priors=priors)
+    fit, _ = fit_driven_model(quiet.number, runs=runs, course=course, with_effects=(), priors=priors)
     if fit is None:
         return False
     ahead = {"quiet": whole_predictions(course, quiet, alone=True), "driven": predictions_of(course, fit, alone=True)}

@@ -17,11 +17,12 @@ from automarine_cli.filters.kalman import Noises, carried, shown_channel, smooth
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.optimise import Point, maximise
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.simulation.batch import Channel
 
 HORIZON = 5  # seconds of a forecast; misses are taken after each of them
 EVERY = 1.0  # seconds between the starts of forecasts
+STEERED_PACE = 3.0  # times as long and as rare are forecasts of what is steered: hulls answer slowly
 ITERATIONS, OF_LEFT_OUT = 40, 6  # steps of a search, and of one without a run, which begins near its end
 SETTLED = 1e-3  # decrease of half the sum of squares still to be expected below which a search has converged
 BLOCKS = 8  # pieces of a single run that are left out in turn
@@ -127,9 +128,10 @@ def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
     states[[*followed.places.pushed, followed.places.gain]] = 0.0
     channels = _predicted(driven)
     time, observed = course.time, np.any([of.seen for of in channels], axis=0)
-    starts = [(r, int(i)) for r in range(len(course.names)) for i in _origins(time[r], observed[r])]
+    pace = STEERED_PACE if course.moment_unit == STEERED else 1.0
+    starts = [(r, int(i)) for r in range(len(course.names)) for i in _origins(time[r], observed[r], pace * EVERY)]
     run, origin = np.array(starts, dtype=np.int64).reshape(-1, 2).T
-    seconds = np.arange(1.0, HORIZON + 1.0)
+    seconds = pace * np.arange(1.0, HORIZON + 1.0)
     target = np.array([[targets_of(of.seen, time, run, origin, h) for h in seconds] for of in channels])
     have: NDArray[np.bool_] = np.any(target >= 0, axis=(0, 1))
     if not have.any():
@@ -147,11 +149,11 @@ def _predicted(driven: DrivenProblem) -> tuple[Channel, ...]:
     return tuple(shown_channel(course, c) for c in main)
 
 
-def _origins(time: Floats, observed: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _origins(time: Floats, observed: NDArray[np.bool_], every: float) -> NDArray[np.int64]:
     readings = np.flatnonzero(observed)
     if len(readings) < 2:
         return readings[:0]
-    clock = np.arange(time[readings[0]], time[readings[-1]], EVERY)
+    clock = np.arange(time[readings[0]], time[readings[-1]], every)
     return np.unique(readings[np.minimum(np.searchsorted(time[readings], clock), len(readings) - 1)])
 
 

@@ -15,8 +15,16 @@ from automarine_cli.filters.course import Course, averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
+from automarine_cli.fits.nomoto import Nomoto, answer_to_rudder
 from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
-from automarine_cli.fits.preference import Preference, prefer, prefer_driven, prefer_quiet
+from automarine_cli.fits.preference import (
+    COMPARISON_HORIZONS_S,
+    STEERED_HORIZONS_S,
+    Preference,
+    prefer,
+    prefer_driven,
+    prefer_quiet,
+)
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.fits.weight import Buoyancy, Swing, swing_of
@@ -25,7 +33,7 @@ from automarine_cli.models.parameter import Prior
 from automarine_cli.models.store import effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, still, without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
@@ -70,8 +78,9 @@ class YawFit(Shown):
     `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `output_error` and
     `velocity_error_fit` the two estimators by model, `why_no_velocity_error` a sentence where there is none, `refused`
     why models could not be fitted; `channels` are the sensors that count; `use` is what the model predicts, of whole
-    runs; `prior` is what was known beforehand. `warnings` are what a report says of all that. `mass`
-    [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing showed it.
+    runs; `prior` is what was known beforehand, `nomoto` the answer to a rudder. `warnings` are what a report says of
+    all that. `mass` [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing
+    showed it.
     """
 
     moment_unit: str
@@ -93,6 +102,7 @@ class YawFit(Shown):
     warnings: tuple[str, ...] = ()
     mass: float | None = None
     of_ratios: bool = False
+    nomoto: Nomoto | None = None
 
     @property
     def preferred(self) -> whole_runs.OutputErrorFit:
@@ -123,6 +133,7 @@ class YawFit(Shown):
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             **({"swing": self.swing.to_json()} if self.swing else {}),
+            **({"nomoto": self.nomoto.to_json()} if self.nomoto else {}),
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.used_runs), self.set_aside, self.used_runs),
         }  # fmt: skip
@@ -261,6 +272,7 @@ def identify_turns(
     tail: float | None = None,
     with_effects: Sequence[str] = (),
     mass: float | None = None,
+    length: float | None = None,
 ) -> YawFit:
     """Fit the three models to a motion's steps, or to whole runs, which `load_runs` gives if they are needed.
 
@@ -269,9 +281,8 @@ def identify_turns(
     what comes after the first half-turns disagrees with them (see step_fit.py). `prior` is what
     need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
-    of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back.
-    Raises RunError where too few runs are left, FitError where
-    the data cannot carry a fit.
+    of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back,
+    `length` [m] the vehicle's. Raises RunError where too few runs are left, FitError where the data cannot carry a fit.
     """
     runs = len(turns) + len(set_aside)
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
@@ -280,16 +291,16 @@ def identify_turns(
         steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
-    if not (with_effects or dof.restoring) and (
-        fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)
-    ):
+    steered = any(turn.step.run.moment_unit == STEERED for turn in turns)  # its thrust may be anything
+    stepped = fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)
+    if stepped and not (with_effects or steered or dof.restoring):
         return _fit_steps(turns, set_aside, fit_to, prior, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
             f"{plural(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
-    fit = _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects)
+    fit = _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects, length)
     return replace(fit, mass=mass)
 
 
@@ -382,6 +393,7 @@ def _fit_whole(
     map_jobs: Each,
     channels: str,
     with_effects: Sequence[str],
+    length: float | None,
 ) -> YawFit:
     moving, chosen, short = usable_runs(runs, channels)
     dof = moving[0].dof
@@ -397,12 +409,14 @@ def _fit_whole(
             f"--known {letter}=1 makes each drag its ratio to the {words.inertia}"
         )
     at_rest = np.array([starts_at_rest(run) for run in moving])
+    steered, asked = moving[0].moment_unit == STEERED, with_effects
+    with_effects = (*with_effects, *(name for name in effects_of_rudder(moving) if name not in with_effects))
     signals = tuple(dict.fromkeys(need for name in with_effects for need in effects.get(name).needs))
     # until it is let go, something that no model knows holds the vehicle against its constant force
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
     course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
-    asks = bool(with_effects) or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
-    pushed, by_filter = "", asks and (bool(with_effects) or not driven.mostly_stepped(moving))
+    asks = bool(with_effects) or steered or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
+    pushed, by_filter = "", asks and (bool(with_effects) or steered or not driven.mostly_stepped(moving))
     if not by_filter:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
@@ -423,22 +437,40 @@ def _fit_whole(
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
         preference, use = _preferred_driven(fits, course, map_jobs)
         use = replace(use, large=use.large or pushed)
-        how = _by_filter(moving, with_effects)
-    words = dof.words
-    option = "--with" if with_effects else "--fit-to whole-runs"
+        how = _by_filter(moving, asked)
+    words, nomoto = dof.words, None
+    if steered and "1" in fits:
+        cubic = (*with_effects, *({"cubic-drag"} - {*with_effects}))
+        norrbin, _ = driven.fit_driven_model("1", moving, course, cubic, prior.parameters)
+        fastest = float(course.fastest[0])
+        nomoto = answer_to_rudder(moving, fits["1"], norrbin, fits[preference.number].model, fastest, length)
+    option = "--with" if asked else "--fit-to whole-runs"
     why = (
         f"Steps end at an angle, not at a {words.speed}, and have no velocity errors; the whole runs were fitted {how}"
         if dof.restoring
         else f"The whole runs were fitted {how}, as asked ({option}); steady "
         f"{words.speed}s and velocity errors are of {words.step}s only"
-        if fit_to == "whole-runs" or with_effects
+        if fit_to == "whole-runs" or asked
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
     return YawFit(
         moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, prior,
-        refused=refused, of_ratios=of_ratios,
+        refused=refused, of_ratios=of_ratios, nomoto=nomoto,
     )  # fmt: skip
+
+
+MIN_SPEED_SPREAD = 0.05  # share of the mean speed by which it has to vary before its part can be seen
+
+
+def effects_of_rudder(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Name what a vehicle that is steered has beside its drag, where its speed is logged and varies: a moment that
+    follows the square of the speed, and a hull's resistance to turns, which is in proportion to the speed."""
+    speeds = [run.extras["surge"] for run in runs if run.moment_unit == STEERED and "surge" in run.extras]
+    every = np.concatenate([*speeds, np.zeros(0)])
+    if len(speeds) < len(runs) or not np.isfinite(every).all():
+        return ()
+    return ("rudder-inflow", "cross-coupling") if np.std(every) > MIN_SPEED_SPREAD * abs(np.mean(every)) else ()
 
 
 def _preferred_driven(
@@ -448,7 +480,8 @@ def _preferred_driven(
     dof = course.motion.dofs[0]
     predict, inflate = partial(driven.predictions_of, course), partial(driven.inflate_for_missing, course)
     ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], PREDICTING)))
-    preference = prefer_driven(fits, ahead, dof) or prefer(fits)
+    horizons = STEERED_HORIZONS_S if course.moment_unit == STEERED else COMPARISON_HORIZONS_S
+    preference = prefer_driven(fits, ahead, dof, horizons) or prefer(fits)
     number = preference.number
     if estimator := fits[number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")

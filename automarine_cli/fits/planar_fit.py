@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from automarine_cli import effects
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError
@@ -18,6 +19,7 @@ from automarine_cli.fits.driven import (
     Judgement,
     large_disturbance,
     left_out_predictions,
+    start_of,
     starts_near,
     worth_of,
 )
@@ -204,6 +206,7 @@ def structure_of(model: Model, observed: Observed) -> str:
         laws = [law.removesuffix("-drag") for law in LAWS if (PLANAR.index(dof), law) in have]
         parts.append(f"{dof.name} drag {' and '.join(laws)}")
     parts += [term.name for term in model.terms if term.is_cross]
+    parts += dict.fromkeys(term.name for term in model.terms if not term.base)
     parts += [] if SKEW in model.fixed else [SKEW.partition(".")[2]]
     return ", ".join([*parts, *(["current"] if model.water else [])])
 
@@ -233,6 +236,9 @@ def _slope(time: Floats, values: Floats) -> Floats:
     return np.asarray((there - back) / np.maximum(ahead - behind, 1e-9))
 
 
+RUDDER_ARM_M = 0.1  # m
+
+
 def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
     """Orders of size from which fits start, by qualified name: drag that balances the usual force at the usual
     velocity, and an inertia that takes `SETTLES` to get there."""
@@ -244,6 +250,8 @@ def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
         speeds = speeds[np.isfinite(speeds)]
         speed = max(float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, dof.limits.unmoved)
         force = float(np.sqrt(np.mean(forces**2)))
+        if force == 0.0 and dof is YAW:  # by a rudder: as much as the thrust ahead gives at a small arm
+            force = RUDDER_ARM_M * float(np.sqrt(np.mean(np.concatenate([r.command_of(SURGE) for r in runs]) ** 2)))
         linear = max(force, 1e-3) / speed
         sizes |= {
             dof.parameter("linear"): linear,
@@ -315,6 +323,9 @@ class Estimated:
     def estimates(self) -> dict[str, Estimate]:
         """Every parameter that was identified or follows one, by qualified name."""
         estimates, parameters = dict[str, Estimate](), self.fit.parameters
+        held = set[str]()  # laws of effects and what only others use
+        for term in self.model.terms:
+            held |= {name for name, stays in zip(self.model.names_of(term), term.effect.held(term.values)) if stays}
         for i, parameter in enumerate(parameters[parameters.of_model]):
             if parameter.tie is not None:
                 source, factor = parameter.tie
@@ -322,7 +333,7 @@ class Estimated:
                 low, high = of.ci95
                 ends = (factor * low, factor * high)
                 estimates[parameter.name] = replace(of, value=factor * of.value, stderr=factor * of.stderr, ci95=ends)
-            elif parameter.name not in self.model.fixed:
+            elif parameter.name not in held.union(self.model.fixed):
                 estimates[parameter.name] = self._estimate(i, parameter.unit)
         return estimates
 
@@ -394,7 +405,7 @@ class ByEvidence(Judge[Estimated, Round]):
 def search(likelihood: "PlanarLikelihood") -> tuple[Estimated, ...]:
     """Return what was tried, the best one first, then in the order of their criterion, from the simplest model on."""
     judge = ByEvidence(likelihood)
-    stepwise_search(judge, likelihood.estimate(likelihood.observed.simplest(likelihood.rough)))
+    stepwise_search(judge, likelihood.estimate(likelihood.simplest))
     return tuple(sorted(judge.tried.values(), key=lambda estimated: estimated.criterion))
 
 
@@ -514,6 +525,17 @@ class PlanarLikelihood:
     runs: tuple[Run, ...]
     observed: Observed
     priors: Mapping[str, Prior] = field(default_factory=dict)
+    with_effects: tuple[str, ...] = ()
+    signals: tuple[str, ...] = ()
+
+    @cached_property
+    def simplest(self) -> Model:
+        """The model with which a search begins, with the effects that were asked for in each motion that is read."""
+        model = self.observed.simplest(self.rough)
+        for name, (place, dof) in product(self.with_effects, enumerate(PLANAR.dofs)):
+            if effects.get(name).acts_in(dof) and dof in self.observed.dofs:
+                model = model.with_term(Term(name, tuple(start_of(name, self.course, place)), dof=place))
+        return model
 
     @cached_property
     def rough(self) -> dict[str, float]:
@@ -528,7 +550,9 @@ class PlanarLikelihood:
     @cached_property
     def course(self) -> Course:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
-        return make_course(self.runs, moving, motion=PLANAR, channels=self.observed.channels)
+        read = {*self.signals, *(need for name in self.with_effects for need in effects.get(name).needs)}
+        signals = sorted(read - {dof.velocity for dof in PLANAR.dofs})
+        return make_course(self.runs, moving, signals, motion=PLANAR, channels=self.observed.channels)
 
     def problem(self, model: Model) -> DrivenProblem:
         largest = np.abs(self.course.commanded).max(axis=(1, 2))
@@ -568,7 +592,7 @@ class PlanarLikelihood:
         Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
-        plain = self.structure_of(self.observed.simplest(self.rough))
+        plain = self.structure_of(self.simplest)
         simplest = next((trial for trial in tried if self.structure_of(trial.model) == plain), tried[0])
         chosen, rival = ((trial, forecasts_of(self.problem(trial.model), trial.fit)) for trial in (tried[0], simplest))
         if chosen[1].score - rival[1].score >= WORTH_IT:

@@ -11,6 +11,7 @@ from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.quantities import Floats
 
 COMPARISON_HORIZONS_S = (2.0, 5.0)  # ahead, over which models and estimators are compared
+STEERED_HORIZONS_S = (5.0, 15.0)  # the same of what is steered
 MAX_CHANCE_ERRORS = 2.0  # standard errors over units up to which a lead may be chance
 
 
@@ -70,13 +71,12 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
     return Preference(chosen, f"Preferred: model {chosen}. Cross-validated log likelihood: {'; '.join(parts)}.")
 
 
-def forecast_losses(ahead: Mapping[str, tuple[Predicted, ...]], runs: int) -> dict[str, Floats] | None:
-    """Give the losses (U,) by run of predictions of runs left out of fits, by fit: squares over COMPARISON_HORIZONS_S,
+def forecast_losses(
+    ahead: Mapping[str, tuple[Predicted, ...]], runs: int, horizons: tuple[float, ...] = COMPARISON_HORIZONS_S
+) -> dict[str, Floats] | None:
+    """Give the losses (U,) by run of predictions of runs left out of fits, by fit: squares over some `horizons` [s],
     each as a share of what the best fit misses. None where the runs are too short, or one alone, to tell."""
-    judged = {
-        fit: [p for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
-        for fit, predicted in ahead.items()
-    }
+    judged = {fit: [p for p in predicted if p.horizon in horizons and len(p.error)] for fit, predicted in ahead.items()}
     if runs < 2 or len({len(predicted) for predicted in judged.values()} - {0}) != 1 or not all(judged.values()):
         return None
     reached = np.unique(np.concatenate([p.run for p in next(iter(judged.values()))]))
@@ -98,19 +98,22 @@ def is_ahead(loss: Floats, rival: Floats) -> bool:
 
 
 def prefer_driven(
-    fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
+    fits: Mapping[str, OutputErrorFit],
+    ahead: Mapping[str, tuple[Predicted, ...]],
+    dof: Dof,
+    horizons: tuple[float, ...] = COMPARISON_HORIZONS_S,
 ) -> Preference | None:
-    """Choose the model by predictions of runs left out of its fit over COMPARISON_HORIZONS_S. None where the runs are
+    """Choose the model by predictions of runs left out of its fit over these `horizons` [s]. None where the runs are
     too short, or one alone, to tell.
 
     Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
     not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
     """
     runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
-    if (losses := forecast_losses(ahead, runs)) is None:
+    if (losses := forecast_losses(ahead, runs, horizons)) is None:
         return None
     sizes = {
-        number: [p.rmse() for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
+        number: [p.rmse() for p in predicted if p.horizon in horizons and len(p.error)]
         for number, predicted in ahead.items()
     }
     chosen = simplest_within(losses, {number: len(fit.model.theta) for number, fit in fits.items()})
@@ -119,7 +122,7 @@ def prefer_driven(
     listed = ", ".join([f"{errors[chosen]} {dof.units.shown}", *rivals])
     best = min(losses.values(), key=np.sum) is losses[chosen]
     how = "best" if best else "as well as any with more parameters"
-    over = " and ".join(f"{horizon:g}" for horizon in COMPARISON_HORIZONS_S[: len(sizes[chosen])])
+    over = " and ".join(f"{horizon:g}" for horizon in horizons[: len(sizes[chosen])])
     return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
 
 

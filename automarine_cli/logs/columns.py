@@ -31,6 +31,7 @@ ROTATIONS = tuple(dof for dof in DOFS.values() if dof.angular)
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},
     "voltage": {"V": 1.0, "mV": 1e-3},
+    "rudder": ANGLES,
     "force": FORCES,
     **dict.fromkeys(VELOCITIES, SPEEDS),
     **dict.fromkeys(PLACES[:2], LENGTHS),
@@ -100,6 +101,8 @@ _ALL = (
     ("time", "time", TIMESTAMP),
     *_of_motions([YAW], "position", "velocity", "command"),
     ("voltage_V", "voltage", "V"),
+    ("rudder_deg", "rudder", "deg"),
+    ("rudder_rad", "rudder", "rad"),
     *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
     *_of_motions([dof for dof in DOFS.values() if not dof.angular], "velocity", "position", "command"),
     *_of_motions([dof for dof in ROTATIONS if dof is not YAW], "position", "velocity", "command"),
@@ -157,6 +160,7 @@ WORDS: Mapping[str, Sequence[str]] = {
     "time": ("t", "time", "timestamp", "seconds", "secs", "clock", "stamp", "millis", "zeit", "uhrzeit", "datetime"),
     "n": ("n", "cmd", "command", "n_rev_s", "effort", "throttle", "thruster_input", "pwm", "rpm", "esc", "pulse"),
     "force": ("force", "thrust", "load", "newtons", "pull", "mean_force", "total_force"),
+    "rudder": ("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "fin", "elevator"),
     "voltage": ("voltage", "volts", "battery_voltage", "vbat", "battery", "bat", "nominal_voltage_v"),
     **{
         quantity: [word for other in DOFS.values() for word in other.nicknames.get(quantity, ())]

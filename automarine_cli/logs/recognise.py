@@ -106,7 +106,10 @@ FORCE_WORDS = {
 }  # fmt: skip
 SPEED_WORDS = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
 EXACT = {
-    **{quantity: {*naming.WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", "voltage")},
+    **{
+        quantity: {*naming.WORDS[quantity]} - {"battery", "bat"}
+        for quantity in ("time", "n", "force", "voltage", "rudder")
+    },
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
 THRUSTER_WORDS = {
@@ -242,9 +245,14 @@ def _moment(quantity: str, source: str, span: Span) -> Recognised:
     if source in CANONICAL or "nm" in words or words[-2:] == ["n", "m"]:
         return Recognised(source if source in CANONICAL else metres, source, f"{span}")
     why = f'a {quantity} in newton metres (then {metres} = "{source}") or normalised (then {normalised} = "{source}")?'
-    if any(word.startswith("rudder") for word in words):
-        why = f'a rudder acts as a moment up to its scale: write "{source}"; drag and inertia are then in its own unit'
     return Recognised(normalised, source, f"{span}", open=why)
+
+
+def _rudder(quantity: str, source: str, span: Span) -> Recognised:
+    unit = _unit_in(source, {"deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"})
+    likely = unit or ("rad" if max(abs(span.low), abs(span.high)) <= LARGEST_RUDDER_RAD else "deg")
+    why = "" if unit else f"deg or rad? The range looks like {likely}"
+    return Recognised(_name(quantity, likely), source, f"{span}", open=why, ask="unit" if why else "")
 
 
 def _force(quantity: str, source: str, span: Span) -> Recognised:
@@ -303,7 +311,9 @@ def _unit_in(source: str, units: Mapping[str, str]) -> str | None:
     return next((units[word] for word in reversed(words) if word in units and (len(words) > 1 or len(word) > 3)), None)
 
 
+LARGEST_RUDDER_RAD = 1.6  # rad; no rudder goes further
 _JUDGES = {
+    "rudder": _rudder,
     "time": _time,
     "force": _force,
     "voltage": _voltage,
@@ -395,7 +405,7 @@ def _signed_by(name: str, neutral: float) -> object:
 
 
 NEEDED = ("time", YAW.position, YAW.command)
-YAW_QUANTITIES = (*NEEDED, *YAW.thrusters, YAW.velocity, "surge", "sway", "voltage")
+YAW_QUANTITIES = (*NEEDED, *YAW.thrusters, YAW.velocity, "rudder", "surge", "sway", "voltage")
 BOLLARD = ("n", "force", "time", "voltage")
 MAX_LOOKED_INTO = 20  # bollard tests of one layout
 
@@ -487,6 +497,7 @@ def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -
     elif not swing and not all(columns[side] is not None for side in YAW.thrusters):
         columns |= {side: mapped.get(side) for side in YAW.thrusters}
     commanded = swing or all(columns.get(side) is not None for side in YAW.thrusters)  # in place of a moment
+    commanded = commanded or columns.get("rudder") is not None
     needed = BOLLARD[:2] if layout.bollard else needed[:2] if commanded else needed
     lacking = tuple(quantity for quantity in needed if columns.get(quantity) is None)
     # a column that was recognised as two quantities is the first of them

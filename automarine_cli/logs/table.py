@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs import columns as naming
@@ -22,7 +22,7 @@ from automarine_cli.logs.find import ENDINGS, format_of
 from automarine_cli.logs.formats import LOGGED, Format, LogFile, Origin, RawLog
 from automarine_cli.logs.parquet import read_table
 from automarine_cli.logs.streams import joined
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.text import listed, printable, quoted
 
 
@@ -98,6 +98,11 @@ def read_log(
             extras[printable(name)] = np.where(np.isinf(values), np.nan, values)
     values_of = {use.canonical.quantity: _values(raw, use, source, notes) for use in uses}
     units = {use.canonical.quantity: _unit(use, values_of[use.canonical.quantity]) for use in uses}
+    held = values_of.keys()
+    if dof is YAW and "rudder" in held and dof.command not in held and not naming.driven(dof, held):
+        # nothing else turns it: the rudder is the command; in the plane it acts beside none
+        values_of[dof.command] = values_of["rudder"] * (1.0 if motion is None else 0.0)
+        units[dof.command] = STEERED if motion is None else dof.units.forces[1]
     words = categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)})
     return LogTable(
         source, values_of, raw.rows, labels_of(raw, columns, source), units, extras, raw.names, (*raw.notes, *notes),
@@ -278,7 +283,7 @@ def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | lis
     rows = slice(first, stop)
     columns: dict[str, Floats | list[str]] = {}
     for quantity in dict.fromkeys(canonical.quantity for canonical in CANONICAL.values()):
-        if quantity in table.columns:
+        if quantity in table.columns and not (quantity == table.dof.command and table.moment_unit == STEERED):
             command = quantity == table.dof.command
             names = [n for n in naming.names_of(quantity) if not command or CANONICAL[n].unit == table.moment_unit]
             name = next((n for n in names if "_deg" in n or command), None)

@@ -38,7 +38,7 @@ from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.errors import ModelError
 from automarine_cli.models.parameter import Parameter, Parameters
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 
 BASE_TERMS = {"1": ("linear-drag",), "2": ("quadratic-drag", "linear-drag"), "3": ("quadratic-drag",)}
 """The drag terms of the paper's three models: D(r) = k_r; k_rr|r| + k_r; k_rr|r|."""
@@ -241,6 +241,13 @@ class Model:
         return self.parameter_names.index(name)
 
     @property
+    def signals(self) -> tuple[str, ...]:
+        """Logged columns that its effects read, in the order of its terms; states of the motion are none."""
+        states = {dof.velocity for dof in self.motion.dofs}
+        every = dict.fromkeys(name for term in self.terms for name in term.effect.needs_at(term.values))
+        return tuple(name for name in every if name not in states)
+
+    @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that are neither fixed nor tied."""
         held = {*self.fixed, *(name for name, _, _ in self.ties)}
@@ -266,6 +273,8 @@ class Model:
         base = [term.effect.role for term in self.terms if term.base]
         main = "quadratic" if "quadratic" in base else "linear"
         both = {term.name for term in self.terms} >= set(BASE_TERMS["2"])
+        # a hull may turn by itself until its other drag holds it: ships are often unstable on their course
+        steers = self.moment_unit == STEERED and any((term.effect.power or 0) > 1 for term in self.terms)
         dofs, entries = self.motion.dofs, list[Parameter]()
         units = [dof.units.forces[1] if len(dofs) > 1 else self.moment_unit for dof in dofs]
         size = np.broadcast_to(np.asarray(largest, dtype=float), len(dofs)).tolist()
@@ -285,7 +294,7 @@ class Model:
                 lower, upper = max(law.lower, least_delay if effect.shifts(term.values) else -np.inf), law.upper
                 if law.scan and effect.varies(term.values):
                     upper = min(upper, longest_period)
-                if signed_drag and both and effect.role == "linear":
+                if effect.role == "linear" and ((signed_drag and both) or steers):
                     lower = -np.inf
                 log = law.log or (log_drag and term.base and effect.role in (main, "restoring") and not stays)
                 step = max(law.scaled(law.start, size[term.dof]), 1e-6)

@@ -121,6 +121,7 @@ class ModelFile(ResultRecord):
     random: Mapping[str, Given] = field(default_factory=dict)
     proposed: Mapping[str, float] = field(default_factory=dict)
     buoyancy: Mapping[str, object] = field(default_factory=dict)
+    nomoto: Mapping[str, object] = field(default_factory=dict)
     prediction: Use = field(default_factory=Use)
     warnings: tuple[str, ...] = ()
 

@@ -40,7 +40,7 @@ from automarine_cli.planning.rivals import (
     splits,
     with_effect,
 )
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.simulation.specification import SIMULATION_SCHEMA, time_to_turn
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters, map_and_arm
@@ -576,6 +576,11 @@ def _drive(
 def _largest_moment(prior: PriorResults, limits: Limits, drive: TwinThrusters | None) -> float:
     """The largest moment of runs, in the model's unit. Raises SettingError where none is told or it is too large."""
     largest, unit = limits.moments.largest, prior.stored.model.moment_unit
+    if unit == STEERED:
+        raise SettingError(
+            f"{prior.stored.source} is a model of a rudder, and a plan is of moments; make zigzags instead: "
+            "`automarine guide rudder`"
+        )
     if drive is None:
         if largest is None and unit != "nu":
             raise SettingError(

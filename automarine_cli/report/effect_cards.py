@@ -18,6 +18,7 @@ FITTED_AGAINST = {
     "moment": "the largest {force} of the logs",
     "clock": "the logs' first instant",
     "voltage": "the logs' mean voltage",
+    "surge": "the logs' mean surge speed",
 }
 
 

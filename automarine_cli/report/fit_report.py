@@ -16,6 +16,7 @@ from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantit
 from automarine_cli.fits.identify import YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
+from automarine_cli.fits.nomoto import Nomoto, mean_miss
 from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit, structure_of
 from automarine_cli.fits.preference import Preference
@@ -386,6 +387,8 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     shown |= {"command delay": preferred.delay} if fit.is_late else {}
     values = ", ".join(_valued(name, e) for name, e in shown.items())
     model = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})"
+    if fit.nomoto is not None:
+        model += f", steered by the rudder at {'logged' if fit.nomoto.speed else 'a constant'} speed,"
     head = f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."
     use = () if fit.use is None else (fit.use.sentence(dof),)
     heads = [head] if fit.swing is None else _swing_heads(fit, fit.swing, model, values)
@@ -420,6 +423,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines += [line, *sentences_of(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)]
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
+    lines += rudder_sentences(fit.nomoto)
     lines += [f"Read: {note}." for note in shared_readings(fit.used_runs)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
@@ -442,6 +446,32 @@ def _swing_heads(fit: YawFit, swing: Swing, model: str, values: str) -> list[str
     restoring = _valued(sym.restoring, fit.preferred.estimates[sym.restoring])
     head = f"{dof.name.capitalize()}: {texts[0]}; {model} from {_carrying(fit)}{fixed}."
     return [head, f"{texts[1]}.", f"{moments}: {values}, {restoring}."]
+
+
+def rudder_sentences(nomoto: Nomoto | None) -> Iterator[str]:
+    """Say how the vehicle answers its rudder."""
+    if nomoto is None:
+        return
+    to = "starboard" if nomoto.side > 0 else "port"
+    speed = "a constant speed" if nomoto.speed is None else f"{nomoto.speed:.3g} m/s"
+    yield (
+        f"The command is the rudder angle: at {speed} its N_delta is 1, drag and inertia are shares of it. Positive "
+        f"rudder turns to {to}."
+    )
+    first = {"K": nomoto.gain, "T": nomoto.time, "N_delta/I_r": nomoto.effect, **nomoto.prime}
+    yield f"Nomoto, T r' + r = K delta: {', '.join(_valued(name, e) for name, e in first.items())}."
+    if nomoto.cubic:
+        cubic = ", ".join(_valued(name, e) for name, e in nomoto.cubic.items())
+        unstable = "; the hull is unstable on its course" if nomoto.n1 < 0 else ""
+        yield f"Norrbin, T r' {'-' if nomoto.n1 < 0 else '+'} r + n3 r³ = K delta: {cubic}{unstable}."
+    full, turning, fastest = np.rad2deg([nomoto.full, nomoto.turning, nomoto.fastest])
+    yield f"A rudder of {full:.3g}° turns at {turning:.3g}°/s in the end by the model; the logs reach {fastest:.3g}°/s."
+    if nomoto.overshoots:
+        logged, modelled = np.rad2deg(np.mean(nomoto.overshoots, axis=0))
+        yield (
+            f"Overshoot angles of {len(nomoto.overshoots)} swings are {logged:.3g}° on the mean in the logs and "
+            f"{modelled:.3g}° by the model, which misses each by {np.rad2deg(mean_miss(nomoto.overshoots)):.2g}°."
+        )
 
 
 LOOK_FOR_EFFECT = "An effect is missing: look for it with `automarine diagnose`."

@@ -21,7 +21,7 @@ from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, r
 from automarine_cli.logs.columns import RUN, driven, names_of
 from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs import checks
 from automarine_cli.runs.run import NORMAL, Run, fresh_readings, median, named_apart, own_name, slope, summed
 from automarine_cli.text import plural
@@ -354,6 +354,7 @@ def load_runs(
     _refuse_other_units(aside, runs, {file.name: (columns or ColumnMap()).of(file.path).columns for file in files})
     runs = named_apart(_decays_in_one_unit(runs) if dof.restoring else runs)
     _refuse_two_units(runs)
+    runs = to_starboard(runs)
     limited, limits = checks.within_limits(runs)
     return LoadedRuns(tuple(limited), tuple(aside), tuple(filter(has_bytes, files)), limits)
 
@@ -374,6 +375,38 @@ def _refuse_other_units(aside: Sequence[ExcludedRun], runs: Sequence[Run], maps:
             f"{proof.file}, run {proof.run!r}: {proof.why}. The same column of {plural(alike, 'other log')} looks so "
             "too, and nothing was used; where only one log differs, give it a map of its own under [[columns_of]]"
         )
+
+
+PIECES_OF_A_RUN = (16, 32, 64, 128)  # of which one is long beside the noise and short beside the turns
+TO_PORT = "positive rudder turns to port: the command is the rudder angle with its sign changed"
+
+
+def to_starboard(runs: Sequence[Run]) -> list[Run]:
+    """Return the runs, those of a rudder that turns to port where it is positive with a command of the other sign.
+
+    Over pieces of the runs the change of the rate is put down to the rudder and the rate, by least squares; the length
+    of piece that tells the rudder's share most clearly says its sign.
+    """
+    steered = [run for run in runs if run.moment is not None and run.moment_unit == STEERED]
+    shares = []
+    for count in PIECES_OF_A_RUN if steered else ():
+        rows = []
+        for run in steered:
+            knots = np.linspace(run.time[0], run.time[-1], count + 1)
+            angle, way = (np.interp(knots, run.time, x) for x in (summed(run.time, run.command), run.position))
+            rate, rudder = np.diff(way) / np.diff(knots), np.diff(angle)
+            rows.append(np.stack([np.diff(rate), 0.5 * (rudder[1:] + rudder[:-1]), np.diff(knots[1:]) * rate[:-1]]))
+        change, *terms = np.concatenate(rows, axis=1)
+        x = np.stack(terms, axis=1)
+        inverse = np.linalg.pinv(x.T @ x)
+        size = inverse @ x.T @ change
+        error = np.sqrt(max(float(np.sum((change - x @ size) ** 2)), 1e-30) * max(inverse[0, 0], 1e-30))
+        shares.append(float(size[0] / error))
+    if not shares or max(shares, key=abs) >= 0:
+        return list(runs)
+    return [
+        run.with_moment(-run.command, STEERED).noted(TO_PORT) if run.moment_unit == STEERED else run for run in runs
+    ]
 
 
 def has_bytes(file: LogFile) -> bool:

@@ -245,11 +245,16 @@ def right_hand_side(
     states = [State(none, start, none, none, none, none, {}, flow) for start in origin]
 
     pushes = [(term.dof, term.effect.moment, term.values) for term in movers]
+    # signals that are states of this motion: through the water, whatever a log says
+    read = {name for term in movers for name in term.effect.needs}
+    stated = [(dof.velocity, d) for d, dof in enumerate(motion.dofs) if dof.velocity in read]
     first = states[0]
 
     def slope(  # type: ignore[no-untyped-def]
         position: Floats, velocity: Floats, water: Sequence[Floats], force: Sequence[Floats], time: Floats, signals
     ):
+        if stated:
+            signals = {**signals, **{name: velocity[d] for name, d in stated}}
         if single:  # the same as below, without the loops that one degree of freedom has no need of
             first.position = position[0]
             first.velocity = first.relative = flow[0] = velocity[0]

@@ -331,8 +331,8 @@ class Vehicle(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.force_unit not in self.dof.units.forces:
-            units = ", ".join(map(repr, self.dof.units.forces))
+        if self.force_unit not in self.dof.units.forces[:2]:
+            units = ", ".join(map(repr, self.dof.units.forces[:2]))
             raise SettingError(
                 f"{key_of(self, 'force_unit')}: expected one of {units}, found {format_value(self.force_unit)}"
             )

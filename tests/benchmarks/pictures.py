@@ -138,9 +138,24 @@ class Panel:
     base: str = "3"
 
 
+def zigzag(time: Floats) -> Floats:
+    """A rudder that goes from 0.3 rad on one side to the other every four seconds."""
+    return np.where(np.sin(2.0 * np.pi * time / 8.0) >= 0.0, 0.3, -0.3)
+
+
 GALLERY = {
     "backlash": Panel("up, half down, off", ((0.3, 7.0), (0.6, 7.0), (0.3, 7.0), (0.0, 9.0)), (0.08,)),
     "battery-sag": Panel("a step, an hour later", ((0.6, 10.0),), (0.3, 0.05, 1.2, 0.0), start=3600.0),
+    "rudder": Panel(
+        "zigzag under way", ((0.0, 20.0),), (1.2,), signals={"rudder": zigzag, "surge": lambda time: 1.0 + 0.0 * time}
+    ),
+    "rudder-drag": Panel("zigzag under way", ((1.0, 30.0),), (60.0,), signals={"rudder": zigzag}, dof=SURGE, base="2"),
+    "rudder-inflow": Panel(
+        "the same at half the speed",
+        SQUARE,
+        (0.2, 1.0),
+        signals={"rudder": zigzag, "surge": lambda time: np.where(time < 9.0, 1.0, 0.5)},
+    ),
     "dead-band": Panel("slow ramp through zero", RAMP, (0.06,)),
     "input-delay": Panel("start of a step", ((0.6, 2.0),), (0.3,), since=0.5, until=2.5),
     "saturation": Panel("rising steps", STAIRS, (0.7,)),

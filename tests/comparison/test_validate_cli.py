@@ -12,6 +12,7 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 
 from automarine_cli.commands.validate import validate
+from automarine_cli.models.model import Model
 from automarine_cli.thrusters.curves import PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -68,7 +69,7 @@ def test_thruster_commands(pool: Path, run: Run, tmp_path: Path) -> None:
 
 
 def test_a_run_without_a_signal_of_the_model_is_set_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("automarine_cli.comparison.validation.needed_signals", lambda model: ("depth_m",))
+    monkeypatch.setattr(Model, "signals", ("depth_m",))
     sequence, logs = sequence_run((0.5,)), tmp_path / "logs"
     written(sequence, logs / "deep.csv", depth_m=1.0)
     written(sequence, logs / "flat.csv")

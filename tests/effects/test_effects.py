@@ -20,6 +20,7 @@ from effect_contract import (
     laws_of,
     long_plans,
     measured,
+    mirrored,
     mirrored_signs,
     of_law,
     planted,
@@ -40,6 +41,7 @@ from automarine_cli.errors import ModelError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import driven_problem, starts_near
 from automarine_cli.models.model import Model
+from automarine_cli.quantities import SIGNALS
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -63,8 +65,7 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plan
 
 
 def headings(model: Model, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1) -> Floats:
-    needs = {need for term in model.terms for need in effects.get(term.name).needs}
-    batch = make_batch(runs, 0.05, sorted(needs))
+    batch = make_batch(runs, 0.05, sorted({need for term in model.terms for need in term.effect.needs}))
     start = Start(position=sign * np.array([STARTS[: len(runs)]]))
     return simulate(model, batch, theta, start).position
 
@@ -125,10 +126,10 @@ def test_parameters_have_units_and_bounds_that_hold_their_start(name: str) -> No
         assert p.name and p.meaning and p.unit
         assert p.lower < p.upper and p.lower <= p.start <= p.upper and np.isfinite(p.start)
         assert all(p.lower <= value <= p.upper for value in p.scan)
-        assert p.reference in ("", "moment", "clock", "voltage")
+        assert p.reference in ("", "moment", "clock", *SIGNALS)
         assert not p.log or p.lower > 0.0
     for dof in DOFS.values():
-        for unit in (*UNITS, *dof.units.forces):
+        for unit in {*UNITS, *dof.units.forces} - {dof.units.base}:
             for p, filled in zip(effect.parameters, effect.card(dof, unit).parameters):
                 assert ("{force}" in p.unit) == (unit in filled.unit)
 
@@ -193,12 +194,6 @@ def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
     np.testing.assert_allclose(found, -of_planted(name), rtol=0, atol=1e-10)
     if effect.parity != EVEN:  # and it is no idle word
         assert np.abs(headings(with_effect(name), runs, sign=-1) + of_planted(name)).max() > 1e-3
-
-
-def mirrored(run: Run) -> Run:
-    """The run with its command negated: port and starboard thruster have changed places."""
-    ahead, astern, other_ahead, other_astern = (-run.extras[part] for part in PARTS)
-    return run.with_moment(-run.command, run.moment_unit, dict(zip(PARTS, (other_ahead, other_astern, ahead, astern))))
 
 
 @EVERY_LAW

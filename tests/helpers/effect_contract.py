@@ -14,7 +14,9 @@ from automarine_cli import effects
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect
 from automarine_cli.effects.base import MIXED, ODD
+from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.models.model import Model
+from automarine_cli.quantities import SIGNALS
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -55,6 +57,10 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "input-delay 1": (0.2, 0.45),
     "linear-drag": (0.2,),
     "periodic-disturbance": (0.06, -0.04, 3.1),
+    "rudder": (2.0,),
+    "rudder 1": (1.5, 0.05),
+    "rudder 2": (0.15,),
+    "rudder-inflow": (0.6,),
     "saturation": (0.8,),
     "saturation 1": (1.5,),
     "tether-spring 1": (0.03, 1.5),
@@ -89,7 +95,8 @@ def laws_of(effect: Effect) -> int:
 
 def law_names() -> list[str]:
     """Every law of every effect: "water-swirl" is its first one, "water-swirl 1" the next."""
-    every = [(name, law) for name in effects.names() for law in range(laws_of(effects.get(name)))]
+    turning = [name for name in effects.names() if effects.get(name).acts_in(YAW)]
+    every = [(name, law) for name in turning for law in range(laws_of(effects.get(name)))]
     return [f"{name} {law}" if law else name for name, law in every]
 
 
@@ -102,7 +109,7 @@ def of_law(name: str) -> tuple[Effect, int]:
 def sizes_of(effect: Effect, law: int = 0) -> tuple[float, ...]:
     """Values of all parameters with which the effect is planted, for moments up to LARGEST, in one of its laws; a
     parameter that this law does not use is at its start, or at nothing."""
-    fixed = {"moment": LARGEST, "clock": 0.0, "voltage": 12.0}
+    fixed = {"moment": LARGEST, "clock": 0.0, "voltage": 12.0, "surge": 0.3}
     own = iter(SIZES.get(f"{effect.name} {law}", SIZES.get(effect.name, ())) if law else SIZES.get(effect.name, ()))
     at_law = tuple(float(law) if p.choices else p.start for p in effect.parameters)
     return tuple(
@@ -149,19 +156,31 @@ def short_plans() -> list[Plan]:
     return [[(sign * moment, seconds) for moment, seconds in plan] for plan in there for sign in (1.0, -1.0)]
 
 
+def made_signal(name: str, number: int, time: Floats) -> Floats:
+    """A logged column that changes from run to run and within a run, in no step with the command nor with another."""
+    signal, phase = SIGNALS[name], list(SIGNALS).index(name)
+    of_run = np.sin(2.3 * number + phase)
+    return signal.usual + signal.swing * (0.6 * of_run + 0.4 * np.sin((0.5 + 0.1 * phase) * time + number + phase))
+
+
+def mirrored(run: Run) -> Run:
+    """The run with its command and all that changes sides negated: port and starboard thruster have changed places."""
+    signals = {name: SIGNALS[name].sign * column for name, column in run.extras.items() if name in SIGNALS}
+    ahead, astern, other_ahead, other_astern = (-run.extras[part] for part in PARTS)
+    parts = dict(zip(PARTS, (other_ahead, other_astern, ahead, astern)))
+    return run.with_moment(-run.command, run.moment_unit, {**signals, **parts})
+
+
 def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 1.0) -> Run:
-    """The run of a plan before anything was measured: clock, held command, voltage and surge, no heading yet."""
+    """The run of a plan before anything was measured: clock, command, every signal, no heading yet."""
     whole = [(0.0, REST), *plan]
     ends = np.cumsum([seconds for _, seconds in whole])
     time = np.arange(0.0, ends[-1] - PERIOD / 4, PERIOD)
     command = scale * np.array([moment for moment, _ in whole])[np.searchsorted(ends, time, side="right")]
-    # voltage and surge change from run to run and within a run, in no step with the command
-    voltage = 12.0 + 1.5 * np.sin(2.3 * number) + 0.4 * np.sin(0.7 * time + number)
-    surge = 0.4 * np.sin(1.7 * number + 0.5 * time)
     # way on beside the turn: what both thrusters push alike, as the moment of one
     along = scale * 0.5 * np.sin(1.1 * number + 0.9 * time)
     parts = parts_of([0.5 * command + along, 0.5 * command - along], YAW)
-    extras = {"voltage": voltage, "surge": surge, **parts}
+    extras = {name: made_signal(name, number, time) for name in SIGNALS} | parts
     name = f"run_{number:02d}"
     clock = WAIT * number + time
     return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras, dof=YAW)
@@ -180,8 +199,7 @@ def measured(
     anywhere between two samples, white noise of the heading; `snag` gives a moment for each window of the batch.
     """
     random = np.random.default_rng(seed)
-    needed = sorted({name for term in truth.terms for name in effects.get(term.name).needs})
-    batch = make_batch(runs, 0.05, needed)
+    batch = make_batch(runs, 0.05, truth.signals)
     shape = (1, *batch.interval.shape)
     start = Start(
         position=random.uniform(-np.pi, np.pi, (1, len(runs))),

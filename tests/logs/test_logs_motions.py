@@ -69,8 +69,10 @@ def test_what_a_column_is_recognised_as() -> None:
     for name in ("mean_force_N", "total_force_N", "force_n", "Force_N"):
         force = recognise("force", [name], {name: Span(-60.0, 60.0, 1.0, 5.0)})
         assert force is not None and (force.key, force.open) == ("force_N", "")
-    rudder = recognise("moment", ["rudder_deg"], {"rudder_deg": Span(-20.0, 20.0, 0.1, 2.0)})
-    assert rudder is not None and rudder.open.startswith("a rudder acts as a moment up to its scale")
+    for name, key in (("rudder_deg", "rudder_deg"), ("rudder_angle_rad", "rudder_rad"), ("Rudder", "rudder_deg")):
+        rudder = recognise("rudder", [name], {name: Span(-20.0, 20.0, 0.1, 2.0)})
+        assert rudder is not None and rudder.key == key and bool(rudder.open) == (name == "Rudder")
+    assert recognise("moment", ["rudder_deg"], {"rudder_deg": Span(-20.0, 20.0, 0.1, 2.0)}) is None
 
 
 @pytest.mark.parametrize(

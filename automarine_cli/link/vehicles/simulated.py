@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.comparison.simulated_runs import needed_signals
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
@@ -50,7 +49,7 @@ class Simulated:
 
     def refuse(self, campaign: LinkCampaign) -> None:
         """Raise SettingError for moments of another unit or too large ones, and a model of more than moments."""
-        if needed := needed_signals(self.model):
+        if needed := self.model.signals:
             remedy = "which a simulated vehicle does not log; choose a model without it"
             raise SettingError(f"the vehicle's model needs {listed(needed)}, {remedy}")
         if campaign.moment_unit != (unit := self.model.moment_unit):

@@ -1,0 +1,170 @@
+"""How a vehicle answers its rudder: Nomoto's gain and time constant, Norrbin's cubic, overshoot angles of zigzags.
+
+Nomoto et al. (1957), International Shipbuilding Progress 4:354: T r' + r = K delta. Norrbin (1963), Swedish State
+Shipbuilding Experimental Tank 55: T r' + n1 r + n3 r³ = K delta, where n1 is -1 of a hull that is unstable on its
+course. In the prime system, with the length L and the speed U, K' = K L/U and T' = T U/L (SNAME 1950).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from automarine_cli.estimate import Estimate
+from automarine_cli.fits.whole_runs import OutputErrorFit, run_dof
+from automarine_cli.models.model import Model, steady_rate
+from automarine_cli.runs.load import TO_PORT
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+
+DIFFERENCE = 1e-4  # by which a parameter is moved, as a share of itself
+HELD_SHARE = 0.9  # of the largest rudder angle, from which on it counts as put over
+RATE_WINDOW_S = 1.0  # over which a rate is told from headings
+STEP_S = 0.1  # of the simulation of overshoots
+
+
+@dataclass(frozen=True)
+class Nomoto:
+    """The answer to the rudder at a `speed` [m/s] (None: not logged), as positive rudder was logged (`side`, -1 where
+    that turns to port): `gain` [1/s] and `time` [s] of first order, the same of `cubic` with `n1` and `n3` [s²] where
+    it was fitted; the `effect` N_delta/I_r [1/s²] at that speed; the rate [rad/s] to which a rudder of `full` [rad]
+    leads, and the `fastest` of the logs; overshoot angles [rad] of zigzags, of logs and model from each execute on;
+    `length` [m] of the vehicle or None."""
+
+    side: int
+    speed: float | None
+    gain: Estimate
+    time: Estimate
+    cubic: dict[str, Estimate]
+    n1: int
+    effect: Estimate
+    full: float
+    turning: float
+    fastest: float
+    overshoots: tuple[tuple[float, float], ...]
+    length: float | None = None
+
+    @property
+    def prime(self) -> dict[str, Estimate]:
+        """Gain and time constant in the prime system; empty without length or speed."""
+        if not self.length or not self.speed:
+            return {}
+        ratio = self.length / self.speed
+        return {"K'": scaled(self.gain, ratio, "1"), "T'": scaled(self.time, 1.0 / ratio, "1")}
+
+    def to_json(self) -> dict[str, object]:
+        degrees = np.rad2deg(np.array(self.overshoots).reshape(-1, 2))
+        return {
+            "positive_rudder_turns_to": "starboard" if self.side > 0 else "port",
+            "speed_m_s": self.speed,
+            "first_order": {"K": self.gain.to_json(), "T": self.time.to_json()},
+            "norrbin": {name: e.to_json() for name, e in self.cubic.items()} | {"n1": self.n1} if self.cubic else None,
+            "N_delta_over_I_r": self.effect.to_json(),
+            "prime": {name: e.to_json() for name, e in self.prime.items()} or None,
+            "length_m": self.length,
+            "turning": {
+                "rudder_deg": float(np.rad2deg(self.full)),
+                "model_deg_s": float(np.rad2deg(self.turning)) if np.isfinite(self.turning) else None,
+                "logs_deg_s": float(np.rad2deg(self.fastest)),
+            },
+            "overshoot_deg": {"logs": degrees[:, 0].tolist(), "model": degrees[:, 1].tolist()},
+        }
+
+
+def scaled(of: Estimate, factor: float, unit: str) -> Estimate:
+    """Return an estimate in another unit, or with the other sign."""
+    low, high = sorted(factor * end for end in of.ci95)
+    return Estimate(factor * of.value, abs(factor) * of.stderr, (low, high), unit, of.known, of.at_bound)
+
+
+def answer_to_rudder(
+    runs: Sequence[Run], first: OutputErrorFit, cubic: OutputErrorFit | None, best: Model, fastest: float,
+    length: float | None = None,
+) -> Nomoto:  # fmt: skip
+    """Give the answer to the rudder by a model of linear drag, one of linear and `cubic` drag if it could be fitted,
+    and overshoots and turning by the `best` one."""
+    side = -1 if TO_PORT in runs[0].reading else 1
+    speeds = [run.extras["surge"] for run in runs if "surge" in run.extras]
+    speed = float(np.nanmean(np.concatenate(speeds))) if len(speeds) == len(runs) else None
+    speed = next((term.values[1] for term in first.model.terms if term.name == "rudder-inflow"), speed)
+
+    def damping(model: Model) -> float:
+        coupled = sum(term.values[0] for term in model.terms if term.name == "cross-coupling")
+        return model.drag()[0] - coupled * (speed or 0.0)
+
+    gain = derived(first, lambda model: 1.0 / damping(model), "1/s")
+    time = derived(first, lambda model: model.inertia / damping(model), "s")
+    third, n1 = dict[str, Estimate](), 1
+    if cubic is not None:
+        n1 = 1 if damping(cubic.model) >= 0 else -1
+        third = {
+            "K": scaled(derived(cubic, lambda model: 1.0 / abs(damping(model)), "1/s"), side, "1/s"),
+            "T": derived(cubic, lambda model: model.inertia / abs(damping(model)), "s"),
+            "n3": derived(cubic, lambda model: _cubic(model) / abs(damping(model)), "s²", positive=False),
+        }
+    full = max(float(np.abs(run.command).max()) for run in runs)
+    turning = float(steady_rate(full, damping(best), best.drag()[1]))
+    pairs = tuple(pair for run in runs for pair in overshoots(best, run))
+    effect = scaled(derived(first, lambda model: 1.0 / model.inertia, "1/s²"), side, "1/s²")
+    gain = scaled(gain, side, "1/s")
+    return Nomoto(side, speed, gain, time, third, n1, effect, full, turning, fastest, pairs, length)
+
+
+def _cubic(model: Model) -> float:
+    return next(term.values[0] for term in model.terms if term.name == "cubic-drag")
+
+
+def derived(fit: OutputErrorFit, of: Callable[[Model], float], unit: str, positive: bool = True) -> Estimate:
+    """Estimate what a model's parameters give, by its slopes; of what is never zero on the logarithm of its size."""
+    mixed, count = fit.mixed, len(fit.model.theta)
+    value, slope = of(fit.model), np.zeros(len(mixed.phi))
+    for i in np.flatnonzero(np.diagonal(fit.covariance)[:count] > 0):
+        step = DIFFERENCE * (1.0 if mixed.parameters.log[i] else max(abs(mixed.phi[i]), 1e-6))
+        moved = mixed.phi + np.outer([step, -step], np.arange(len(mixed.phi)) == i)
+        ahead, behind = (of(fit.model.with_theta(theta[:count])) for theta in mixed.parameters.natural(moved))
+        slope[i] = (ahead - behind) / (2.0 * step)
+    error = float(np.sqrt(max(float(slope @ fit.covariance @ slope), 0.0)))
+    if not positive:
+        return Estimate.from_stderr(value, error, run_dof(mixed, slope), unit)
+    estimate = Estimate.from_log(abs(value), error / abs(value), run_dof(mixed, slope), unit)
+    return scaled(estimate, 1.0 if value > 0 else -1.0, unit)
+
+
+def executes(run: Run) -> list[tuple[int, int]]:
+    """First and last samples of the swings of a zigzag: from where the rudder begins to go over to the other side to
+    where it does so again. Empty for a run that is none."""
+    most = float(np.abs(run.command).max())
+    over = np.flatnonzero(np.abs(run.command) >= HELD_SHARE * most)
+    ways = np.sign(run.command[over])
+    at = over[np.flatnonzero(np.diff(ways) != 0)] if most > 0 else over[:0]
+    return list(zip(at.tolist(), [*at[1:].tolist(), len(run) - 1])) if len(at) > 1 else []
+
+
+def overshoots(model: Model, run: Run) -> list[tuple[float, float]]:
+    """Give overshoot angles [rad] of a run, of its log and of the model from the logged state at each execute on: how
+    far the heading goes on after the rudder began to go back. Swings that do not come back in the log are left out."""
+    swings = [(a, b) for a, b in executes(run) if b - a > 2]
+    if not swings:
+        return []
+    time, heading = run.time, run.position
+    cuts, starts, rates = [run.cut(a, b + 1) for a, b in swings], [], []
+    for a, _ in swings:
+        ends = np.clip(time[a] + np.array([-0.5, 0.5]) * RATE_WINDOW_S, time[0], time[-1])
+        rates.append(float(np.diff(np.interp(ends, time, heading))[0] / np.diff(ends)[0]))
+        starts.append(heading[a])
+    batch = make_batch(cuts, STEP_S, model.signals)
+    path = simulate(model, batch, start=Start(np.array([starts]), np.array([rates]))).position[0]
+    pairs = []
+    for (a, _), cut, modelled in zip(swings, cuts, path):
+        way = float(np.sign(run.command[a]))
+        logged = way * (cut.position - heading[a])
+        if logged[-1] < 0.9 * logged.max():
+            pairs.append((float(logged.max()), float((way * (modelled[: len(cut)] - heading[a])).max())))
+    return pairs
+
+
+def mean_miss(pairs: Sequence[tuple[float, float]]) -> float:
+    """Root mean square difference of overshoot angles [rad] of logs and model."""
+    logged, modelled = np.array(pairs).T
+    return float(np.sqrt(np.mean((logged - modelled) ** 2)))

@@ -1,0 +1,147 @@
+"""Vehicles that a rudder steers: the sign of the rudder, K and T against boats of known truth, overshoot angles."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from made_rudder import Boat
+
+from automarine_cli.commands.fit_motion import fit_yaw
+from automarine_cli.commands.validate import validate
+from automarine_cli.dofs import YAW
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.fits.nomoto import executes, overshoots
+from automarine_cli.fits.planar_fit import PlanarLikelihood, observed
+from automarine_cli.models.model import Model, Term
+from automarine_cli.models.parameter import Prior
+from automarine_cli.quantities import STEERED
+from automarine_cli.runs.load import TO_PORT, load_runs
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import simulate
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_rudder_is_the_command_to_starboard_however_it_is_signed(side: int, tmp_path: Path) -> None:
+    runs = load_runs([Boat(side=side).write(tmp_path)], dof=YAW).runs
+    plain = load_runs([Boat().write(tmp_path / "plain")], dof=YAW).runs
+    for run, other in zip(runs, plain):
+        assert run.moment_unit == STEERED and (TO_PORT in run.reading) == (side < 0)
+        np.testing.assert_allclose(run.command, other.command, atol=1e-12)
+        np.testing.assert_allclose(run.extras["rudder"], side * other.command, atol=1e-12)
+
+
+def test_a_moment_in_the_log_goes_first(tmp_path: Path) -> None:
+    log = Boat().zigzag(1.2, 10.0, 0).assign(tau=0.5)
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (run,) = load_runs([tmp_path], dof=YAW).runs
+    assert run.moment_unit == "nu" and np.all(run.command == 0.5) and "rudder" in run.extras
+
+
+def test_overshoots_of_the_model_that_made_the_log_are_those_of_the_log(tmp_path: Path) -> None:
+    boat = Boat(effect=0.8, damping=0.75)
+    boat.zigzag(1.2, 10.0, 0).to_csv(tmp_path / "log.csv", index=False)
+    (run,) = load_runs([tmp_path], dof=YAW).runs
+    inertia = 1.0 / (boat.effect * 1.2**2)
+    model = Model.base("1", inertia, (boat.damping * 1.2 * inertia,), STEERED, YAW)
+    pairs = np.rad2deg(overshoots(model, run))
+    assert len(pairs) >= 5 and len(executes(run)) >= len(pairs)
+    assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 2.0 and abs(np.diff(pairs).mean()) < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("side", "speed"), [(-1, True), (1, False)])
+def test_gain_and_time_are_within_their_errors(side: int, speed: bool, tmp_path: Path) -> None:
+    boat = Boat(side=side)
+    fit = fit_yaw([boat.write(tmp_path, speed, seed=3)], length=2.0)
+    nomoto = fit.nomoto
+    assert nomoto is not None and nomoto.side == side and (nomoto.speed is None) == (not speed)
+    u = nomoto.speed or 1.17  # it falls in turns
+    truth = {"gain": side * boat.effect * u / boat.damping, "time": 1.0 / (boat.damping * u)}
+    for name, value in truth.items():
+        estimate = getattr(nomoto, name)
+        allowed = 4.0 * estimate.stderr + (0.0 if speed else 0.05 * abs(value))
+        assert 0.0 < estimate.stderr < 0.25 * abs(value) and abs(estimate.value - value) < allowed, name
+    if speed:
+        assert nomoto.prime["K'"].value == pytest.approx(2.0 / u * nomoto.gain.value)
+        assert nomoto.prime["T'"].value == pytest.approx(u / 2.0 * nomoto.time.value)
+    assert abs(nomoto.cubic["n3"].value) < 4.0 * nomoto.cubic["n3"].stderr + 1e-6
+    path = tmp_path / "yaw_model.json"
+    path.write_text(json.dumps(fit.to_json()), encoding="utf-8")
+    assert validate([tmp_path], model=path).runs
+
+
+def test_plans_and_gains_of_a_rudder_stop_with_a_remedy(run: Callable[..., Result], tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(
+        '{"schema": "automarine/yaw-model/1", "moment_unit": "rad", "preferred": "1", "effects": [],'
+        ' "models": {"1": {"k_r": 1.0, "I_r": 1.0}}}'
+    )
+    for arguments, remedy in (
+        (("tune", path, "--for", "pid", "-o", tmp_path / "tune"), "K and T of fit-yaw"),
+        (("plan", path, "-o", tmp_path / "plan"), "automarine guide rudder"),
+    ):
+        result = run(*arguments)
+        assert result.exit_code == 1 and remedy in result.stderr
+
+
+def planar_boat() -> Model:
+    """A boat with thrust ahead, and a rudder that turns it, pushes its stern aside and holds it back."""
+    drags = [Term("quadratic-drag", (k,), True, place) for place, k in enumerate((4.0, 30.0, 5.0))]
+    rudder = [Term("rudder-drag", (6.0,), dof=0), Term("rudder", (-8.0, 0.0, 0.5), dof=1)]
+    return Model(
+        PLANAR, (20.0, 30.0, 4.0, 0.0, 0.0, 0.0), (*drags, *rudder, Term("rudder", (3.0, 0.0, 0.5), dof=2)), "N m"
+    )
+
+
+def steered_runs(thrusts: Sequence[float], length_s: float = 30.0) -> list[Run]:
+    """Runs under thrust ahead with the rudder to both sides by turns; what is logged as surge is not to be used."""
+    time = np.arange(0.0, length_s, 0.1)
+    runs = []
+    for i, thrust in enumerate(thrusts):
+        rudder = 0.4 * np.sign(np.sin(2.0 * np.pi * time / (6.0 + 2.0 * i))) * (time > 3.0)
+        forces = {"force_X": np.full(len(time), thrust), "force_Y": 0.0 * time}
+        extras = {**forces, "rudder": rudder, "surge": np.full(len(time), 99.0)}
+        runs.append(Run(f"run_{i}", f"run_{i}.csv", time, 0.0 * time, 0.0 * time, "N m", extras, dof=YAW))
+    return runs
+
+
+def test_in_the_plane_a_rudder_is_driven_by_the_speed_of_the_model() -> None:
+    model, (run,) = planar_boat(), steered_runs([12.0])
+    assert model.signals == ("rudder",)
+    path = simulate(model, make_batch([run], 0.01, model.signals, motion=PLANAR))
+    u = v = r = 0.0
+    for k, delta in enumerate(run.extras["rudder"][:-1]):
+        np.testing.assert_allclose(path.velocities[0, 0, k], (u, v, r), atol=0.02)
+        for _ in range(100):  # the momentum of Fossen's chapter 6, by small steps of Euler's
+            p = u * abs(u)
+            du = 12.0 - (4.0 + 6.0 * delta**2) * p + 30.0 * v * r
+            dv = -8.0 * delta * p - 30.0 * v * abs(v) - 20.0 * u * r
+            dr = 3.0 * delta * p - 5.0 * r * abs(r) - (30.0 - 20.0) * u * v
+            u, v, r = u + 0.001 * du / 20.0, v + 0.001 * dv / 30.0, r + 0.001 * dr / 4.0
+
+
+@pytest.mark.slow
+def test_fit_planar_finds_the_rudder() -> None:
+    truth, random = planar_boat(), np.random.default_rng(0)
+    runs = steered_runs((6.0, 12.0, 20.0, 9.0))
+    path = simulate(truth, make_batch(runs, 0.05, truth.signals, motion=PLANAR))
+    noisy = []
+    for i, run in enumerate(runs):
+        u, v, _ = path.velocities[0, i].T + 0.01 * random.standard_normal((3, len(run)))
+        heading = path.positions[0, i, :, 2] + 0.005 * random.standard_normal(len(run))
+        noisy.append(replace(run, position=heading, extras={**run.extras, "surge": u, "sway": v}))
+    mass = Prior(30.0, 0.3)  # that of sway gives the scale of a vehicle without a force abeam
+    likelihood = PlanarLikelihood(tuple(noisy), observed(noisy), {"sway.m_v": mass}, ("rudder", "rudder-drag"))
+    found = likelihood.estimate(likelihood.simplest).estimates
+    for name, value in (
+        ("yaw.rudder.N_delta", 3.0),
+        ("sway.rudder.Y_delta", -8.0),
+        ("surge.rudder-drag.X_deltadelta", 6.0),
+    ):
+        assert abs(found[name].value - value) < 4.0 * found[name].stderr + 0.03 * abs(value), (name, found[name])
+        assert found[name].stderr < 0.5 * abs(value)
