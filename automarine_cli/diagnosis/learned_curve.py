@@ -220,7 +220,7 @@ def learn(
         most = result.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
     tied: Rivals = {}
     for base in bases:
-        best = _best(wide, result, base, follows, seed + len(base.added), map_fn) if base.count < MAX_EFFECTS else None
+        best = _best(wide, result, base, follows, most, seed, map_fn) if base.count < MAX_EFFECTS else None
         if best is None:
             continue
         wins = all(obstacle(study, trial, base) for trial in _as_good(result, base, best.final))
@@ -252,11 +252,18 @@ def _shows(study: DiagnosisProblem, base: CandidateFit, seed: int) -> bool:
 
 
 def _best(
-    study: DiagnosisProblem, result: SearchResult, base: CandidateFit, follows: str, seed: int, map_fn: Each
+    study: DiagnosisProblem,
+    result: SearchResult,
+    base: CandidateFit,
+    follows: str,
+    most: float,
+    seed: int,
+    map_fn: Each,
 ) -> SearchResult | None:
     """The search's outcome with the best curve beside what `base` has, if one beats chance. A gain over the column that
-    the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without."""
-    curves, chance = scored(study, base, seed, map_fn)
+    the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without. What
+    a brief fit leaves too far above an evidence of `most` is not fitted to its end."""
+    curves, chance = scored(study, base, seed + len(base.added), map_fn)
     bar = max(chance.threshold(LEVEL), 0.0)
     least = max(BEHIND * curves[0][0], 0.0) if curves else 0.0
     leading = [
@@ -268,7 +275,8 @@ def _best(
     tried = map_fn(partial(add_effect, study, base, iterations=SEARCH_BRIEF), starts, "trying curves")
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
-    running = [trial for gain, trial in gains if gain > gained - max(RIVAL_RANGE, FAR * gained)]
+    needed = max(gained, base.evidence - most) - max(RIVAL_RANGE, FAR * gained)
+    running = [trial for gain, trial in gains if gain > needed]
     tried = map_fn(partial(_further, study), running, "learning curves")
     trials = sorted((trial for trial in tried if trial is not None), key=lambda trial: trial.evidence)
     admissible = [t for t in trials if base.evidence - t.evidence > bar and not obstacle(study, t, base)]

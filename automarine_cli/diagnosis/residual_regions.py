@@ -378,16 +378,14 @@ def pushes(study: DiagnosisProblem, model: Model, fit: MixedFit) -> Floats:
     """The disturbance moment (R, N) that would make whole runs follow a fit.
 
     The disturbances are the windows of `whole_runs`, their size estimated with everything else as fitted."""
-    problem, batch, b = study.problem(model), study.batch, fit.run_effects
-    lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
-    windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
-    problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
+    problem, batch = study.problem(model, disturbed=True), study.batch
+    b = fit.effects.carried(fit.run_effects, problem.effects)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, b)
     gram = problem.gram(by_phi, by_run, fitted, b)
     variances = choose_variances(gram, problem.effects, fit.variances)
     b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
-    pushing = np.take_along_axis(fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
+    pushing = np.take_along_axis(problem.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
     return np.where(batch.seen, fit.theta[model.index(model.dof.parameter("inertia"))] * pushing, 0.0)
 
 

@@ -43,7 +43,6 @@ CLEAR = 2.0  # standard errors over runs by which runs have to gain in the mean
 MAX_EFFECTS = 3
 STANDS = 1.3  # times the floor above which a remainder is said, and correlated residuals are unexplained
 
-
 DRAG = BASE_TERMS["2"]  # effects that put the drag of the base right
 CURVE = ("dead-band", "thrust-exponent")  # together the curve of the thrust, which counts as one effect
 
@@ -217,7 +216,8 @@ def single_effect_alternative(
     laws = [law_of(term.name, term.values) for term in current.model.terms if term.name in current.counted]
     lone = min((evidences[law] for law in laws if law in evidences), default=np.inf)
     can = [s.effect for s in first.scores.ranked]
-    suspects = dict.fromkeys([*current.counted, *can[:6]])
+    tried = {trial.added[-1] for trial in first.trials}
+    suspects = dict.fromkeys([*current.counted, *(name for name in can[:6] if name in tried)])
     suspects |= dict.fromkeys(look for name in current.counted for look in effects.get(name).mistaken_for)
     shapes: dict[tuple[object, ...], list[tuple[str, Floats]]] = {}
     for name in suspects:
@@ -330,7 +330,8 @@ def settles(trial: CandidateFit, base: CandidateFit) -> bool:
 
 TIE = 10.0  # difference of evidence (in deviance) below which two explanations count as tied
 LEADERS = 6  # candidates that are fitted in every case: the first by their scores
-ALWAYS = 2  # of these those of driven runs that are fitted whatever their scores
+ALWAYS = 2  # of these those that are fitted whatever their scores, and tell what the others have to reach
+FORETELLS = 4.0  # times its score that a fit gains at most to runs that are simulated whole, but for look-alikes
 LIKELY = 0.1  # share of the best score from which the others are fitted
 SEARCH_BRIEF = 4  # iterations that every candidate's fit gets; only those in the running are fitted to the end
 RUNNING = ((0.5, 6), (0.9, ITERATIONS))
@@ -349,7 +350,6 @@ starts: in so large a gap a fit may stop in a valley far from the truth."""
 CLIMBERS = 4  # fits from many starts that are taken to their end
 RIVAL_RANGE = 60.0  # candidates this far behind the best by a full fit are no rivals of it
 
-
 Fits = dict[tuple[object, ...], CandidateFit]
 """The best fit of each law."""
 
@@ -362,9 +362,15 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
     seed: int
     map_fn: Each
     most = MAX_EFFECTS + 1  # the drag put right counts for nothing
+    looks: list[SearchStep] = field(default_factory=list)
 
     def look(self, model: CandidateFit, number: int) -> SearchStep:
-        """Score all candidates in all their laws, fit those in the running to the end, and rank them."""
+        """Score all candidates in all their laws, fit those in the running to the end, and rank them, unless the model
+        was looked at before, as what is left without the last effect was."""
+        for earlier in self.looks:
+            behind = abs(earlier.before.evidence - model.evidence)
+            if set(earlier.before.added) == set(model.added) and behind < 2.0 * SETTLED_EVIDENCE:
+                return earlier
         study, current = self.study, drag_right(self.study, model)
         names = candidates(study, current.model)
         scores = score(study, current.model, current.fit, names, self.seed + number, self.map_fn)
@@ -379,7 +385,8 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         # a law that may not stand does not keep another law of its effect from it
         standing = _best_law(t for t in possible if not obstacle(study, t, current))
         ranking = [standing.get(trial.added[-1], trial) for trial in ranking]
-        return SearchStep(current, scores, tuple(sorted(ranking, key=lambda trial: trial.evidence)), chance)
+        self.looks.append(SearchStep(current, scores, tuple(sorted(ranking, key=lambda t: t.evidence)), chance))
+        return self.looks[-1]
 
     def admissible(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
         """The drag of the base comes first unless another effect reaches the noise without it: beside a wrong drag
@@ -419,21 +426,21 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         return best if best.evidence < current.evidence - SETTLED_EVIDENCE else current
 
     def _leaders(self, current: CandidateFit, scores: Scores, chance: float, first_step: bool) -> Fits:
-        """Fit the first candidates briefly: twice as many while nothing has been added, a third where no score is
-        beyond `chance`; and what is mistaken for the best, as scores miss what begins with a threshold and a tie must
-        be seen."""
+        """Fit the first candidates briefly, those whose scores say that they may reach what the best gains: twice as
+        many while nothing has been added, a third where no score is beyond `chance`; and what is mistaken for the best,
+        as scores miss what begins with a threshold and a tie must be seen."""
         best = scores.ranked[0].penalised if scores.ranked else 0.0
         leaders = (2 * LEADERS if first_step else LEADERS) if best > chance else LEADERS // (1 if first_step else 3)
         least = max(LIKELY * best, chance)
         first = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > least]
 
         def may_reach(of: Score, gained: float) -> bool:
-            """A filter's fit costs a hundred simulations: whether one gets there, if its score tells half of what it
-            gains."""
-            return of.penalised + of.drop > max(LIKELY * gained, scores.threshold(WEAK))
+            """Whether a fit is worth its hundred simulations, where the best one gains so much."""
+            if self.study.driven:  # a score tells half of what its fit gains
+                return of.penalised + of.drop > max(LIKELY * gained, scores.threshold(WEAK))
+            return FORETELLS * of.drop > RUNNING[0][0] * gained - RIVAL_RANGE
 
-        ranked = [s for i, s in enumerate(first) if i < ALWAYS or not self.study.driven or may_reach(s, best)]
-        fits, tried = Fits(), set[str]()
+        ranked, fits, tried = first[:ALWAYS], Fits(), set[str]()
         while ranked:
             work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
             trials = self.map_fn(
@@ -444,7 +451,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             leader = min(fits.values(), key=lambda trial: trial.evidence, default=current)
             gained = current.evidence - leader.evidence
             alike = effects.look_alikes(leader.added[-1]) if gained > chance else set[str]()
-            further = {s.effect for s in first if self.study.driven and may_reach(s, gained)} | alike
+            further = {s.effect for s in first if may_reach(s, max(gained, best))} | alike
             ranked = [s for s in scores.ranked if s.effect in further - tried]
         return fits
 

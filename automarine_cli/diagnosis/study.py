@@ -36,7 +36,6 @@ HORIZON = 5.0  # seconds ahead over which driven runs show the gap
 
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
 
-
 # A controller's limit cycle: command and position that swing together, as a loop with a lag or a dead-band does. A wave
 # would show in the position first, and the command would answer it; in a limit cycle neither comes from outside. The
 # two cannot be distinguished by their period, so that there a periodic disturbance is the last thing to believe.
@@ -295,16 +294,15 @@ class DiagnosisProblem:
         problem = driven_problem(model, self.course, latest=self.logger_delay, slowest=self.slowest)
         return replace(problem, parameters=smoothed_curve(model, problem.parameters))
 
-    def problem(self, model: Model) -> Problem:
+    def problem(self, model: Model, disturbed: bool = False) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z
         of the instant that all switches share in their sample intervals: a longer delay is an effect."""
         dropped = {new.name for old, new in zip(self.base.terms, model.terms) if new.values == (0.0,) != old.values}
         parameters = model.parameters(
             log_drag=True, least_delay=self.logger_delay, longest_period=self.slowest, dropped=dropped
         )
-        problem = whole_run_problem(model, parameters, self.batch, self.at_rest, confined=True)
-        effects_of_runs = problem.effects.with_scale(disturbance=0.0)
-        return replace(problem, effects=effects_of_runs, parameters=smoothed_curve(model, problem.parameters))
+        problem = whole_run_problem(model, parameters, self.batch, self.at_rest, confined=True, disturbed=disturbed)
+        return replace(problem, parameters=smoothed_curve(model, problem.parameters))
 
     def fit(
         self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS

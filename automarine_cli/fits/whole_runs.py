@@ -134,8 +134,9 @@ AGAINST = 0.2  # share of the impulses that a balance with everything negative m
 
 
 def whole_run_problem(
-    model: Model, parameters: Parameters, batch: Batch, at_rest: NDArray[np.bool_], confined: bool = False
-) -> Problem:
+    model: Model, parameters: Parameters, batch: Batch, at_rest: NDArray[np.bool_], confined: bool = False,
+    disturbed: bool = True,
+) -> Problem:  # fmt: skip
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
     theta is (the model's `parameters`, the command delay [s] from half a sample interval before the middle of the one
@@ -146,13 +147,14 @@ def whole_run_problem(
     false), log gain of the moment delivered, where in its interval each change of command was, and a disturbance held
     over each window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
     in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle, because
-    positions integrate every disturbance. It is an acceleration, so that a common gain scales inertia and drag and
-    nothing else. Then come the biases of velocity sensors, and last the coefficients of effects that vary from run to
-    run, in the model's order, each effect's with a factor of its own on the largest moment.
+    positions integrate every disturbance; unless `disturbed` there is none. It is an acceleration, so that a common
+    gain scales inertia and drag and nothing else. Then come the biases of velocity sensors, and last the coefficients
+    of effects that vary from run to run, in the model's order, each effect's with a factor of its own on the largest
+    moment.
     """
     first = batch.position[:, :1]
     varying = varying_terms(model)
-    blocks = RunEffects(_blocks(batch, at_rest, confined, varying))
+    blocks = RunEffects(_blocks(batch, at_rest, confined, disturbed, varying))
 
     inertia, last = model.index(model.dof.parameter("inertia")), len(parameters)
 
@@ -193,11 +195,13 @@ def instant(z: Floats) -> Floats:
     return np.asarray(special.ndtr(z) - 0.5)
 
 
-def _blocks(batch: Batch, at_rest: NDArray[np.bool_], confined: bool, varying: Sequence[str]) -> tuple[Block, ...]:
+def _blocks(
+    batch: Batch, at_rest: NDArray[np.bool_], confined: bool, disturbed: bool, varying: Sequence[str]
+) -> tuple[Block, ...]:
     runs, limits = len(at_rest), batch.dof.limits
     ones = np.ones((runs, 1))
     lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
-    windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+    windows = (np.arange(batch.windows if disturbed else 0) <= lasts[:, None]).astype(float)
     switches = (batch.interval > 0).astype(float) if confined else batch.interval / np.sqrt(12.0)
     largest = float(np.abs(batch.force).max()) or 1.0
     return (

@@ -1,6 +1,7 @@
 """Speed of whole commands, as processes, in turns with an anchor each that loads the same libraries and does the least
-that anybody must do; what counts is processor time with figures and files, which a user waits for on a busy machine. A
-ratio that leaves its band makes `make bench` fail. A first round, which compiles modules, does not count."""
+that anybody must do, or a fixed piece of work on small arrays where there is no such least; what counts is processor
+time with figures and files, which a user waits for on a busy machine. A ratio that leaves its band makes `make bench`
+fail. A first round, which compiles modules, does not count."""
 
 import os
 import subprocess
@@ -12,6 +13,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as arrow_csv
+from blind_cases import Case
+from blind_frozen import DRIVEN, campaign_of, logged
 from campaigns import BOTH_SIDES, NOISE
 from made_runs import INERTIA, K_RR
 
@@ -23,6 +26,9 @@ SAMPLES, MANY, FEW = 250, 2000, 72
 """Samples a run; runs that are checked and fitted; runs that are diagnosed."""
 LIBRARIES = "import click, numpy, scipy.optimize, pandas, matplotlib.figure, pyarrow.csv as csv, glob, sys"
 READING = f"{LIBRARIES}; [csv.read_csv(name) for name in sorted(glob.glob(sys.argv[1] + '/*.csv'))]"
+WORK = "import numpy as np; x = np.ones(1000); [np.sqrt(x * x + 1.0) for _ in range(1_000_000)]"
+HIDDEN = {"steps": Case(("dead-band",), "large", "full", 0, runs=FEW), "driven": Case((), DRIVEN, DRIVEN, 0)}
+"""Campaigns of the blind benchmark whose diagnosis is timed: with eight manoeuvres, and 14 runs under a controller."""
 
 
 def cases(folder: Path) -> dict[str, tuple[tuple[str, ...], tuple[str, ...], float, float]]:
@@ -30,7 +36,12 @@ def cases(folder: Path) -> dict[str, tuple[tuple[str, ...], tuple[str, ...], flo
     many, few = str(folder / "many"), str(folder / "few")
     tool = ("-m", "automarine_cli")
     out = ("-q", "--overwrite", "-o", str(folder / "out"))
-    diagnosis = (*tool, "diagnose", few, "--model", str(folder / "model" / "yaw_model.json"), *out)
+
+    def diagnose(logs: str) -> tuple[str, ...]:
+        model = folder / f"{logs}_model" / "yaw_model.json"
+        return (*tool, "diagnose", str(folder / logs), "--model", str(model), *out)
+
+    diagnosis = diagnose("few")
     return {
         "--help": ((*tool, "--help"), ("-c", "import click"), 0.9, 2.5),
         f"check, {MANY} files": ((*tool, "check", many, *out), ("-c", READING, many), 1.0, 3.0),
@@ -38,6 +49,8 @@ def cases(folder: Path) -> dict[str, tuple[tuple[str, ...], tuple[str, ...], flo
         f"diagnose, {FEW} runs": (diagnosis, ("-c", READING, few), 1.0, 10.0),
         # what the second process loads is all that two cost more; by the clock they are faster
         f"diagnose, {FEW} runs, two processes": ((*diagnosis, "--jobs", "2"), diagnosis, 0.8, 1.5),
+        f"diagnose, dead band, {FEW} runs and 8 manoeuvres": (diagnose("steps"), ("-c", WORK), 3.0, 30.0),
+        "diagnose, 14 driven runs": (diagnose("driven"), ("-c", WORK), 2.0, 20.0),
     }
 
 
@@ -50,7 +63,12 @@ def commands(repeats: int, progress: Progress) -> tuple[list[Table], dict[str, A
             (folder / name).mkdir()
             for i in range(count):
                 arrow_csv.write_csv(run_table(i), folder / name / f"run_{i:05d}.csv")
-        seconds("-m", "automarine_cli", "fit-yaw", str(folder / "few"), "-q", "-o", str(folder / "model"))
+        for name, case in HIDDEN.items():
+            (folder / name).mkdir()
+            for run in campaign_of(case)[0]:
+                logged(run).to_csv(folder / name / f"{run.name}.csv", index=False)
+        for name in ("few", *HIDDEN):
+            seconds("-m", "automarine_cli", "fit-yaw", str(folder / name), "-q", "-o", str(folder / f"{name}_model"))
         every = cases(folder)
         for name, (command, anchor, low, high) in every.items():
             taken = np.array([[seconds(*line) for line in (command, anchor)] for _ in range(1 + repeats)])[1:]
