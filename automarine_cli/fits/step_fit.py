@@ -256,8 +256,12 @@ def difference_test(whole: MixedFit, half: MixedFit) -> float:
     if runs < max(MIN_RUNS_TESTED, count + 2):
         square = float(apart @ np.linalg.pinv(half.covariance[np.ix_(there, there)], hermitian=True) @ apart)
         return float(special.chdtrc(count, square))
-    spread = jackknife(half.left_out[:, there] - whole.left_out[:, at])
-    square = float(apart @ np.linalg.pinv(spread, hermitian=True) @ apart)
+    return hotelling_test(apart, jackknife(half.left_out[:, there] - whole.left_out[:, at]), runs)
+
+
+def hotelling_test(mean: Floats, covariance: Floats, runs: int) -> float:
+    """p-value of a `mean` (k,) of zero, by its covariance (k, k) over so many runs (Hotelling's T²)."""
+    square, count = float(mean @ np.linalg.pinv(covariance, hermitian=True) @ mean), len(mean)
     return float(special.fdtrc(count, runs - count, square * (runs - count) / count / (runs - 1)))
 
 
@@ -298,12 +302,9 @@ def _scores(problem: Problem, fit: MixedFit, shifts: Floats) -> Scores:
 
 
 def bends_test(score: Floats) -> float:
-    """p-value of scores (R, m) by their own scatter over runs (Hotelling's T²)."""
-    runs, count = score.shape
-    deviation = np.maximum(score.std(axis=0, ddof=1), 1e-300)
-    mean, spread = score.mean(axis=0) / deviation, np.cov((score / deviation).T).reshape(count, count)
-    square = runs * float(mean @ np.linalg.pinv(spread, hermitian=True) @ mean)
-    return float(special.fdtrc(count, runs - count, square * (runs - count) / count / (runs - 1)))
+    """p-value of scores (R, m) by their own scatter over runs."""
+    scaled = score / np.maximum(score.std(axis=0, ddof=1), 1e-300)
+    return hotelling_test(scaled.mean(axis=0), np.atleast_2d(np.cov(scaled.T)) / len(score), len(score))
 
 
 def push_test(scores: Scores) -> float:
