@@ -29,9 +29,9 @@ from automarine_cli.simulation.batch import Channel, padded
 class StepData:
     """R steps padded to N samples, rest before the step included.
 
-    `time` (R, N) [s] since the middle of the interval in which the command switched, `observed` (R, N), `moment` (R,),
-    `interval` (R,) [s] width of the interval of the switch. `channels` are the readings that are fitted, first the
-    position [rad or m] less the start position's first guess.
+    `time` (R, N) [s] since the middle of the interval in which the command switched, `observed` (R, N), `moment` (R,)
+    [`unit`], `interval` (R,) [s] width of the interval of the switch. `channels` are the readings that are fitted,
+    first the position [rad or m] less the start position's first guess.
     """
 
     names: tuple[str, ...]
@@ -40,6 +40,7 @@ class StepData:
     moment: Floats
     interval: Floats
     dof: Dof
+    unit: str
     channels: tuple[Channel, ...]
 
     @property
@@ -80,7 +81,8 @@ def data_of_steps(turns: Sequence[HalfTurn], channels: Sequence[str] | None = No
         columns.append([np.concatenate([column[part] for part in parts]) for column in of_run])
     times, headings, velocities = zip(*columns)
     intervals = [turn.step.switch_to - turn.step.switch_from for turn in turns]
-    data = step_data([turn.name for turn in turns], times, headings, [turn.moment for turn in turns], intervals, dof)
+    names, moments, unit = [turn.name for turn in turns], [turn.moment for turn in turns], turns[0].step.run.moment_unit
+    data = step_data(names, times, headings, moments, intervals, dof, unit)
     if channels is None or dof.velocity not in channels:
         return data
     counts = np.array([dof.position in channels and not turn.step.run.summed_up for turn in turns])
@@ -93,14 +95,14 @@ def data_of_steps(turns: Sequence[HalfTurn], channels: Sequence[str] | None = No
 
 def step_data(
     names: Sequence[str], times: Sequence[Floats], headings: Sequence[Floats], moments: Sequence[float],
-    intervals: Sequence[float], dof: Dof,
+    intervals: Sequence[float], dof: Dof, unit: str = "nu",
 ) -> StepData:  # fmt: skip
     """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading [rad]."""
     width = max(map(len, times))
     observed = padded([np.ones(len(time), dtype=bool) for time in times], width)
     position = Channel(dof.position, 0, False, padded(headings, width), observed)
     moment, interval = np.array(moments, dtype=float), np.array(intervals, dtype=float)
-    return StepData(tuple(names), padded(times, width), observed, moment, interval, dof, (position,))
+    return StepData(tuple(names), padded(times, width), observed, moment, interval, dof, unit, (position,))
 
 
 MIN_SHARE = 0.01  # of the drag that is left one way, however much it differs: none would drive the vehicle
@@ -118,7 +120,7 @@ def step_problem(
     sensor.
     """
     roles, main = base_roles(model, data.dof, sided), main_drag(model)
-    start = Model.base(model, 1.0, np.ones(len(roles) - 1), "nu", data.dof)
+    start = Model.base(model, 1.0, np.ones(len(roles) - 1), data.unit, data.dof)
     entries = start.parameters(log_drag=True, signed_drag=True)
     blocks = RunEffects(_blocks(data))
     moment, searched = data.moment[:, None], (*roles, COMMAND_DELAY)
@@ -159,7 +161,7 @@ def step_problem(
 
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
     earliest, latest = delays or (-data.half_interval, MAX_DELAY_S)
-    parameters = Parameters((*entries, Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE)))
+    parameters = Parameters((*entries, Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, unit="s")))
     parameters = parameters.informed(prior.parameters)
     return Problem(response, measured, observed, blocks, parameters, slots_of(data.channels), slopes=slopes)
 
