@@ -1,15 +1,13 @@
 """A number with its uncertainty: what every fit returns and every result file holds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from automarine_cli.errors import ModelError
 
-WIDE = 2.0
-"""Half width of an interval on the logarithm from which on it is given on the number itself."""
-
+WIDE = 2.0  # half width of an interval on the logarithm from which on it is given on the number itself
 UNDETERMINED = "the runs do not determine it"
 
 
@@ -27,21 +25,23 @@ class Estimate:
 
     @classmethod
     def from_stderr(cls, value: float, stderr: float, dof: float, unit: str) -> "Estimate":
-        """Interval from Student's t with `dof` degrees of freedom (about the number of independent runs less
-        parameters)."""
+        """Interval from Student's t with `dof` degrees of freedom (about the independent runs less parameters)."""
         half = float(special.stdtrit(max(dof, 1.0), 0.975)) * stderr
         return cls(float(value), float(stderr), (float(value - half), float(value + half)), unit)
 
     @classmethod
     def from_log(cls, value: float, stderr_of_log: float, dof: float, unit: str) -> "Estimate":
-        """Interval of a positive number, symmetric on its logarithm while that is narrow.
-
-        Beyond `WIDE` the data hardly tell the number from zero; then the interval is symmetric on the number itself
-        and begins at zero (on the logarithm it would end at infinity).
-        """
+        """Interval of a positive number, symmetric on its logarithm while that is narrow. Beyond `WIDE` the data hardly
+        tell the number from zero; then it is symmetric on the number itself and begins at zero (on the logarithm it
+        would end at infinity)."""
         half = float(special.stdtrit(max(dof, 1.0), 0.975)) * stderr_of_log
         low, high = (0.0, 1.0 + half) if half > WIDE else (np.exp(-half), np.exp(half))
         return cls(float(value), float(value * stderr_of_log), (float(value * low), float(value * high)), unit)
+
+    def scaled(self, factor: float, unit: str) -> "Estimate":
+        """Return it times a factor, in `unit`."""
+        value, stderr, *ends = (factor * size for size in (self.value, self.stderr, *self.ci95))
+        return replace(self, value=value, stderr=abs(stderr), ci95=(min(ends), max(ends)), unit=unit)
 
     def to_json(self) -> dict[str, object]:
         """The contract's form; what is not finite is missing, and `at_bound` says why."""

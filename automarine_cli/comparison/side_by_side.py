@@ -43,9 +43,8 @@ class OverRuns(Estimate):
     @classmethod
     def of(cls, by_run: Mapping[str, float], unit: str) -> "OverRuns":
         values = np.array(list(by_run.values()))
-        middle, stderr = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
-        half = float(special.stdtrit(len(values) - 1, 0.975)) * stderr
-        return cls(middle, stderr, (middle - half, middle + half), unit, by_run=by_run)
+        stderr = float(values.std(ddof=1) / np.sqrt(len(values)))
+        return cls(**vars(Estimate.from_stderr(float(values.mean()), stderr, len(values) - 1, unit)), by_run=by_run)
 
 
 @dataclass(frozen=True)

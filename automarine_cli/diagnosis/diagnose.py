@@ -403,10 +403,7 @@ def base_estimates(study: DiagnosisProblem, trial: CandidateFit) -> dict[str, Es
 
 def _estimates(study: DiagnosisProblem, trial: CandidateFit) -> list[Estimate]:
     model, covariance = trial.model, study.covariance(trial.model, trial.fit)
-    units = [model.dof.unit_of("inertia", model.moment_unit)]
-    for term in model.terms:
-        units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
-    estimates = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
+    estimates = [estimate_of(trial.fit, covariance, i) for i in range(len(model.theta))]
     scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
     for name in varying_terms(model):  # the amplitude of which every run has a share, by the likelihood of their spread
         low, high = (scale * end for end in trial.fit.factor_interval(name))

@@ -236,10 +236,9 @@ def effect_estimates(fit: whole_runs.OutputErrorFit) -> dict[str, dict[str, Esti
         if term.base:
             continue
         effect = effects.get(term.name)
-        names, card = effect.names_in(model.dof), effect.card(model.dof, model.moment_unit)
         estimates[term.name] = {
-            name: whole_runs.estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit)
-            for name, parameter in zip(names, card.parameters)
+            name: whole_runs.estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"))
+            for name, parameter in zip(effect.names_in(model.dof), effect.parameters)
             if effect.counts(parameter, term.values)
         }
     return estimates
@@ -317,23 +316,23 @@ def _fit_steps(
     channels: str,
     tail: float | None,
 ) -> YawFit:
-    unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
+    dof = turns[0].step.run.dof
     chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
     turns = tuple(turn.of(chosen.cleaned(turn.step.run)) for turn in turns)
     half, zero = data_of_steps(turns, chosen.names), np.zeros(len(turns))
     few = starting(half)
-    rough = fit_velocity_error(few, np.zeros(len(few.moment)), moment_unit=unit, models=("1", "3"))
+    rough = fit_velocity_error(few, np.zeros(len(few.moment)), models=("1", "3"))
     two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= MIN_A_WAY)
     starts = {number: _rough_start(rough, dof, number) for number in MODELS}
     if fit_to == "half-turns":
-        answer = fit_halves(half, starts, unit, prior, two_way, map_jobs)
+        answer = fit_halves(half, starts, prior, two_way, map_jobs)
     else:
         whole = data_of_steps(turns, chosen.names, whole=True)
-        answer = fit_whole_or_half(whole, half, starts, unit, prior, two_way, map_jobs)
+        answer = fit_whole_or_half(whole, half, starts, prior, two_way, map_jobs)
     fits, preference = answer.fits, answer.preference
-    seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, unit, tail=tail)
+    seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, tail=tail)
     return YawFit(
-        unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, prior=prior,
+        half.unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, prior=prior,
         consistency=answer.consistency, whole_steps=answer.data is not half,
     )  # fmt: skip
 

@@ -207,7 +207,7 @@ def randomness(
     add("gain-scatter", 1e-3, 0.3, 0.04, 0.5)
     earliest = -course.half_width if latest else 0.0
     anywhere = Prior(0.0, MAX_DELAY_S)
-    chances.append(Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, prior=anywhere))
+    chances.append(Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, unit="s", prior=anywhere))
     for channel, noise in zip(course.channels, course.noise):
         floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)

@@ -101,11 +101,8 @@ class Sums:
 
 def sums(moment: Floats, rate: Floats, variance: Floats | float, powers: Mapping[str, int]) -> Sums:
     """The normal equations of moments (R,) on the regressors of rates (R,) of that variance [rad²/s²]."""
-    power, hermite, sign = (
-        np.array([*powers.values()]),
-        without_noise(rate, variance),
-        regressors(np.sign(rate), powers),
-    )
+    power, sign = np.array([*powers.values()]), regressors(np.sign(rate), powers)
+    hermite = without_noise(rate, variance)
     products = sign * hermite[:, power] * moment[:, None]
     return Sums(sign[:, :, None] * sign[:, None, :] * hermite[:, power[:, None] + power], products)
 
@@ -131,14 +128,9 @@ def fit_drag_by_way(
 
 
 def fit_drag(
-    moment: Floats,
-    rate: Floats,
-    model: str,
-    moment_unit: str,
-    dof: Dof,
-    sided: bool = False,
+    moment: Floats, rate: Floats, model: str, moment_unit: str, dof: Dof, sided: bool = False,
     variance: Floats | float = 0.0,
-) -> DragFit:
+) -> DragFit:  # fmt: skip
     """Fit one drag model to steady points: moments (R,) and rates (R,) [rad/s] of known variance [rad²/s²], 0 or (R,).
 
     Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
@@ -276,7 +268,7 @@ class InertiaTable:
     influence: Floats
 
 
-def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, dof: Dof) -> InertiaTable | None:
+def inertia_table(moment: Floats, tails: TailLines, drag: DragFit) -> InertiaTable | None:
     """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
     refitted.
 
@@ -291,7 +283,7 @@ def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: 
     count = len(moment)
     influence = np.sqrt((count - 1) / count) * (left_out.mean() - left_out)
     stderr = float(np.sqrt(influence @ influence))
-    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, dof.unit_of("inertia", moment_unit))
+    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, drag.curve.parameters()[0].unit)
     return InertiaTable(per_run, per_moment, overall, influence)
 
 
@@ -549,8 +541,7 @@ class VelocityErrorFit:
 
     `tail_from` [rad] turned angle at which the tail starts, `by_user` whether it was asked for; `expected` what bias
     and noise were expected of it, `steady` whether any tail has a bias within BIAS_LIMIT. `tails` have the bias
-    taken off; `variance` (R,) [rad²/s²] is that of their rates, which scatter by `thrust` (relative, of the
-    moment) beside the heading's noise. `inertia["2"]` or
+    taken off; `variance` (R,) [rad²/s²] is that of their rates by noise and scatter of the thrust. `inertia["2"]` or
     `drag["2"]` is absent where the moments cannot carry model 2, `inertia["2"]` also where its drag has no steady rate.
     """
 
@@ -560,19 +551,14 @@ class VelocityErrorFit:
     steady: bool
     tails: TailLines
     variance: Floats
-    thrust: float
     drag: Mapping[str, DragFit]
     inertia: Mapping[str, InertiaTable]
 
 
 def fit_velocity_error(
-    data: StepData,
-    start_heading: Floats,
-    delay: float = 0.0,
-    moment_unit: str = "nu",
-    models: Sequence[str] = MODELS,
+    data: StepData, start_heading: Floats, delay: float = 0.0, models: Sequence[str] = MODELS,
     tail: float | None = None,
-) -> VelocityErrorFit:
+) -> VelocityErrorFit:  # fmt: skip
     """Run the paper's method on half-turns, for some of the readings of Table 1.
 
     `start_heading` (R,) [rad] on the scale of `data.heading`; `delay` [s] is by how much every
@@ -588,15 +574,14 @@ def fit_velocity_error(
     variance = tails.rate_variance(noise) + model.thrust_variance(thrust)
     more = feedback(model, raw, time)
     drag, inertia = {}, {}
-    for name, fit in _drag(data, tails.rate, variance, moment_unit, models).items():
+    for name, fit in _drag(data, tails.rate, variance, models).items():
         drag[name] = more.on_drag(data.moment, fit)
-        table = inertia_table(data.moment, tails, fit, moment_unit, data.dof)
+        table = inertia_table(data.moment, tails, fit)
         if table is not None:
             inertia[name] = more.on_inertia(data.moment, fit, table)
     steady = bool(np.abs(grid.bias).max(axis=0).min() <= BIAS_LIMIT)
     expect = Expected(grid.start[place], grid.bias[:, place], grid.dilution[place], grid.noise[:, place])
-    start = float(expect.start)
-    return VelocityErrorFit(start, tail is not None, expect, steady, tails, variance, thrust, drag, inertia)
+    return VelocityErrorFit(float(expect.start), tail is not None, expect, steady, tails, variance, drag, inertia)
 
 
 def _settled(
@@ -638,15 +623,13 @@ def _settled(
     return raw, tails, model, noise, thrust, grid, place
 
 
-def _drag(
-    data: StepData, rate: Floats, variance: Floats, moment_unit: str, models: Sequence[str]
-) -> dict[str, DragFit]:
+def _drag(data: StepData, rate: Floats, variance: Floats, models: Sequence[str]) -> dict[str, DragFit]:
     """Table 1 by the models that the moments can carry, in their order; model 2, whose terms are hardest to tell
     apart, says how much noise all of them take off."""
     fits = {}
     few = len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2
     for model in sorted(models, key=lambda name: name != "2"):
         if not (few and model == "2"):
-            fits[model] = fit_drag_by_way(data.moment, rate, model, moment_unit, data.dof, variance)
+            fits[model] = fit_drag_by_way(data.moment, rate, model, data.unit, data.dof, variance)
             variance = fits[model].variance
     return {model: fits[model] for model in models if model in fits}

@@ -317,7 +317,7 @@ class Estimated:
     @cached_property
     def delay(self) -> Estimate:
         """Command delay [s] after the middle of the sample interval in which a command changed."""
-        return self._estimate(self.fit.names.index(COMMAND_DELAY), "s")
+        return self._estimate(self.fit.names.index(COMMAND_DELAY))
 
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
@@ -329,16 +329,14 @@ class Estimated:
         for i, parameter in enumerate(parameters[parameters.of_model]):
             if parameter.tie is not None:
                 source, factor = parameter.tie
-                of = self._estimate(parameters.names.index(source), parameter.unit)
-                low, high = of.ci95
-                ends = (factor * low, factor * high)
-                estimates[parameter.name] = replace(of, value=factor * of.value, stderr=factor * of.stderr, ci95=ends)
+                of = self._estimate(parameters.names.index(source))
+                estimates[parameter.name] = of.scaled(factor, parameter.unit)
             elif parameter.name not in held.union(self.model.fixed):
-                estimates[parameter.name] = self._estimate(i, parameter.unit)
+                estimates[parameter.name] = self._estimate(i)
         return estimates
 
-    def _estimate(self, place: int, unit: str) -> Estimate:
-        return estimate_of(self.fit, run_covariance(self.fit), place, unit)
+    def _estimate(self, place: int) -> Estimate:
+        return estimate_of(self.fit, run_covariance(self.fit), place)
 
     @property
     def covariance(self) -> Floats:

@@ -95,14 +95,14 @@ Start = Mapping[str, float]
 
 
 def fit_whole_or_half(
-    whole: StepData, half: StepData, starts: Mapping[str, Start], unit: str, prior: Known, two_way: bool, map_jobs: Each
+    whole: StepData, half: StepData, starts: Mapping[str, Start], prior: Known, two_way: bool, map_jobs: Each
 ) -> StepAnswer:
     """Fit whole steps, and take first half-turns in their place where the rest of the steps disagrees with them.
 
     `starts` gives values to begin from by model, `two_way` says whether both ways were gone. Where both data are the
     same, as along a line, there is nothing to compare. Raises FitError where the data cannot carry a fit.
     """
-    fit = partial(fit_step_model, unit=unit, prior=prior, two_way=two_way)
+    fit = partial(fit_step_model, prior=prior, two_way=two_way)
     fits = dict(zip(starts, map_jobs(partial(fit, data=whole, starts=starts), [*starts], "fitting models")))
     preference = prefer(fits)
     if np.array_equal(whole.observed.sum(axis=1), half.observed.sum(axis=1)):
@@ -117,15 +117,15 @@ def fit_whole_or_half(
     if tests.agrees:
         return StepAnswer(fits, preference, whole, tests)
     from_whole = {model: values_of(fit) for model, fit in fits.items()}
-    return fit_halves(half, from_whole, unit, prior, two_way, map_jobs, tests)
+    return fit_halves(half, from_whole, prior, two_way, map_jobs, tests)
 
 
 def fit_halves(
-    half: StepData, starts: Mapping[str, Start], unit: str, prior: Known, two_way: bool, map_jobs: Each,
+    half: StepData, starts: Mapping[str, Start], prior: Known, two_way: bool, map_jobs: Each,
     tests: Consistency | None = None,
 ) -> StepAnswer:  # fmt: skip
     """Fit first half-turns, with a command delay only where they show one beyond doubt."""
-    fit = partial(fit_step_model, data=half, starts=starts, unit=unit, prior=prior, two_way=two_way, doubtful=True)
+    fit = partial(fit_step_model, data=half, starts=starts, prior=prior, two_way=two_way, doubtful=True)
     fits = dict(zip(starts, map_jobs(fit, [*starts], "fitting models")))
     return StepAnswer(fits, prefer(fits), half, tests)
 
@@ -136,7 +136,7 @@ def values_of(fit: OutputErrorFit) -> Start:
 
 
 def fit_step_model(
-    model: str, data: StepData, starts: Mapping[str, Start], *, unit: str, prior: Known, two_way: bool,
+    model: str, data: StepData, starts: Mapping[str, Start], *, prior: Known, two_way: bool,
     doubtful: bool = False,
 ) -> OutputErrorFit:  # fmt: skip
     def fit(sided: bool) -> OutputErrorFit:
@@ -144,7 +144,7 @@ def fit_step_model(
         if doubtful:
             mixed = without_doubtful_delay(data, model, mixed, prior, sided)
         inertia, *drags = mixed.of_model
-        return result_of(model, Model.base(model, inertia, drags, unit, data.dof), mixed)
+        return result_of(model, Model.base(model, inertia, drags, data.unit, data.dof), mixed)
 
     return fit_by_direction(fit, data.dof, two_way)
 
@@ -256,8 +256,12 @@ def difference_test(whole: MixedFit, half: MixedFit) -> float:
     if runs < max(MIN_RUNS_TESTED, count + 2):
         square = float(apart @ np.linalg.pinv(half.covariance[np.ix_(there, there)], hermitian=True) @ apart)
         return float(special.chdtrc(count, square))
-    spread = jackknife(half.left_out[:, there] - whole.left_out[:, at])
-    square = float(apart @ np.linalg.pinv(spread, hermitian=True) @ apart)
+    return hotelling_test(apart, jackknife(half.left_out[:, there] - whole.left_out[:, at]), runs)
+
+
+def hotelling_test(mean: Floats, covariance: Floats, runs: int) -> float:
+    """p-value of a `mean` (k,) of zero, by its covariance (k, k) over so many runs (Hotelling's T²)."""
+    square, count = float(mean @ np.linalg.pinv(covariance, hermitian=True) @ mean), len(mean)
     return float(special.fdtrc(count, runs - count, square * (runs - count) / count / (runs - 1)))
 
 
@@ -298,12 +302,9 @@ def _scores(problem: Problem, fit: MixedFit, shifts: Floats) -> Scores:
 
 
 def bends_test(score: Floats) -> float:
-    """p-value of scores (R, m) by their own scatter over runs (Hotelling's T²)."""
-    runs, count = score.shape
-    deviation = np.maximum(score.std(axis=0, ddof=1), 1e-300)
-    mean, spread = score.mean(axis=0) / deviation, np.cov((score / deviation).T).reshape(count, count)
-    square = runs * float(mean @ np.linalg.pinv(spread, hermitian=True) @ mean)
-    return float(special.fdtrc(count, runs - count, square * (runs - count) / count / (runs - 1)))
+    """p-value of scores (R, m) by their own scatter over runs."""
+    scaled = score / np.maximum(score.std(axis=0, ddof=1), 1e-300)
+    return hotelling_test(scaled.mean(axis=0), np.atleast_2d(np.cov(scaled.T)) / len(score), len(score))
 
 
 def push_test(scores: Scores) -> float:

@@ -22,48 +22,40 @@ from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, base_
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MAX_REST_SAMPLES, HalfTurn
-from automarine_cli.simulation.batch import Channel
+from automarine_cli.simulation.batch import Channel, padded
 
 
 @dataclass(frozen=True)
 class StepData:
     """R steps padded to N samples, rest before the step included.
 
-    `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad]
-    less the start heading's first guess, `observed` (R, N), `moment` (R,), `interval` (R,) [s] width of the
-    interval of the switch. `channels` are the readings that are fitted: at first the position alone.
+    `time` (R, N) [s] since the middle of the interval in which the command switched, `observed` (R, N), `moment` (R,)
+    [`unit`], `interval` (R,) [s] width of the interval of the switch. `channels` are the readings that are fitted,
+    first the position [rad or m] less the start position's first guess.
     """
 
     names: tuple[str, ...]
     time: Floats
-    heading: Floats
     observed: NDArray[np.bool_]
     moment: Floats
     interval: Floats
     dof: Dof
+    unit: str
     channels: tuple[Channel, ...]
+
+    @property
+    def heading(self) -> Floats:
+        """Positions (R, N), zero in the padding."""
+        return self.channels[0].values
 
     @property
     def half_interval(self) -> float:
         """Half the usual sample interval [s]: what a command delay may be by the logger's convention alone."""
         return 0.5 * float(np.median(self.interval))
 
-    def rated(self, velocities: Sequence[Floats], position_counts: NDArray[np.bool_] | None = None) -> "StepData":
-        """The same with what a velocity sensor read in each run, NaN where it did not; of the runs whose position does
-        not count (`position_counts` (R,), None: of none) it stands in for a sensor that their logs lack."""
-        rates = np.full(self.observed.shape, np.nan)
-        rates[self.observed] = np.concatenate(velocities)
-        (position,) = self.channels
-        if position_counts is not None:
-            some = bool(position_counts.any())
-            seen = position.seen & position_counts[:, None] if some else position.seen
-            position = replace(position, seen=seen, counts=some)
-        velocity = Channel(self.dof.velocity, 0, True, np.nan_to_num(rates), np.isfinite(rates))
-        return replace(self, channels=(position, velocity))
-
     def some(self, runs: NDArray[np.int64]) -> "StepData":
         """The same of some of the runs."""
-        rows = {name: getattr(self, name)[runs] for name in ("time", "heading", "observed", "moment", "interval")}
+        rows = {name: getattr(self, name)[runs] for name in ("time", "observed", "moment", "interval")}
         channels = tuple(replace(c, values=c.values[runs], seen=c.seen[runs]) for c in self.channels)
         return replace(self, names=tuple(self.names[i] for i in runs), channels=channels, **rows)
 
@@ -73,10 +65,10 @@ def data_of_steps(turns: Sequence[HalfTurn], channels: Sequence[str] | None = No
     half-turns, or `whole` ones, until the command changes.
 
     The command of a log that begins with the moment already on is taken to have switched at its first sample, any
-    other in the middle of the interval in which it did. Along a line a step ends where its trim ends.
+    other in the middle of the interval in which it did. Along a line a step ends where its trim ends. Of runs whose
+    position does not count it stands in for a sensor that their logs lack.
     """
-    names, times, headings, velocities, moments, intervals = [], [], [], [], [], []
-    dof = turns[0].step.run.dof
+    dof, columns = turns[0].step.run.dof, list[list[Floats]]()
     for turn in turns:
         run, step = turn.step.run, turn.step
         before = step.rest or slice(step.first, step.first)
@@ -85,48 +77,41 @@ def data_of_steps(turns: Sequence[HalfTurn], channels: Sequence[str] | None = No
         parts = slice(max(before.start, before.stop - MAX_REST_SAMPLES), before.stop), fitted
         velocity = run.channel(dof.velocity)
         velocity = np.full(len(run), np.nan) if velocity is None else velocity
-        names.append(turn.name)
-        times.append(np.concatenate([run.time[part] for part in parts]) - zero)
-        headings.append(np.concatenate([run.position[part] for part in parts]) - turn.start_position)
-        velocities.append(np.concatenate([velocity[part] for part in parts]))
-        moments.append(turn.moment)
-        intervals.append(step.switch_to - step.switch_from)
-    data = step_data(names, times, headings, moments, intervals, dof)
+        of_run = run.time - zero, run.position - turn.start_position, velocity
+        columns.append([np.concatenate([column[part] for part in parts]) for column in of_run])
+    times, headings, velocities = zip(*columns)
+    intervals = [turn.step.switch_to - turn.step.switch_from for turn in turns]
+    names, moments, unit = [turn.name for turn in turns], [turn.moment for turn in turns], turns[0].step.run.moment_unit
+    data = step_data(names, times, headings, moments, intervals, dof, unit)
     if channels is None or dof.velocity not in channels:
         return data
     counts = np.array([dof.position in channels and not turn.step.run.summed_up for turn in turns])
-    return data.rated(velocities, None if counts.all() else counts)
+    (position,), width = data.channels, data.time.shape[1]
+    seen = position.seen & counts[:, None] if counts.any() else position.seen
+    rates, finite = ([form(velocity) for velocity in velocities] for form in (np.nan_to_num, np.isfinite))
+    rate = Channel(dof.velocity, 0, True, padded(rates, width), padded(finite, width))
+    return replace(data, channels=(replace(position, seen=seen, counts=bool(counts.any())), rate))
 
 
 def step_data(
-    names: Sequence[str],
-    times: Sequence[Floats],
-    headings: Sequence[Floats],
-    moments: Sequence[float],
-    intervals: Sequence[float],
-    dof: Dof,
-) -> StepData:
+    names: Sequence[str], times: Sequence[Floats], headings: Sequence[Floats], moments: Sequence[float],
+    intervals: Sequence[float], dof: Dof, unit: str = "nu",
+) -> StepData:  # fmt: skip
     """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading [rad]."""
-    width = max(len(t) for t in times)
-    time, heading = np.zeros((2, len(times), width))
-    observed = np.zeros((len(times), width), dtype=bool)
-    for i, (t, psi) in enumerate(zip(times, headings)):
-        time[i, : len(t)], heading[i, : len(t)], observed[i, : len(t)] = t, psi, True
+    width = max(map(len, times))
+    observed = padded([np.ones(len(time), dtype=bool) for time in times], width)
+    position = Channel(dof.position, 0, False, padded(headings, width), observed)
     moment, interval = np.array(moments, dtype=float), np.array(intervals, dtype=float)
-    position = Channel(dof.position, 0, False, heading, observed)
-    return StepData(tuple(names), time, heading, observed, moment, interval, dof, (position,))
+    return StepData(tuple(names), padded(times, width), observed, moment, interval, dof, unit, (position,))
 
 
 MIN_SHARE = 0.01  # of the drag that is left one way, however much it differs: none would drive the vehicle
 
 
 def step_problem(
-    data: StepData,
-    model: str,
-    prior: Known = NOTHING_KNOWN,
-    sided: bool = False,
+    data: StepData, model: str, prior: Known = NOTHING_KNOWN, sided: bool = False,
     delays: tuple[float, float] | None = None,
-) -> Problem:
+) -> Problem:  # fmt: skip
     """Likelihood of the steps under model "1", "2" or "3"; `sided` with a drag that differs between the ways.
 
     theta is (the parameters of `base_roles`, the command delay [s] within `delays`, by default from half a sample
@@ -135,7 +120,7 @@ def step_problem(
     sensor.
     """
     roles, main = base_roles(model, data.dof, sided), main_drag(model)
-    start = Model.base(model, 1.0, np.ones(len(roles) - 1), "nu", data.dof)
+    start = Model.base(model, 1.0, np.ones(len(roles) - 1), data.unit, data.dof)
     entries = start.parameters(log_drag=True, signed_drag=True)
     blocks = RunEffects(_blocks(data))
     moment, searched = data.moment[:, None], (*roles, COMMAND_DELAY)
@@ -176,7 +161,7 @@ def step_problem(
 
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
     earliest, latest = delays or (-data.half_interval, MAX_DELAY_S)
-    parameters = Parameters((*entries, Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE)))
+    parameters = Parameters((*entries, Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, unit="s")))
     parameters = parameters.informed(prior.parameters)
     return Problem(response, measured, observed, blocks, parameters, slots_of(data.channels), slopes=slopes)
 

@@ -29,8 +29,7 @@ class Buoyancy:
     @property
     def ballast(self) -> Estimate | None:
         """Mass [kg], weighed in water, that balances the vehicle; None for a normalised force."""
-        value, stderr, low, high = (x / GRAVITY for x in (self.force.value, self.force.stderr, *self.force.ci95))
-        return Estimate(-value, stderr, (-high, -low), "kg") if self.force.unit == "N" else None
+        return self.force.scaled(-1.0 / GRAVITY, "kg") if self.force.unit == "N" else None
 
     @property
     def says(self) -> str:

@@ -184,7 +184,7 @@ def whole_run_problem(
     ends = (-batch.half_interval, MAX_DELAY_S if batch.half_interval else 0.0)
     if confined:
         ends = (-MAX_Z, MAX_Z)
-    delay = Parameter(COMMAND_DELAY, 0.0, *ends, role=NUISANCE)
+    delay = Parameter(COMMAND_DELAY, 0.0, *ends, role=NUISANCE, unit="s")
     searched = Parameters((*parameters, delay), priors={COMMAND_DELAY: Prior(0.0, 1.0)} if confined else {})
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
     return Problem(readings, measured, observed, blocks, searched, slots_of(batch.channels))
@@ -390,7 +390,7 @@ class OutputErrorFit:
     @cached_property
     def delay(self) -> Estimate:
         """Of the command [s], after the middle of the sample interval in which it changed."""
-        return estimate_of(self.mixed, self.covariance, self.mixed.names.index(COMMAND_DELAY), "s")
+        return estimate_of(self.mixed, self.covariance, self.mixed.names.index(COMMAND_DELAY))
 
     @property
     def answering(self) -> Model:
@@ -405,12 +405,8 @@ class OutputErrorFit:
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
         """Inertia, drag and constant force by their letters."""
-        dof, unit, drag = self.model.dof, self.model.moment_unit, main_drag(self.number)
-        units = {role: dof.unit_of(drag if role == "difference" else role, unit) for role in self.roles}
-        return {
-            dof.parameters[role]: estimate_of(self.mixed, self.covariance, self._place(role), units[role])
-            for role in self.roles
-        }
+        letters = self.model.dof.parameters
+        return {letters[role]: estimate_of(self.mixed, self.covariance, self._place(role)) for role in self.roles}
 
     @cached_property
     def inertial_turn_angle(self) -> Estimate | None:
@@ -498,11 +494,12 @@ def run_dof(mixed: Fit, direction: Floats) -> float:
     return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(runs - 1)
 
 
-def estimate_of(mixed: Fit, covariance: Floats, i: int, unit: str) -> Estimate:
+def estimate_of(mixed: Fit, covariance: Floats, i: int) -> Estimate:
     """One parameter; the interval of a positive one is formed on its logarithm."""
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.parameters.log[i] else Estimate.from_stderr
-    estimate = form(float(mixed.theta[i]), stderr, run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
+    dof, unit = run_dof(mixed, np.eye(len(mixed.theta))[i]), mixed.parameters[i].unit
+    estimate = form(float(mixed.theta[i]), stderr, dof, unit)
     assumed = mixed.names[i] in mixed.parameters.priors
     return replace(estimate, known=assumed, at_bound=i in mixed.at_bound and not assumed)
 

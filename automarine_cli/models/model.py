@@ -254,15 +254,9 @@ class Model:
         return tuple(name for name in self.parameter_names if name not in held)
 
     def parameters(
-        self,
-        largest: ArrayLike = 1.0,
-        *,
-        log_drag: bool = False,
-        signed_drag: bool = False,
-        least_delay: float = -np.inf,
-        longest_period: float = np.inf,
-        dropped: Collection[str] = (),
-    ) -> Parameters:
+        self, largest: ArrayLike = 1.0, *, log_drag: bool = False, signed_drag: bool = False,
+        least_delay: float = -np.inf, longest_period: float = np.inf, dropped: Collection[str] = (),
+    ) -> Parameters:  # fmt: skip
         """Give the entries of theta as a fit searches them; steps are for the `largest` moment, or that of each motion.
 
         If `log_drag` the drag that the model always has and what turns it back are on a logarithm; if `signed_drag`
@@ -417,21 +411,16 @@ def steady_rate(moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:
 
 
 def response(
-    time: ArrayLike,
-    moment: ArrayLike,
-    inertia: ArrayLike,
-    k_r: ArrayLike = 0.0,
-    k_rr: ArrayLike = 0.0,
-    heading0: ArrayLike = 0.0,
+    time: ArrayLike, moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike = 0.0, k_rr: ArrayLike = 0.0
 ) -> tuple[Floats, Floats]:
-    """Heading [rad] and rate [rad/s] at `time` [s] after a constant moment was switched on, from rest.
+    """Heading [rad] less its start and rate [rad/s] at `time` [s] after a constant moment was switched on, from rest.
 
     All inputs broadcast. Drag must be positive somewhere (k_r > 0 or k_rr > 0). Source: module docstring.
     """
     arrays = (np.asarray(x, dtype=float) for x in (time, moment, inertia, k_r, k_rr))
     with np.errstate(divide="ignore", invalid="ignore"):
         angle, rate = response_slopes(*arrays)
-    return np.asarray(heading0, dtype=float) + angle.value, rate.value
+    return angle.value, rate.value
 
 
 class Slopes(NamedTuple):

@@ -7,7 +7,7 @@ from automarine_cli.report.sections import Content, Drawing, Sections, bullets, 
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number
 from automarine_cli.thrusters.fit import MapFit
 from automarine_cli.thrusters.map import SIDES
-from automarine_cli.thrusters.result import Analysis, ThrusterFit, scaled
+from automarine_cli.thrusters.result import Analysis, ThrusterFit
 
 SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all
 
@@ -104,7 +104,7 @@ def coefficients(result: ThrusterFit) -> Table:
         law = analysis.square.get(side)
         row = {"direction": side, "a, one thruster": law}
         if count > 1:
-            row[f"a, {count} thrusters together"] = scaled(law, count)
+            row[f"a, {count} thrusters together"] = law and law.scaled(count, law.unit)
         rows.append(row | {
             "unit": law.unit if law else analysis.without.get(side, ""),
             "points": np.count_nonzero(analysis.points.n * sign > 0), "levels": analysis.levels(side),

@@ -249,11 +249,11 @@ class ThrusterFit(Shown):
 
     def to_json(self) -> dict[str, object]:
         analysis, points, records = self.analysis, self.points, self.logs.records
-        together = {side: scaled(analysis.square.get(side), self.thrusters_per_test) for side, _ in SIDES}
+        laws, count = {side: analysis.square.get(side) for side, _ in SIDES}, self.thrusters_per_test
         result: dict[str, object] = {
             "schema": THRUSTER_MAP.schema,
             **_square_json(analysis),
-            "per_test": {side: {"a": json_or_none(law)} for side, law in together.items()},
+            "per_test": {side: {"a": law and law.scaled(count, law.unit).to_json()} for side, law in laws.items()},
             "thrusters_per_test": self.thrusters_per_test,
             **_scores_json(analysis),
             "n_unit": analysis.n_unit,
@@ -283,22 +283,12 @@ class ThrusterFit(Shown):
         return {**result, "notes": list(self.notes), "runs": runs_json(self.logs.used, self.logs.set_aside)}
 
 
-def scaled(estimate: Estimate | None, factor: float) -> Estimate | None:
-    if estimate is None:
-        return None
-    low, high = estimate.ci95
-    return Estimate(factor * estimate.value, factor * estimate.stderr, (factor * low, factor * high), estimate.unit)
-
-
-def json_or_none(estimate: Estimate | None) -> object:
-    return estimate.to_json() if estimate else None
-
-
 def _square_json(analysis: Analysis) -> dict[str, object]:
     """`forward` and `backward`: equation 2's coefficient; null with a why where not measured."""
+    laws = analysis.square
     return {
         side: {
-            "a": json_or_none(analysis.square.get(side)),
+            "a": laws[side].to_json() if side in laws else None,
             "points": int(np.count_nonzero(analysis.points.n * sign > 0)),
             "levels": analysis.levels(side),
             **({"why": analysis.without[side]} if side in analysis.without else {}),

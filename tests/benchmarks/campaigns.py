@@ -52,8 +52,8 @@ def make_campaign(
         delivered = moment * np.exp(scatter * random.standard_normal())
         last = round(_length(abs(moment), k_r, k_rr) / PERIOD)
         time = PERIOD * (np.arange(-REST, last, dtype=float) + random.uniform())
-        heading, _ = response(time, delivered, INERTIA, k_r, k_rr, heading0)
-        noisy = heading + noise * random.standard_normal(len(time))
+        turned, _ = response(time, delivered, INERTIA, k_r, k_rr)
+        noisy = heading0 + turned + noise * random.standard_normal(len(time))
         runs.append(Run(f"run {i}", "simulated", time, noisy, np.where(time > 0, moment, 0.0), "nu", dof=YAW))
     return Campaign(tuple(runs), start)
 

@@ -46,8 +46,8 @@ def write(folder: Path, kind: str, runs: int, seed: int) -> Floats:
         clock = PERIOD * np.arange(-REST, last)
         late = {"between": -PERIOD * random.uniform(), "delay": DELAY}.get(kind, 0.0)
         gain = np.exp(SCATTER * random.standard_normal()) if kind == "scatter" else 1.0
-        true, _ = response(clock - late, gain * moment, INERTIA, 0.0, K_RR, random.uniform(-np.pi, np.pi))
-        heading = np.degrees(true + NOISE * random.standard_normal(len(clock)))
+        turned, _ = response(clock - late, gain * moment, INERTIA, 0.0, K_RR)
+        heading = np.degrees(random.uniform(-np.pi, np.pi) + turned + NOISE * random.standard_normal(len(clock)))
         stamps = (clock - clock[0] + 60.0 * i).round(3)
         tau = np.where(clock > -1e-9, moment, 0.0).round(4)
         log = pd.DataFrame({"time_s": stamps, "heading_deg": heading.round(3) % 360.0, "tau": tau})

@@ -131,7 +131,7 @@ def test_the_plain_model_is_the_closed_form(tmp_path: Path) -> None:
     exec(export(model_file(base_for("none"), tmp_path / "yaw_model.json"), to="python").text, space)
     time = np.arange(0.0, 8.0, 0.1)
     moment = np.full(len(time), -0.8)
-    expected = response(time, moment, INERTIA, 0.0, K_RR, 0.0)[0]
+    expected = response(time, moment, INERTIA, 0.0, K_RR)[0]
     np.testing.assert_allclose(space["simulate"](time, moment)[0], expected, atol=1e-6)
 
 

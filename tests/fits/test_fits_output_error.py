@@ -42,7 +42,7 @@ def data_of(runs: Sequence[Run]) -> StepData:
 
 def fitted(runs: Sequence[Run], number: str = "3", known: Known = NOTHING_KNOWN) -> OutputErrorFit:
     """One model alone, from start values that are off by a fifth."""
-    return fitted_steps(data_of(runs), number, (1.2, 1.0, 1.0), runs[0].moment_unit, known)
+    return fitted_steps(data_of(runs), number, (1.2, 1.0, 1.0), known)
 
 
 def values(fit: OutputErrorFit) -> np.ndarray:
@@ -115,7 +115,7 @@ def test_the_same_runs_told_otherwise_give_the_same_parameters() -> None:
 def test_another_unit_of_the_moment_scales_inertia_and_drag_alike(number: str) -> None:
     runs = campaign(both_ways((0.2, 0.5, 0.8, 1.1)), seed=6)
     there = fitted(runs, number)
-    other = fitted_steps(data_of(rescaled(runs, 0.36)), number, (0.36 * 1.2, 0.36, 0.36), "nu", Known())
+    other = fitted_steps(data_of(rescaled(runs, 0.36)), number, (0.36 * 1.2, 0.36, 0.36))
     # Model 1 is wrong here and its likelihood flat; its search may stop a hundredth of a standard error apart.
     near = {"1": 1e-3, "2": 1e-3, "3": 1e-6}[number]
     assert values(other) == pytest.approx(0.36 * values(there), rel=near, abs=1e-4)

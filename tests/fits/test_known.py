@@ -73,7 +73,7 @@ def fitted(runs: list[Run], kind: str, known: Known) -> OutputErrorFit:
     rest = np.ones(len(runs), dtype=bool)
     if kind == "half-turns":
         turns, _ = half_turns(runs)
-        return fitted_steps(data_of_steps(turns), "3", (1.2, 1.0, 1.0), "nu", known)
+        return fitted_steps(data_of_steps(turns), "3", (1.2, 1.0, 1.0), known)
     if kind == "whole-runs":
         return fit_whole_runs(make_batch(runs, 0.1), "3", rest, prior=known)
     course = make_course(runs, rest)

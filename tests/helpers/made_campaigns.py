@@ -76,8 +76,8 @@ def campaign(
         time = period * (count + rng.uniform() + uneven * rng.uniform(-0.5, 0.5, len(count)))
         time = time[time > 0] if rest == 0 else time
         delivered = moment * np.exp(gain_scatter * rng.standard_normal())
-        truth, rate = response(time, delivered, vehicle.inertia, vehicle.k_r, vehicle.k_rr, rng.uniform(-np.pi, np.pi))
-        heading = truth + np.deg2rad(noise_deg) * rng.standard_normal(len(time))
+        turned, rate = response(time, delivered, vehicle.inertia, vehicle.k_r, vehicle.k_rr)
+        heading = rng.uniform(-np.pi, np.pi) + turned + np.deg2rad(noise_deg) * rng.standard_normal(len(time))
         command = np.where(time > 0, moment, 0.0)
         extras = {}
         if gyro_deg_s is not None:

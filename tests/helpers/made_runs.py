@@ -20,7 +20,7 @@ def step_heading(time: Floats, moment: float, *, heading0: float = 0.7, rate0: f
     """True heading [rad] at `time` (N,) [s] after the step."""
     if rate0:
         return heading0 + solved((0.0,), (moment,), time, 0.0, K_RR, rate0)
-    return response(time, np.full(len(time), moment), INERTIA, 0.0, K_RR, heading0)[0]
+    return heading0 + response(time, np.full(len(time), moment), INERTIA, 0.0, K_RR)[0]
 
 
 def solved(

@@ -8,8 +8,8 @@ from automarine_cli.models.model import COMMAND_DELAY
 
 
 def fitted_steps(
-    data: StepData, number: str, start: tuple[float, float, float], unit: str = "nu", known: Known = NOTHING_KNOWN
+    data: StepData, number: str, start: tuple[float, float, float], known: Known = NOTHING_KNOWN
 ) -> OutputErrorFit:
     """Model `number` from `start`: inertia, linear and quadratic drag."""
     begin = {**dict(zip(("inertia", "linear", "quadratic"), start)), COMMAND_DELAY: 0.0}
-    return fit_step_model(number, data, {number: begin}, unit=unit, prior=known, two_way=False)
+    return fit_step_model(number, data, {number: begin}, prior=known, two_way=False)

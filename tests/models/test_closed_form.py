@@ -29,14 +29,14 @@ def test_response_for_every_sign_of_moment(moment: float, drag: tuple[float, flo
     assert_close([heading, rate], integrated(time, moment, *drag), "solve_ivp")
     mirrored = response(time, -moment, INERTIA, *drag)
     assert_close(mirrored, [-heading, -rate], "same arithmetic")
-    heading, rate = response(np.array([-2.0, -1.0]), moment, INERTIA, *drag, 1.0)  # before the switch
-    assert heading.tolist() == [1.0, 1.0] and rate.tolist() == [0.0, 0.0]
+    heading, rate = response(np.array([-2.0, -1.0]), moment, INERTIA, *drag)  # before the switch
+    assert heading.tolist() == [0.0, 0.0] and rate.tolist() == [0.0, 0.0]
 
 
-def test_inputs_broadcast_and_the_start_heading_adds() -> None:
+def test_inputs_broadcast() -> None:
     time, moments = np.linspace(0, 5, 11), np.array([-0.7, 0.2, 0.9])
-    together, _ = response(time, moments[:, None], INERTIA, 0.1, 0.8, 0.3)
-    alone = [0.3 + response(time, moment, INERTIA, 0.1, 0.8)[0] for moment in moments]
+    together, _ = response(time, moments[:, None], INERTIA, 0.1, 0.8)
+    alone = [response(time, moment, INERTIA, 0.1, 0.8)[0] for moment in moments]
     assert_close(together, alone, "same arithmetic")
 
 

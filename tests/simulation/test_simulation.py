@@ -45,8 +45,8 @@ def test_constant_moment_against_the_closed_form(number: str, moment: float) -> 
     for p, (rate0,) in enumerate(rates):
         heading = 0.3 + solved((0.0,), (moment,), run.time, **drags(number), rate0=rate0)
         assert_close(trajectory.position[p, 0], heading, "rollout")
-    heading, rate = response(run.time, moment, INERTIA, **drags(number), heading0=0.3)
-    assert_close(trajectory.position[1, 0], heading, "rollout")
+    heading, rate = response(run.time, moment, INERTIA, **drags(number))
+    assert_close(trajectory.position[1, 0], 0.3 + heading, "rollout")
     assert_close(trajectory.velocity[1, 0], rate, "rollout")
 
 
