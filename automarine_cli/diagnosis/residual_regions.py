@@ -23,8 +23,8 @@ from automarine_cli.dofs import DOFS
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN
-from automarine_cli.fits.mixed_model import MixedFit, choose_variances, derivatives
+from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, choose_variances
+from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import Floats

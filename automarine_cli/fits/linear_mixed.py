@@ -319,6 +319,14 @@ def predictive(grams: Grams, weighted: Weighted, left_out: Floats) -> Floats:
     return np.asarray(-0.5 * (square + weighted.log_det + grams.count * np.log(2 * np.pi)))
 
 
+SETTLED_STEP = 1e-3  # step of a variance, in its smallest possible standard error, after which the search for it ends
+FLAT_SLOPE = 1e-4
+"""Slope of the deviance, by a variance in that unit, that counts as none: where an effect is next to nothing, or a run
+has none, slope and second derivatives are rounding."""
+MAX_LOG_STEP = 1.0  # longest step of the logarithm of a standard deviation
+MAX_VARIANCE_STEPS = 60
+
+
 def scored_deviance(
     grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool
 ) -> tuple[float, Floats, Floats]:
@@ -334,12 +342,16 @@ def scored_deviance(
     weighted = weigh(grams, effects, variances)
     hessian, gradient = normal_equations(grams, weighted)
     phi = solve_scaled(hessian, gradient)
-    value = weighted.log_det.sum() + weighted.square.sum() - gradient @ phi
-    if grams.prior is not None:
+    misfit, of_prior, of_data = weighted.square.sum() - gradient @ phi, 0.0, hessian
+    if grams.prior is not None:  # which no noise scales
         expected, precision = grams.prior
-        value += expected @ precision @ expected
+        of_data = hessian - precision
+        misfit = weighted.square.sum() - (2.0 * (gradient - precision @ expected) - of_data @ phi) @ phi
+        of_prior = float((phi - expected) @ precision @ (phi - expected))
+    value = weighted.log_det.sum() + misfit + of_prior
     means = weighted.means - weighted.by_phi @ phi
     of_effect = 1.0 - weighted.remaining - means**2
+    of_noise = grams.count.sum() - (1.0 - weighted.remaining).sum() - misfit + (means**2).sum()
     covariance = None
     if restricted:
         unit = curvature_scale(hessian)
@@ -347,7 +359,10 @@ def scored_deviance(
         covariance = covariance_of(hessian)
         of_phi = (weighted.by_phi @ covariance * weighted.by_phi).sum(axis=2)
         of_effect -= of_phi
-    noises = _of_noises(grams, effects, variances, weighted, phi, means, covariance)
+        of_noise += of_phi.sum() - (len(phi) if grams.prior is None else float((of_data * covariance).sum()))
+    noises = [of_noise]
+    if len(grams.channels) > 1:
+        noises = _of_noises(grams, effects, variances, weighted, phi, means, covariance)
     slope = 2.0 * np.append(noises, effects.members @ of_effect.sum(axis=0))
     return (float(value) if np.isfinite(value) else 1e100), slope, _information(grams, effects, variances, weighted)
 
@@ -360,9 +375,11 @@ def _information(grams: Grams, effects: RunEffects, variances: Floats, weighted:
     noises n_c - 2 tr T_c + tr T_c T_c and tr T_c T_d, of both (P T_c)_ii; all of them four times.
     """
     spread, identity = weighted.spread, np.eye(weighted.spread.shape[1])
-    scale = effects.deviation(variances)
-    precisions = [scale[:, :, None] * c.vv * scale[:, None, :] for c in grams.channels]
-    shares = [(precision / np.exp(2.0 * noise)) @ spread for precision, noise in zip(precisions, variances)]
+    shares = [identity - spread]
+    if len(grams.channels) > 1:
+        scale = effects.deviation(variances)
+        precisions = [scale[:, :, None] * c.vv * scale[:, None, :] for c in grams.channels]
+        shares = [(precision / np.exp(2.0 * noise)) @ spread for precision, noise in zip(precisions, variances)]
     noises = len(shares)
     hessian = np.zeros((len(variances), len(variances)))
     for c, share in enumerate(shares):
@@ -374,9 +391,14 @@ def _information(grams: Grams, effects: RunEffects, variances: Floats, weighted:
 
 
 def _of_noises(
-    grams: Grams, effects: RunEffects, variances: Floats, weighted: Weighted, phi: Floats, means: Floats,
+    grams: Grams,
+    effects: RunEffects,
+    variances: Floats,
+    weighted: Weighted,
+    phi: Floats,
+    means: Floats,
     covariance: Floats | None,
-) -> list[float]:  # fmt: skip
+) -> list[float]:
     """Half the slope of the deviance by the logarithm of each channel's noise: samples less what is left of them, in
     units of that noise, at the run effects' posterior mean `means` (R, q), their spread and that of phi included."""
     scale = effects.deviation(variances)
@@ -397,3 +419,29 @@ def _of_noises(
             misfit += (covariance * projected).sum()
         slopes.append(float(channel.count.sum() - misfit / np.exp(2.0 * log_noise)))
     return slopes
+
+
+def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
+    """Noises and factors, as logarithms, of largest likelihood within their limits, by Fisher's scoring: steps by the
+    expected second derivatives, no longer than MAX_LOG_STEP, halved while the deviance rises."""
+    factors = [(np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits]
+    noises = [channel.count.sum() for channel in grams.channels]
+    limits = np.array([*((np.log(1e-9), np.log(1e3)) for _ in noises), *factors])
+    # of a logarithm of a standard deviation that n values show: 1/sqrt(2 n)
+    unit = 1.0 / np.sqrt(2.0 * np.append(noises, np.full(len(factors), len(grams.count))))
+    point = np.clip(start, *limits.T)
+    value, slope, information = scored_deviance(grams, effects, point, restricted=restricted)
+    for _ in range(MAX_VARIANCE_STEPS):
+        steep = np.abs(slope) * unit > FLAT_SLOPE
+        room = np.where(steep[:, None], limits - point[:, None], 0.0)
+        newton = bounded_solution(information, -slope, room)
+        step = 2.0 * np.clip(newton, -MAX_LOG_STEP, MAX_LOG_STEP)
+        trial, settled = (np.inf, slope, information), False
+        while trial[0] > value and not settled:
+            step = 0.5 * step
+            settled = bool(np.all(np.abs(step) <= SETTLED_STEP * unit))
+            trial = scored_deviance(grams, effects, np.clip(point + step, *limits.T), restricted=restricted)
+        point, (value, slope, information) = np.clip(point + step, *limits.T), trial
+        if settled:
+            break
+    return point

@@ -27,8 +27,14 @@ from scipy import optimize, special
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Grams, NormalEquations, RunEffects, scored_deviance
-from automarine_cli.fits.optimise import Point, maximise
+from automarine_cli.fits.linear_mixed import (
+    SMALLEST_FACTOR,
+    Grams,
+    NormalEquations,
+    RunEffects,
+    choose_variances,
+    scored_deviance,
+)
 from automarine_cli.models.parameter import Parameters, Prior
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
@@ -290,26 +296,6 @@ def with_fixed(fit: MixedFit, parameters: Parameters) -> MixedFit:
         fit, parameters=parameters, theta=theta, phi=phi, covariance=covariance, left_out=left_out,
         at_bound=tuple(sorted([*fixed.tolist(), *free[list(fit.at_bound)].tolist()])), information=information,
     )  # fmt: skip
-
-
-VARIANCES_SETTLED = 1e-6  # gain in log likelihood below which the search for variances ends
-MAX_VARIANCE_STEPS = 60
-
-
-def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
-    """Noises and factors, as logarithms, of largest likelihood within their limits, by Fisher's scoring."""
-    factors = [(np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits]
-    limits = np.array([*((np.log(1e-9), np.log(1e3)) for _ in grams.channels), *factors])
-
-    def evaluate(points: Floats, searches: NDArray[np.int64]) -> list[Point[None]]:
-        scored = [scored_deviance(grams, effects, variances, restricted=restricted) for variances in points]
-        return [Point(at, -value / 2, -slope / 2, curve / 2, None) for at, (value, slope, curve) in zip(points, scored)]
-
-    best = maximise(
-        evaluate, np.clip(start, *limits.T)[None], np.arange(len(limits)), limits, settled=VARIANCES_SETTLED,
-        iterations=MAX_VARIANCE_STEPS,
-    )  # fmt: skip
-    return best[0].point.phi
 
 
 PHI_STEP = 1e-6

@@ -13,8 +13,15 @@ from tolerances import assert_close
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import Block, Grams, NormalEquations, RunEffects, scored_deviance
-from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, choose_variances, fit_mixed, jackknife
+from automarine_cli.fits.linear_mixed import (
+    Block,
+    Grams,
+    NormalEquations,
+    RunEffects,
+    choose_variances,
+    scored_deviance,
+)
+from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
 from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
 from automarine_cli.models.parameter import Parameter, Parameters
 
