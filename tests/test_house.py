@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5501, "report": 4511, "logs": 3853, "diagnosis": 3848, "commands": 3211, "runs": 2554, "thrusters":
-    2704, "link": 2656, "control": 2049, "effects": 2048, "planning": 1760, "simulation": 1634, "exports": 1557,
-    "comparison": 1197, "models": 1210, "filters": 973, "pipeline": 800, "dofs": 479, "top": 286, "guide": 189,
+    "fits": 5885, "report": 4595, "logs": 3895, "diagnosis": 3857, "commands": 3245, "runs": 2650, "thrusters":
+    2694, "link": 2655, "control": 2054, "effects": 2186, "planning": 1765, "simulation": 1640, "exports": 1566,
+    "comparison": 1191, "models": 1222, "filters": 985, "pipeline": 800, "dofs": 598, "top": 309, "guide": 190,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 43020
-MAX_FILES = 212
+MAX_LINES_IN_ALL = 43982
+MAX_FILES = 219
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}

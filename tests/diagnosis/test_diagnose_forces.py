@@ -37,10 +37,13 @@ def test_what_is_hidden_is_found() -> None:
 @pytest.mark.parametrize("motion", ["yaw", "surge", "heave"])
 def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
     dof = DOFS[motion]
-    turning = {"compass-deviation", "heading-moment", "cross-coupling", "current-deviation", "wall"}
+    turning = {"compass-deviation", "heading-moment", "cross-coupling", "current-deviation", "wall", "rudder-inflow"}
+    turning |= {"restoring-moment"}  # of roll and pitch
     if motion == "heave":  # has one thruster
-        turning |= {"thruster-dead-band", "thruster-imbalance", "thruster-limit"}
-    elsewhere = {"linear-drag-asymmetry"} if motion == "yaw" else turning
+        turning |= {"thruster-dead-band", "thruster-imbalance", "thruster-limit", "rudder-drag"}
+    elif motion == "surge":
+        turning |= {"rudder"}
+    elsewhere = {"linear-drag-asymmetry", "restoring-moment", "rudder-drag"} if motion == "yaw" else turning
     assert {name for name in effects.names() if motion not in effects.get(name).motions} == elsewhere
     if motion == "yaw":
         return

@@ -65,7 +65,15 @@ def test_sample_runs_are_made_again(tmp_path: Path) -> None:
 def test_sample_runs_are_small_and_nothing_else_is_there() -> None:
     products = {stored_as(specification, name) for specification, names in PRODUCTS.items() for name in names}
     listed = {path.name for path in SAMPLE_RUNS.iterdir() if not path.name.startswith(".")}
-    others = {"README.md", "pool_day.toml", "forces.toml", "planar_day.toml", "planar_bare.json", "paper.toml"}
+    others = {
+        "README.md",
+        "pool_day.toml",
+        "forces.toml",
+        "planar_day.toml",
+        "planar_bare.json",
+        "paper.toml",
+        "rudder",
+    }
     assert listed == {*others, *(f"{name}.toml" for name in PRODUCTS), *products}
     assert sum(len(data) for _, data in files(SAMPLE_RUNS, products)) < 1_000_000  # three times less than allowed
 
