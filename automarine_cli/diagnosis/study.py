@@ -224,7 +224,7 @@ class DiagnosisProblem:
             return self.largest
         if kind == "clock":
             return float(self.batch.start.min())
-        return float(np.mean([run.extras[kind].mean() for run in self.runs]))
+        return float(np.mean([np.abs(run.extras[kind]).mean() for run in self.runs]))
 
     @cached_property
     def logger_delay(self) -> float:
