@@ -16,9 +16,9 @@ from automarine_cli.runs.half_turn import commanded_before
 from automarine_cli.runs.run import Run, fresh_readings, position_noise
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
-MAX_STEP_S, MIN_STEP_S = 0.25, 0.1
-"""Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
-controller answers every reading, and the commands would tell of one that was left out."""
+MAX_STEP_S, MIN_STEP_S = 0.25, 0.05
+"""Longest step of the filter [s] where readings hang together; and the shortest of logs that are faster than that,
+where each reading tells something new: a controller answers it, and the commands would tell of one left out."""
 MAX_GAP_STEP_S = 0.15  # longest step [s] between samples that are further apart; longer ones are divided
 MIN_APART_S = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
@@ -51,6 +51,8 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
 def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -> Floats:
     """Clock of the filter's nodes: samples about `step` apart, intervals divided about `longest`. Where a sensor is
     slower than the log, the samples of the slowest come first."""
+    if step == MIN_STEP_S:  # no reading is left out: each counts alone, or in the mean of its node
+        step = (averaged_over(run.sample_period) - 0.5) * run.sample_period
     fresh = [fresh_readings(channel) for channel in map(run.channel, quantities) if channel is not None]
     slow = min(fresh, key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
     times = np.append(run.time[slow], np.inf)

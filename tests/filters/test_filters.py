@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from automarine_cli.dofs import YAW
-from automarine_cli.filters.course import MIN_APART_S, MIN_STEP_S, make_course
+from automarine_cli.filters.course import MIN_APART_S, averaged_over, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, follow, predict, shown_channel
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
@@ -103,10 +103,20 @@ def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:
     np.testing.assert_allclose(read.time[0][read.channels[0].seen[0]], time[::5], atol=1e-9)
     quiet, loud = (make_course([noisy(logged(time, np.sin(time), np.cos(time)), d)], REST) for d in (0.02, 1.0))
     assert quiet.noise[0] < YAW.limits.least_noise < loud.noise[0]
-    for course, apart in ((quiet, MIN_APART_S), (loud, MIN_STEP_S)):
+    for course, apart in ((quiet, MIN_APART_S), (loud, 0.1)):
         here = course.time[0][course.channels[0].seen[0]]
         assert apart - 1e-6 < np.diff(here).min() < apart + 0.101 and len(here) > 0.9 * 30.0 / (apart + 0.1)
         np.testing.assert_allclose(np.round(10 * here), 10 * here, atol=1e-6)
+
+
+@pytest.mark.parametrize("rate", [5, 10, 20, 25, 30, 40, 50, 100])
+def test_no_noisy_reading_is_left_out(rate: int) -> None:
+    """A controller has answered every reading: what a filter leaves out looks to it like a command without a cause."""
+    jitter = np.random.default_rng(rate).uniform(-0.1, 0.1, 8 * rate)
+    time = (np.arange(8 * rate) + jitter) / rate
+    course = make_course([noisy(logged(time, np.sin(time), np.cos(time)), 1.0)], REST)
+    readings = course.channels[0].seen[0].sum() * averaged_over(1.0 / rate)
+    assert readings == pytest.approx(len(time), abs=averaged_over(1.0 / rate) + 1)
 
 
 def textbook(run: Run, of: Noises, swift: float) -> tuple[Floats, Floats]:

@@ -231,7 +231,7 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
         assert f"Model {number} could not be fitted: these runs do not determine the model: it has no end." in (
             warnings_of(fit)
         )
-    assert "readings at 50 Hz were averaged over 0.1 s, commands count exactly" in fit.why_no_velocity_error
+    assert "readings at 50 Hz were averaged over 0.06 s, commands count exactly" in fit.why_no_velocity_error
 
 
 @pytest.mark.slow
