@@ -11,7 +11,7 @@ from automarine_cli.pipeline.parallel import Progress
 @command("check", report="log_tables")
 @options.logs
 @options.columns
-@options.ending(options.strict, options.jobs, draws=False)
+@options.ending(options.strict, options.jobs)
 def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: Progress) -> Any:
     """Inspect logs and list their problems.
 

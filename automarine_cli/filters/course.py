@@ -16,9 +16,12 @@ from automarine_cli.runs.half_turn import commanded_before
 from automarine_cli.runs.run import Run, fresh_readings, position_noise
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
-MAX_STEP_S, MIN_STEP_S = 0.25, 0.05
-"""Longest step of the filter [s] where readings hang together; and the shortest of logs that are faster than that,
-where each reading tells something new: a controller answers it, and the commands would tell of one left out."""
+MAX_STEP_S, USUAL_STEP_S, MIN_STEP_S = 0.25, 0.1, 0.05
+"""Steps of the filter [s]: the longest, where readings hang together; where they are as noisy as sensors are; and the
+shortest, where each tells something new: a controller answers it, and the commands would tell of one left out."""
+INDEPENDENT = 0.7
+"""Share of the noise of every other reading that all of them have at least where each tells something new: filtered
+readings differ less from their neighbours."""
 MAX_GAP_STEP_S = 0.15  # longest step [s] between samples that are further apart; longer ones are divided
 MIN_APART_S = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
@@ -33,19 +36,26 @@ def least_noise(dof: Dof, velocity: bool) -> float:
 
 
 def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
-    """MIN_STEP where any readings are as noisy as sensors are, or there is a gyro; else MAX_STEP_S."""
+    """Choose the step [s] that the readings ask for: the shortest that any of their sensors does."""
+    steps = [MAX_STEP_S]
     for dof, position in zip(motion.dofs, motion.positions):
         for quantity in (position, dof.velocity):
-            noises = []
+            noises = list[tuple[float, float]]()
             for run in runs:
                 readings = run.channel(quantity)
                 if quantity in quantities and readings is not None:
-                    fresh = fresh_readings(readings)
-                    noises.append(position_noise(run.time[fresh], readings[fresh]))
-            gyro = dof.angular and quantity == dof.velocity
-            if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
-                return MIN_STEP_S
-    return MAX_STEP_S
+                    fresh = np.flatnonzero(fresh_readings(readings))
+                    every, other = (position_noise(run.time[at], readings[at]) for at in (fresh, fresh[::2]))
+                    noises.append((every, other))
+            if not noises:
+                continue
+            noise, other = np.median(noises, axis=0)
+            noisy = noise >= least_noise(dof, quantity == dof.velocity)
+            if noisy and noise > INDEPENDENT * other:
+                steps.append(MIN_STEP_S)
+            elif noisy or (dof.angular and quantity == dof.velocity):  # a gyro, however quiet
+                steps.append(USUAL_STEP_S)
+    return min(steps)
 
 
 def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -> Floats:

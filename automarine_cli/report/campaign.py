@@ -64,6 +64,7 @@ CAPTIONS = {
     "tuning": "Loop with the present and the new gains: steps of the heading, and what a load does",
 }
 """Of figures that no page of a step shows, by their files."""
+AS_LOGGED = "Runs as logged: the usable part of steps in blue, manoeuvres in orange, the rest in grey"
 DIAGNOSE = "`automarine diagnose` says what the model lacks."
 USE = "`automarine tune` and `automarine export` use the model."
 MORE_RUNS = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
@@ -180,6 +181,12 @@ class StepResult:
     def markdown(self) -> str:
         paths = sorted(self.folder.glob("*.md"))
         return "\n\n".join(path.read_text(encoding="utf-8", errors="replace") for path in paths)
+
+    @property
+    def stems(self) -> list[str]:
+        """Names of the figures, without those of slides."""
+        stems = {path.stem for kind in ("png", "svg") for path in self.folder.glob(f"*.{kind}")}
+        return sorted(stem for stem in stems if not stem.endswith(".slide"))
 
     def picture(self, stem: str, caption: str) -> str:
         kinds = [kind for kind in ("png", "svg") if (self.folder / f"{stem}.{kind}").is_file()]
@@ -377,7 +384,7 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
         *good_enough,
         *_set_aside(steps),
         *(block for result in pages for block in _page(result, MotionResults(steps, result.step.section))),
-        *(["## Logs", _folded("Every run", steps["check"].markdown().strip())] if "check" in steps else []),
+        *(_logs(steps["check"]) if "check" in steps else []),
         "## How this was made",
         Table.of("", [{"step": name, "result": lines[name]} for name in STEP_NAMES if name in lines]),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
@@ -637,6 +644,12 @@ def _interval(value: Given) -> str:
     return f"{interval(value.estimate)} {unit}".rstrip() if value.estimate else number(value.value)
 
 
+def _logs(result: StepResult) -> list[str]:
+    """Every run as it was logged, and its row in the table of `check`."""
+    pictures = [result.picture(stem, AS_LOGGED) for stem in result.stems]
+    return ["## Logs", *pictures, _folded("Every run", result.markdown().strip())]
+
+
 def _page(result: StepResult, of_motion: MotionResults) -> list[str]:
     """The page of a step: its Markdown with headings a level lower and pictures by their place from here, and the
     figures that it does not show. What was rejected is folded, and so is where nothing missing was looked for."""
@@ -646,8 +659,7 @@ def _page(result: StepResult, of_motion: MotionResults) -> list[str]:
     text = inside.sub(lambda match: result.picture(match[2], match[1]), text)
     if result is of_motion.superseded:
         return [f"{title} without {added}", _folded("Tables of the models without it", text)]
-    stems = sorted({path.stem for kind in ("png", "svg") for path in result.folder.glob(f"*.{kind}")})
-    apart = [stem for stem in stems if f"/{stem}." not in text and not stem.endswith(".slide")]
+    apart = [stem for stem in result.stems if f"/{stem}." not in text]
     if isinstance(file, DiagnosisFile) and file.verdict == NOTHING:
         apart = [stem for stem in apart if stem != "before_after"]
         begin, heading, tried = text.partition("### Where")

@@ -8,7 +8,7 @@ from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, plain, to_mapping
-from automarine_cli.report.sections import Content, Sections, document, file_stems, sections
+from automarine_cli.report.sections import Content, Drawing, Sections, document, file_stems, sections
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 from automarine_cli.runs.run import ExcludedRun, runs_json
@@ -19,6 +19,7 @@ from automarine_cli.thrusters.map import bollard_columns
 
 MAX_RUNS_OF_NOTE = 3  # that are named
 MAX_LEVELS_WRITTEN = 6  # written out
+RUNS_ON_A_PAGE = 20
 RUNS, MOVING = "runs", "moving"  # folders of what was cut
 
 
@@ -53,7 +54,7 @@ class Check(Shown):
 
 @sections.register
 def _(result: Check) -> Sections:
-    tables, usable = list[Table](), list[str]()
+    tables, usable, figures = list[Table](), list[str](), dict[str, Drawing]()
     for dof in DOFS.values():
         if runs := [run for run in result.runs if run.dof is dof]:
             count = sum(not run.why for run in runs)
@@ -61,6 +62,9 @@ def _(result: Check) -> Sections:
             if dof.restoring:
                 count, entirely = sum(run.why is None for run in runs), ", which a fit takes whole"
             tables.append(_run_table(runs, dof))
+            for page, first in enumerate(range(0, len(runs), RUNS_ON_A_PAGE), 1):
+                name = f"{dof.name}_runs_{page}"
+                figures[name] = Drawing("runs.logs_figure", runs[first : first + RUNS_ON_A_PAGE])
             usable.append(f"{count} of {len(runs)} {dof.name} runs have a usable {dof.words.step}{entirely}")
     if result.tests:
         tables.append(_test_table(result.tests))
@@ -69,7 +73,8 @@ def _(result: Check) -> Sections:
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
     files: dict[str, Content] = {"check.json": result.to_json(), "check.md": document(*tables)}
-    return Sections(notes, files, rows=rows, answer=answer, details=[replace(table, notes=()) for table in tables])
+    details = [replace(table, notes=()) for table in tables]
+    return Sections(notes, files, figures, rows=rows, answer=answer, details=details)
 
 
 def _run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:

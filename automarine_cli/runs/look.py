@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
@@ -16,12 +17,25 @@ from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, 
 from automarine_cli.logs.columns import CANONICAL, driven, names_of, quantities_of
 from automarine_cli.logs.recognise import Layout, Maps, Recognised, layouts_of
 from automarine_cli.pipeline.parallel import Progress, ordered_map
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of, still
 from automarine_cli.runs.half_turn import ALREADY_ON, HalfTurn, all_half_turns, segments, why_none
 from automarine_cli.runs.load import rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run, misfit_of, position_noise, undirected
 
 MAX_LOGGED_LEVELS = 64  # more different values than this are a signal, not levels
+MAX_TRACED = 600  # samples of a run that a picture needs
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A run to look at, (N,) each: time since its first sample [s], position as people see it, command, and which
+    samples a fit of steps uses."""
+
+    time: Floats
+    position: Floats
+    command: Floats
+    used: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -48,6 +62,7 @@ class RunSeen:
     why: str | None
     columns: list[str]
     notes: list[str]
+    trace: Trace = field(repr=False)
     commanded: list[Commanded] = field(default_factory=list, repr=False)
     limits: list[AllocationLimit] = field(default_factory=list)
 
@@ -72,7 +87,9 @@ class RunSeen:
         noise, unit = f"{words.position}_noise_{dof.units.shown}", f"{words.force}_unit"
         keys = {"noise": noise, "extent": words.range_key, "moment_unit": unit, "half_turn": dof.step_key}
         limits = {"allocation_limits": [limit.to_json() for limit in self.limits]} if self.limits else {}
-        plain = {name: value for name, value in vars(self).items() if name not in ("dof", "commanded", "limits")}
+        plain = {
+            name: value for name, value in vars(self).items() if name not in ("dof", "trace", "commanded", "limits")
+        }
         return {keys.get(name, name): value for name, value in plain.items()} | limits
 
 
@@ -126,8 +143,16 @@ def look_at_run(run: Run) -> RunSeen:
         steps=[_step_seen(turn) for turn in turns], half_turn=None if best is None else _step_seen(best),
         why=why, columns=sorted(run.extras),
         notes=[*run.notes, *(run.dof.fill(ALREADY_ON) for turn in turns if turn.step.begins_log)],
-        commanded=commanded(run),
+        trace=_trace_of(driven, best), commanded=commanded(run),
     )  # fmt: skip
+
+
+def _trace_of(run: Run, best: HalfTurn | None) -> Trace:
+    used = np.zeros(len(run), dtype=bool)
+    if best is not None:
+        used[best.kept] = True
+    part = slice(None, None, max(1, len(run) // MAX_TRACED))
+    return Trace((run.time - run.time[0])[part], run.dof.shown(run.position)[part], run.command[part], used[part])
 
 
 def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:

@@ -112,11 +112,19 @@ def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:
 @pytest.mark.parametrize("rate", [5, 10, 20, 25, 30, 40, 50, 100])
 def test_no_noisy_reading_is_left_out(rate: int) -> None:
     """A controller has answered every reading: what a filter leaves out looks to it like a command without a cause."""
-    jitter = np.random.default_rng(rate).uniform(-0.1, 0.1, 8 * rate)
-    time = (np.arange(8 * rate) + jitter) / rate
+    jitter = np.random.default_rng(rate).uniform(-0.1, 0.1, 30 * rate)
+    time = (np.arange(30 * rate) + jitter) / rate
     course = make_course([noisy(logged(time, np.sin(time), np.cos(time)), 1.0)], REST)
     readings = course.channels[0].seen[0].sum() * averaged_over(1.0 / rate)
     assert readings == pytest.approx(len(time), abs=averaged_over(1.0 / rate) + 1)
+
+
+def test_filtered_readings_tell_little_new_at_their_full_pace() -> None:
+    time = 0.05 * np.arange(600)
+    run = noisy(logged(time, np.sin(time), np.cos(time)), 4.0)
+    filtered = replace(run, position=np.convolve(np.pad(run.position, 5, "edge"), np.full(11, 1 / 11), "valid"))
+    paces = [np.median(np.diff(make_course([one], REST).time[0])) for one in (run, filtered)]
+    np.testing.assert_allclose(paces, [0.05, 0.1], atol=1e-9)
 
 
 def textbook(run: Run, of: Noises, swift: float) -> tuple[Floats, Floats]:

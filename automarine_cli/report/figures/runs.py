@@ -1,5 +1,5 @@
-"""Figures of runs: steps with their trims, drag (the paper's Fig. 7), inertia (Fig. 9), the collapse; measured beside
-simulated (Fig. 10), and beside predictions."""
+"""Figures of runs: logs as they are; steps with their trims, drag (the paper's Fig. 7), inertia (Fig. 9), the collapse;
+measured beside simulated (Fig. 10), and beside predictions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
 from automarine_cli.dofs import SURGE, SWAY, YAW
@@ -24,11 +25,13 @@ from automarine_cli.report.figures import style
 from automarine_cli.report.tables import interval, number
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.load import GAP_IN_PERIODS
+from automarine_cli.runs.look import RunSeen
 from automarine_cli.runs.run import Run
 from automarine_cli.text import plural
 
 DEG_PER_RAD = 180.0 / np.pi
 MAX_TITLE_LETTERS = 60
+LOGS_IN_A_ROW, MAX_NAME_OF_LOG = 4, 24
 QUANTITIES = {
     "heading": (r"Heading $\psi$ [deg]", DEG_PER_RAD), "surge": ("Surge $u$ [m/s]", 1.0),
     "sway": ("Sway $v$ [m/s]", 1.0), "yaw_rate": ("Yaw rate $r$ [deg/s]", DEG_PER_RAD),
@@ -144,6 +147,44 @@ def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Fig
     labels = [f"predicted {p.horizon:g} s ahead" for p in ahead]
     title = f"{dof.words.position.capitalize()} error{' of runs held out' if use.runs > 1 else ''}"
     return style.residuals_figure(residuals, labels, dof.units.shown, float(dof.shown(noise)), title)
+
+
+@style.house_style
+def logs_figure(runs: Sequence[RunSeen]) -> Figure:
+    """Draw runs of one motion as they were logged, position above command: what a fit of steps uses in blue, what only
+    fits of whole runs use in orange, the rest and what is set aside, with its reason, in grey."""
+    dof = runs[0].dof
+    columns = min(len(runs), LOGS_IN_A_ROW)
+    rows = -(-len(runs) // columns)
+    height = 0.9 + 1.7 * rows
+    figure, axes = style.new_figure(2 * rows, columns, style.PAGE_IN, height, height_ratios=(2.2, 1.0) * rows)
+    for i in range(rows * columns):
+        position, command = axes[2 * (i // columns) : 2 * (i // columns) + 2, i % columns]
+        if i >= len(runs):
+            position.set_axis_off()
+            command.set_axis_off()
+            continue
+        run, trace = runs[i], runs[i].trace
+        whole = run.kind == "manoeuvre" and not trace.used.any()
+        look = {"color": style.COLOURS["orange"]} if whole else {"color": "0.6"}
+        position.plot(trace.time, trace.position, lw=0.9, **look)
+        position.plot(trace.time, np.where(trace.used, trace.position, np.nan), lw=1.6, color=style.COLOURS["blue"])
+        command.plot(trace.time, trace.command, lw=0.9, color=style.COLOURS["green"], drawstyle="steps-mid")
+        position.sharex(command)
+        position.tick_params(labelbottom=False)
+        why = "" if trace.used.any() or whole or run.why is None else f"\n{run.why.split(':')[0]}"
+        position.set_title(f"{style.shortened(run.run, MAX_NAME_OF_LOG)}{why}", parse_math=False, fontsize=7.0)
+        if i % columns == 0:
+            position.set_ylabel(f"{dof.words.position.capitalize()} [{dof.units.shown}]", fontsize=7.0)
+            command.set_ylabel(f"${dof.symbols.force_math}$ [{run.moment_unit}]", fontsize=7.0)
+        if i + columns >= len(runs):
+            command.set_xlabel("Time [s]", fontsize=7.0)
+    looks = {f"usable {dof.words.step}": "blue", "manoeuvre, for fits of whole runs": "orange", "the rest": "grey"}
+    handles = [Line2D([], [], color=style.COLOURS[colour], label=label) for label, colour in looks.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    figure.suptitle(f"{plural(len(runs), f'{dof.name} run')} as logged")
+    figure.align_ylabels()
+    return figure
 
 
 @style.house_style
