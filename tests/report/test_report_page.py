@@ -64,7 +64,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             table.to_parquet(path.with_name(f"$x$ `|` <b> \\input{{a}}{path.stem}.parquet"))
             path.unlink()
     out, svg = place / "results", ("svg",)
-    am.check([logs / "steps", logs / "thrusters"], out=out / "check")
+    am.check([logs / "steps", logs / "thrusters"], out=out / "check", figure_formats=svg)
     am.fit_thrusters(logs / "thrusters", thrusters_per_test=2, out=out / "thrusters", figure_formats=("png", "svg"))
     am.fit_yaw(logs / "steps", out=out / "yaw", figure_formats=svg)
     model, thrusters = out / "yaw" / "yaw_model.json", out / "thrusters" / "thrusters.json"
