@@ -18,7 +18,7 @@ FITTED_AGAINST = {
     "moment": "the largest {force} of the logs",
     "clock": "the logs' first instant",
     "voltage": "the logs' mean voltage",
-    "surge": "the logs' mean surge speed",
+    "surge": "the logs' mean speed ahead or astern",
 }
 
 
@@ -31,23 +31,27 @@ class EffectCards:
     dof: Dof
     every: bool
 
+    def dof_of(self, effect: Effect) -> Dof:
+        """The motion in whose letters a card is: the one asked for, or the first in which the effect acts."""
+        return self.dof if effect.acts_in(self.dof) or not self.every else DOFS[effect.motions[0]]
+
     def to_json(self) -> dict[str, object]:
         """Return the cards (schema automarine/effects/1); infinity, which JSON has no word for, is null."""
         return {
             "schema": "automarine/effects/1",
             **({} if self.dof.wraps else {"motion": self.dof.name}),
-            "effects": [_card_json(effect, self.dof) for effect in self.cards],
+            "effects": [_card_json(effect, self.dof_of(effect)) for effect in self.cards],
         }
 
 
 @sections.register
 def _(result: EffectCards) -> Sections:
     if result.in_full:
-        return _card(result.cards[0], result.dof, result.every)
+        return _card(result.cards[0], result.dof_of(result.cards[0]), result.every)
     rows = [
-        {"name": effect.name, "place": result.dof.fill(ACTS_ON[effect.place.value]).partition(":")[0],
-         "equation": effect.card(result.dof).equation, "parameters": ", ".join(effect.names_in(result.dof))}
-        for effect in result.cards
+        {"name": effect.name, "place": dof.fill(ACTS_ON[effect.place.value]).partition(":")[0],
+         "equation": effect.card(dof).equation, "parameters": ", ".join(effect.names_in(dof))}
+        for effect, dof in ((effect, result.dof_of(effect)) for effect in result.cards)
     ]  # fmt: skip
     return Sections([Table.of("Library of effects", rows)], answer=f"The library has {len(rows)} effects.")
 
