@@ -14,7 +14,6 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.nomoto import Nomoto, answer_to_rudder
 from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
 from automarine_cli.fits.preference import (
@@ -29,7 +28,7 @@ from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_who
 from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.fits.weight import Buoyancy, Swing, swing_of
 from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
-from automarine_cli.models.parameter import Prior
+from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
 from automarine_cli.models.store import effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
@@ -78,7 +77,7 @@ class YawFit(Shown):
     `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `output_error` and
     `velocity_error_fit` the two estimators by model, `why_no_velocity_error` a sentence where there is none, `refused`
     why models could not be fitted; `channels` are the sensors that count; `use` is what the model predicts, of whole
-    runs; `prior` is what was known beforehand, `nomoto` the answer to a rudder. `warnings` are what a report says of
+    runs; `priors` are what was known beforehand, `nomoto` the answer to a rudder. `warnings` are what a report says of
     all that. `mass` [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing
     showed it.
     """
@@ -95,7 +94,7 @@ class YawFit(Shown):
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     use: driven.Judgement | None = None
-    prior: Known = NOTHING_KNOWN
+    priors: Priors = field(default_factory=dict)
     consistency: Consistency | None = None
     whole_steps: bool = False
     refused: Mapping[str, str] = field(default_factory=dict)
@@ -265,7 +264,7 @@ def identify_turns(
     set_aside: tuple[ExcludedRun, ...],
     load_runs: Callable[[], Sequence[Run]],
     fit_to: str = "auto",
-    prior: Known = NOTHING_KNOWN,
+    priors: Priors = NOTHING_KNOWN,
     map_jobs: Each = alone,
     channels: str = AUTO,
     tail: float | None = None,
@@ -277,7 +276,7 @@ def identify_turns(
 
     `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": steps if at least
     three at two sizes of moment serve and they are half of the runs or more, else whole runs. Steps count whole, unless
-    what comes after the first half-turns disagrees with them (see step_fit.py). `prior` is what
+    what comes after the first half-turns disagrees with them (see step_fit.py). `priors` are what
     need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
     of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back,
@@ -293,13 +292,13 @@ def identify_turns(
     steered = any(turn.step.run.moment_unit == STEERED for turn in turns)  # its thrust may be anything
     stepped = fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)
     if stepped and not (with_effects or steered or dof.restoring):
-        return _fit_steps(turns, set_aside, fit_to, prior, map_jobs, channels, tail)
+        return _fit_steps(turns, set_aside, fit_to, priors, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
             f"{plural(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
-    fit = _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects, length)
+    fit = _fit_whole(tuple(load_runs()), turns, fit_to, priors, map_jobs, channels, with_effects, length)
     return replace(fit, mass=mass)
 
 
@@ -311,7 +310,7 @@ def _fit_steps(
     turns: tuple[HalfTurn, ...],
     set_aside: tuple[ExcludedRun, ...],
     fit_to: str,
-    prior: Known,
+    priors: Priors,
     map_jobs: Each,
     channels: str,
     tail: float | None,
@@ -325,14 +324,14 @@ def _fit_steps(
     two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= MIN_A_WAY)
     starts = {number: _rough_start(rough, dof, number) for number in MODELS}
     if fit_to == "half-turns":
-        answer = fit_halves(half, starts, prior, two_way, map_jobs)
+        answer = fit_halves(half, starts, priors, two_way, map_jobs)
     else:
         whole = data_of_steps(turns, chosen.names, whole=True)
-        answer = fit_whole_or_half(whole, half, starts, prior, two_way, map_jobs)
+        answer = fit_whole_or_half(whole, half, starts, priors, two_way, map_jobs)
     fits, preference = answer.fits, answer.preference
     seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, tail=tail)
     return YawFit(
-        half.unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, prior=prior,
+        half.unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, priors=priors,
         consistency=answer.consistency, whole_steps=answer.data is not half,
     )  # fmt: skip
 
@@ -388,7 +387,7 @@ def _fit_whole(
     runs: tuple[Run, ...],
     turns: Sequence[HalfTurn],
     fit_to: str,
-    prior: Known,
+    priors: Priors,
     map_jobs: Each,
     channels: str,
     with_effects: Sequence[str],
@@ -398,9 +397,9 @@ def _fit_whole(
     dof = moving[0].dof
     of_ratios, free_decays = False, dof.restoring and not any(np.any(run.command != 0) for run in moving)
     if free_decays:
-        of_ratios = dof.parameter("inertia") not in prior.parameters
-        prior = replace(prior, parameters={dof.parameter("inertia"): Prior(1.0), **prior.parameters})
-    elif not any(np.any(run.command != 0) for run in moving) and dof.parameter("inertia") not in prior.parameters:
+        of_ratios = dof.parameter("inertia") not in priors
+        priors = {dof.parameter("inertia"): Prior(1.0), **priors}
+    elif not any(np.any(run.command != 0) for run in moving) and dof.parameter("inertia") not in priors:
         letter, words = dof.symbols.inertia, dof.words
         raise RunError(
             f"no {words.force} acts in these runs: they slow down by themselves, which shows drag over {words.inertia} "
@@ -417,7 +416,7 @@ def _fit_whole(
     asks = bool(with_effects) or steered or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
     pushed, by_filter = "", asks and (bool(with_effects) or steered or not driven.mostly_stepped(moving))
     if not by_filter:
-        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
+        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, priors=priors)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
         ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
         few_steps = 2 * len(turns) < len(runs)  # what differs between steps from rest is their thrust
@@ -426,21 +425,21 @@ def _fit_whole(
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
         pushed = driven.unknown_push(fit, moving)
         use = driven.Judgement(worth, len(moving), large=pushed)
-        by_filter = asks and few_steps and driven.predicts_better(course, fit, moving, prior.parameters)
+        by_filter = asks and few_steps and driven.predicts_better(course, fit, moving, priors)
         how = (
             "by output error, which predicts runs left out as well"
             if asks
             else ("by output error, for the evidence asks for no disturbance")
         )
     if by_filter:
-        fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
+        fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, priors)
         preference, use = _preferred_driven(fits, course, map_jobs)
         use = replace(use, large=use.large or pushed)
         how = _by_filter(moving, asked)
     words, nomoto = dof.words, None
     if steered and "1" in fits:
         cubic = (*with_effects, *({"cubic-drag"} - {*with_effects}))
-        norrbin, _ = driven.fit_driven_model("1", moving, course, cubic, prior.parameters)
+        norrbin, _ = driven.fit_driven_model("1", moving, course, cubic, priors)
         fastest = float(course.fastest[0])
         nomoto = answer_to_rudder(moving, fits["1"], norrbin, fits[preference.number].model, fastest, length)
     option = "--with" if asked else "--fit-to whole-runs"
@@ -454,7 +453,7 @@ def _fit_whole(
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
     return YawFit(
-        moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, prior,
+        moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, priors,
         refused=refused, of_ratios=of_ratios, nomoto=nomoto,
     )  # fmt: skip
 
@@ -509,14 +508,14 @@ def _too_little(run: Run) -> str:
 
 
 def _fit_whole_model(
-    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, prior: Known
+    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, priors: Priors
 ) -> whole_runs.OutputErrorFit:
     largest = max(float(np.abs(run.command).max()) for run in runs)
     two_way = driven.both_ways(runs)
     for step in driven.MAX_STEPS_S:
         batch = make_batch(runs, step, channels=channels)
         fit = whole_runs.fit_by_direction(
-            partial(whole_runs.fit_whole_runs, batch, number, at_rest, prior=prior), batch.dof, two_way
+            partial(whole_runs.fit_whole_runs, batch, number, at_rest, priors=priors), batch.dof, two_way
         )
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit

@@ -26,7 +26,7 @@ from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import MixedFit, Outcome
 from automarine_cli.fits.optimise import Maximum, Point, maximise
 from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model
-from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
+from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.models.store import Sensor
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import Floats
@@ -46,7 +46,7 @@ class DrivenProblem:
     course: Course
     parameters: Parameters
 
-    def informed(self, priors: Mapping[str, Prior]) -> "DrivenProblem":
+    def informed(self, priors: Priors) -> "DrivenProblem":
         return replace(self, parameters=self.parameters.informed(priors))
 
     @property

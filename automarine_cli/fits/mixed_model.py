@@ -35,7 +35,7 @@ from automarine_cli.fits.linear_mixed import (
     choose_variances,
     scored_deviance,
 )
-from automarine_cli.models.parameter import Parameters, Prior
+from automarine_cli.models.parameter import Parameters, Priors
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -159,7 +159,7 @@ class Problem:
     slots: tuple[Slot, ...]
     slopes: ReadingSlopes | None = None
 
-    def informed(self, priors: Mapping[str, Prior]) -> "Problem":
+    def informed(self, priors: Priors) -> "Problem":
         return replace(self, parameters=self.parameters.informed(priors))
 
     @cached_property

@@ -24,12 +24,11 @@ from automarine_cli.fits.driven import (
     worth_of,
 )
 from automarine_cli.fits.innovations import ITERATIONS, DrivenProblem, InnovationsFit, fit_innovations, randomness
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import estimate_of, run_covariance
 from automarine_cli.models.model import COMMAND_DELAY, CURRENT, INERTIA_COUPLINGS, Model, Term
-from automarine_cli.models.parameter import Parameter, Parameters, Prior
+from automarine_cli.models.parameter import Parameter, Parameters, Priors
 from automarine_cli.models.store import planar_json
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
@@ -411,7 +410,7 @@ def search(likelihood: "PlanarLikelihood") -> tuple[Estimated, ...]:
 class PlanarFit(Shown):
     """The models that were `tried` on `runs`, the likeliest one first, and the `best`: of what `use` it is, and the
     sentence that says why (`fitted_because`); what was set aside; sentences on what thrusters at their `limits` did not
-    give; the `prior`: what was known beforehand."""
+    give; the `priors`: what was known beforehand."""
 
     tried: tuple[Estimated, ...]
     best: Estimated
@@ -421,7 +420,7 @@ class PlanarFit(Shown):
     observed: Observed
     set_aside: tuple[ExcludedRun, ...] = ()
     limits: tuple[str, ...] = ()
-    prior: Known = NOTHING_KNOWN
+    priors: Priors = field(default_factory=dict)
 
     @property
     def structure(self) -> str:
@@ -522,7 +521,7 @@ class PlanarLikelihood:
 
     runs: tuple[Run, ...]
     observed: Observed
-    priors: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Priors = field(default_factory=dict)
     with_effects: tuple[str, ...] = ()
     signals: tuple[str, ...] = ()
 

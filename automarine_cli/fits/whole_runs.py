@@ -16,7 +16,6 @@ from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import Fit
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import (
     DISTURBANCE,
     GAIN,
@@ -30,7 +29,7 @@ from automarine_cli.fits.linear_mixed import (
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
 from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, main_drag
-from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
+from automarine_cli.models.parameter import NOTHING_KNOWN, NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -436,7 +435,7 @@ class OutputErrorFit:
 
 
 def fit_whole_runs(
-    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, prior: Known = NOTHING_KNOWN
+    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, priors: Priors = NOTHING_KNOWN
 ) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
@@ -444,10 +443,10 @@ def fit_whole_runs(
     no start leads anywhere.
     """
     alone = len(batch.names) == 1 or (batch.dof.restoring and not np.any(batch.force))
-    prior_inertia = prior.parameters.get(batch.dof.parameter("inertia"))
+    prior_inertia = priors.get(batch.dof.parameter("inertia"))
     rough = rough_model(number, batch, sided, prior_inertia.value if prior_inertia else 1.0)
     parameters = rough.parameters(log_drag=True, signed_drag=True)
-    problem = whole_run_problem(rough, parameters, batch, at_rest).informed(prior.parameters)
+    problem = whole_run_problem(rough, parameters, batch, at_rest).informed(priors)
     pooled = replace(problem, effects=problem.effects.with_scale(gain=0.0))
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
@@ -456,7 +455,7 @@ def fit_whole_runs(
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
         return result_of(number, rough, only, scatters=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
-    little = 0.2 if prior.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
+    little = 0.2 if priors else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
         problem,
         first.theta,

@@ -1,7 +1,7 @@
 """What the fit of one motion, or of surge, sway and yaw together, shows and writes: tables, sentences, one row a run,
 figures."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -24,6 +24,7 @@ from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, 
 from automarine_cli.fits.weight import AMPLITUDE_DEG, Swing
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
+from automarine_cli.models.parameter import Priors
 from automarine_cli.models.store import DRAG_LAWS
 from automarine_cli.report.sections import Content, Drawing, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
@@ -400,7 +401,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
         lines.append(f"{text}.")
     units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY_ROLE, "constant")}
-    priors = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, mixed.names)
+    priors = tuple(known_sentences(fit.priors, units | {COMMAND_DELAY: "s"}, mixed.names))
     lines += [fit.preference.because, *([] if fit.of_ratios else priors)]
     if priors and fit.velocity_error_fit:
         lines.append("The velocity errors of the paper do not use it.")
@@ -508,6 +509,16 @@ def _disagreement(tests: Consistency, dof: Dof) -> Iterator[str]:
     yield f"After the first {dof.words.step} {' and '.join(differs)}. {LOOK_FOR_EFFECT}"
 
 
+def known_sentences(priors: Priors, units: Mapping[str, str], names: Iterable[str]) -> Iterator[str]:
+    """Say what was known, in the `units` of the fit by qualified name, and what a model of these `names` lacks."""
+    short = {name: name.partition(".")[2] or name for name in priors}
+    if priors:
+        values = (f"{short[name]} = {prior} {units.get(name, '')}".strip() for name, prior in priors.items())
+        yield f"Known beforehand: {', '.join(values)}."
+    if lacking := [short[name] for name in sorted({*priors} - {*names})]:
+        yield f"The preferred model has no {' and no '.join(lacking)}; it was not used there."
+
+
 def _valued(name: str, estimate: Estimate) -> str:
     return f"{name} {interval(estimate)} {estimate.unit}"
 
@@ -607,7 +618,8 @@ def _(fit: PlanarFit) -> Sections:
 def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
     yield f"Commands act {interval(fit.best.delay)} s after the middle of the sample interval in which they changed."
-    yield from fit.prior.sentences({p.name: p.unit for p in fit.model.parameters()}, fit.model.parameter_names)
+    units = {p.name: p.unit for p in fit.model.parameters()}
+    yield from known_sentences(fit.priors, units, units)
     yield from (f"Assumed: {assumption}." for assumption in fit.observed.assumptions(fit.model))
     noises = fit.best.fit.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]

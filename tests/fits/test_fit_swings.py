@@ -13,7 +13,6 @@ from scipy.integrate import solve_ivp
 from automarine_cli.commands import automarine
 from automarine_cli.dofs import PITCH, ROLL, Dof
 from automarine_cli.fits.identify import YawFit, identify_turns
-from automarine_cli.fits.known import Known
 from automarine_cli.models.parameter import Prior
 from automarine_cli.runs.run import Run
 
@@ -49,8 +48,8 @@ def decays(seed: int, dof: Dof = ROLL) -> list[Run]:
 
 def fitted(runs: list[Run], known: float | None = 1.9, mass: float | None = None) -> YawFit:
     dof = runs[0].dof
-    prior = Known({} if known is None else {dof.parameter("inertia"): Prior(known)})
-    return identify_turns(dof, (), (), lambda: runs, prior=prior, mass=mass)
+    priors = {} if known is None else {dof.parameter("inertia"): Prior(known)}
+    return identify_turns(dof, (), (), lambda: runs, priors=priors, mass=mass)
 
 
 @pytest.mark.slow
