@@ -13,8 +13,8 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
+from automarine_cli.fits.characteristics import Buoyancy, Nomoto, Swing, answer_to_rudder, swing_of
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
-from automarine_cli.fits.nomoto import Nomoto, answer_to_rudder
 from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
 from automarine_cli.fits.preference import (
     COMPARISON_HORIZONS_S,
@@ -26,7 +26,6 @@ from automarine_cli.fits.preference import (
 )
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
-from automarine_cli.fits.weight import Buoyancy, Swing, swing_of
 from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
 from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
 from automarine_cli.models.store import effects_json, model_head

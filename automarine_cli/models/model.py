@@ -375,21 +375,25 @@ class Model:
         linear, quadratic = self.drag()
         if not (self.dof.has_constant or self.dof.directional):
             return moment, linear, quadratic
-        moment = moment + self._value("constant")
+        moment = moment + self.coefficient("constant")
         way = np.sign(moment)
-        return (moment, linear + way * self._value("difference", 1), quadratic + way * self._value("difference", 2))
+        return (
+            moment,
+            linear + way * self.coefficient("difference", 1),
+            quadratic + way * self.coefficient("difference", 2),
+        )
 
     @property
     def restoring(self) -> float:
         """Restoring moment over the sine of the angle, zero where nothing turns the vehicle back."""
-        return self._value("restoring")
+        return self.coefficient("restoring")
 
     def drag(self) -> tuple[float, float]:
         """Linear and quadratic drag, zero where the model has no such term."""
-        return self._value("linear"), self._value("quadratic")
+        return self.coefficient("linear"), self.coefficient("quadratic")
 
-    def _value(self, role: str, power: int | None = None) -> float:
-        """Value of the last term of a role, and of a power of the speed where that is asked; zero if there is none."""
+    def coefficient(self, role: str, power: int | None = None) -> float:
+        """Return the value of the last term of a role, and of a power of the speed where that is asked; zero if there is none."""
         value = 0.0
         for term in self.terms:
             effect = effects.get(term.name)

@@ -12,16 +12,15 @@ import pyarrow.parquet as pq
 from automarine_cli import effects
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
+from automarine_cli.fits.characteristics import AMPLITUDE_DEG, Nomoto, Swing, mean_miss
 from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
 from automarine_cli.fits.identify import YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
-from automarine_cli.fits.nomoto import Nomoto, mean_miss
 from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit, structure_of
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
-from automarine_cli.fits.weight import AMPLITUDE_DEG, Swing
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.models.parameter import Priors
