@@ -376,12 +376,8 @@ class Model:
         if not (self.dof.has_constant or self.dof.directional):
             return moment, linear, quadratic
         moment = moment + self.coefficient("constant")
-        way = np.sign(moment)
-        return (
-            moment,
-            linear + way * self.coefficient("difference", 1),
-            quadratic + way * self.coefficient("difference", 2),
-        )
+        apart = [np.sign(moment) * self.coefficient("difference", power) for power in (1, 2)]
+        return moment, linear + apart[0], quadratic + apart[1]
 
     @property
     def restoring(self) -> float:
@@ -393,13 +389,10 @@ class Model:
         return self.coefficient("linear"), self.coefficient("quadratic")
 
     def coefficient(self, role: str, power: int | None = None) -> float:
-        """Return the value of the last term of a role, and of a power of the speed where that is asked; zero if there is none."""
-        value = 0.0
-        for term in self.terms:
-            effect = effects.get(term.name)
-            if effect.role == role and power in (None, effect.power):
-                value = term.values[0]
-        return value
+        """Return the value of the last term of a role, of that power of the speed if given; zero if there is none."""
+        of_role = [term for term in self.terms if effects.get(term.name).role == role]
+        values = [term.values[0] for term in of_role if power in (None, effects.get(term.name).power)]
+        return values[-1] if values else 0.0
 
 
 def steady_rate(moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:

@@ -185,8 +185,6 @@ class GapEntry:
     before: float | None = field(metadata=keyed("before_{shown_unit}", "before_N"))
     after: float | None = field(metadata=keyed("after_{shown_unit}", "after_N"))
     noise_floor: float = field(metadata=keyed("noise_floor_{shown_unit}", "noise_floor_N"))
-    before_ci95: tuple[float, float] | None = None
-    after_ci95: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
