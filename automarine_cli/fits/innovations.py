@@ -306,24 +306,19 @@ def _climbed(
 def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> InnovationsFit:
     point, slopes = reached.point, reached.point.data
     phi = point.phi
-    free, limits, count = problem.free, problem.parameters.limits, len(phi)
-    at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
-    inside = ~at_bound[free]
-    hessian = point.curvature[np.ix_(inside, inside)]
-    open_to = free[inside]
-    covariance = np.zeros((count, count))
-    covariance[np.ix_(open_to, open_to)] = linear_mixed.covariance_of(hessian)
-    runs = len(problem.course.names)
+    free, limits, runs = problem.free, problem.parameters.limits, len(problem.course.names)
+    at_bound, covariance = point.spread(free, limits)
     left_out = np.tile(phi, (runs, 1))
     if runs > 1:
-        remaining = hessian - slopes.information[:, inside][:, :, inside]
+        inside = ~at_bound[free]
+        remaining = (point.curvature - slopes.information)[:, inside][:, :, inside]
         moved = linear_mixed.solve_scaled(remaining, -slopes.gradient[:, inside])
-        spread = np.sqrt(np.maximum(np.diagonal(covariance)[open_to], 0.0))
-        left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
+        most = 5.0 * np.sqrt(np.maximum(np.diagonal(covariance)[free[inside]], 0.0))
+        left_out[:, free[inside]] += np.clip(moved, -most, most)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
         left_out = np.array([climb.point.phi for climb in _climbed(problem, left_out, LOOK_STEPS, without_each=True)])
-    information = np.zeros((runs, count, count))
+    information = np.zeros((runs, *covariance.shape))
     information[:, free[:, None], free] = slopes.information
     smooth = problem.parameters.smooth
     information += 0.0 if smooth is None else smooth / runs
@@ -340,7 +335,7 @@ def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> In
         left_out=left_out,
         log_likelihood=float(density[0].sum()),
         predictive=density[0] if brief else np.diagonal(of_left_out),
-        at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
+        at_bound=tuple(np.flatnonzero(at_bound).tolist()),
         iterations=reached.iterations,
         converged=reached.converged,
         density=density[0],
