@@ -31,7 +31,7 @@ from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
 from automarine_cli.models.store import effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
-from automarine_cli.quantities import STEERED, Floats
+from automarine_cli.quantities import STEERED
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, still, without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
@@ -39,17 +39,6 @@ from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 from automarine_cli.text import plural
-
-
-def covariance_json(
-    names: Sequence[str], theta: Floats, positive: NDArray[np.bool_], covariance: Floats
-) -> dict[str, object] | None:
-    """Covariance of the first parameters of theta (p,), named, from that of phi (p, p), in which positive ones are
-    logarithms; in the products of the parameters' units. None where it is not finite."""
-    count = len(names)
-    scale = np.where(positive, theta, 1.0)[:count]
-    matrix = covariance[:count, :count] * np.outer(scale, scale)
-    return {"parameters": list(names), "matrix": matrix.tolist()} if np.all(np.isfinite(matrix)) else None
 
 
 def valid_range(moments: Iterable[float], model: Model) -> dict[str, object] | None:
@@ -193,7 +182,7 @@ class YawFit(Shown):
             "log_likelihood": fit.mixed.log_likelihood,
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
             **_scatter_json(fit),
-            "covariance": covariance_json(
+            "covariance": whole_runs.covariance_json(
                 list(fit.estimates), fit.mixed.theta, fit.mixed.parameters.log, fit.covariance
             ),
             "converged": fit.mixed.converged,

@@ -231,12 +231,11 @@ NO_START = "no starting point of the fit has a finite likelihood; check the unit
 
 @dataclass(frozen=True, eq=False)
 class InnovationsFit(Outcome):
-    """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `density` (R,) the runs'
-    own log densities, `gains` (R,) their log gains as filtered."""
+    """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `gains` (R,) are the
+    runs' log gains as filtered."""
 
     driven: ClassVar[Literal[True]] = True
 
-    density: Floats
     gains: Floats
 
     def factor(self, block: str) -> float:

@@ -408,6 +408,21 @@ class OutputErrorFit:
         return {letters[role]: estimate_of(self.mixed, self.covariance, self._place(role)) for role in self.roles}
 
     @cached_property
+    def by_name(self) -> dict[str, Estimate]:
+        """Every parameter of the model that was estimated or follows one, by qualified name."""
+        estimates, parameters, held = dict[str, Estimate](), self.mixed.parameters, set(self.model.fixed)
+        for term in self.model.terms:  # laws of effects and what only others use
+            held |= {name for name, stays in zip(self.model.names_of(term), term.effect.held(term.values)) if stays}
+        for i, parameter in enumerate(parameters[parameters.of_model]):
+            if parameter.tie is not None:
+                source, factor = parameter.tie
+                of = estimate_of(self.mixed, self.covariance, parameters.names.index(source))
+                estimates[parameter.name] = of.scaled(factor, parameter.unit)
+            elif parameter.name not in held:
+                estimates[parameter.name] = estimate_of(self.mixed, self.covariance, i)
+        return estimates
+
+    @cached_property
     def inertial_turn_angle(self) -> Estimate | None:
         """Inertia over quadratic drag [base unit]; None of a model without that, or where it stands at a bound."""
         if "quadratic" not in self.roles:
@@ -491,6 +506,17 @@ def run_dof(mixed: Fit, direction: Floats) -> float:
     if runs == 1:
         return float(sum(mixed.readings.values()) - len(mixed.theta))
     return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(runs - 1)
+
+
+def covariance_json(
+    names: Sequence[str], theta: Floats, positive: NDArray[np.bool_], covariance: Floats
+) -> dict[str, object] | None:
+    """Covariance of the first parameters of theta (p,), named, from that of phi (p, p), in which positive ones are
+    logarithms; in the products of the parameters' units. None where it is not finite."""
+    count = len(names)
+    scale = np.where(positive, theta, 1.0)[:count]
+    matrix = covariance[:count, :count] * np.outer(scale, scale)
+    return {"parameters": list(names), "matrix": matrix.tolist()} if np.all(np.isfinite(matrix)) else None
 
 
 def estimate_of(mixed: Fit, covariance: Floats, i: int) -> Estimate:

@@ -306,6 +306,11 @@ class Model:
     def theta(self) -> Floats:
         return np.array([*self.masses, *(x for term in self.terms for x in term.values), *(self.water or ())])
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of all parameters by qualified name."""
+        return dict(zip(self.parameter_names, self.theta.tolist()))
+
     def with_theta(self, theta: ArrayLike) -> "Model":
         """Return the same terms with other values. Raises ModelError unless there is one for each parameter."""
         numbers, names = [float(value) for value in np.asarray(theta)], self.parameter_names

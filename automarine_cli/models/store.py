@@ -423,8 +423,7 @@ PLANAR_MODEL = ResultKind(f"{PLANAR.name}_model.json", f"{PLANAR.name}-model", P
 
 def planar_json(model: Model, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
     """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
-    parameters = {**dict(zip(model.parameter_names, model.theta.tolist())), **(estimates or {})}
-    return {"schema": PLANAR_MODEL.schema, **UNITS, "parameters": parameters}
+    return {"schema": PLANAR_MODEL.schema, **UNITS, "parameters": {**model.values, **(estimates or {})}}
 
 
 def _planar_of(data: Mapping[str, object], where: str) -> StoredModels:

@@ -18,7 +18,7 @@ from automarine_cli.fits.identify import YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
-from automarine_cli.fits.planar_fit import PlanarFit, structure_of
+from automarine_cli.fits.planar_fit import PlanarFit, criterion, structure_of
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit
@@ -608,7 +608,7 @@ def _(fit: PlanarFit) -> Sections:
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
     files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
     files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
-    noise = fit.best.fit.noise_of.get(YAW.position, 0.0)
+    noise = fit.best.mixed.noise_of.get(YAW.position, 0.0)
     drawings = {"planar_runs": Drawing("runs.driven_runs_figure", fit.runs, fit.use, noise)}
     listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
     return Sections([*first, tables[0]], files, drawings, listed, rows, details=[*tables[1:], *details])
@@ -620,7 +620,7 @@ def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     units = {p.name: p.unit for p in fit.model.parameters()}
     yield from known_sentences(fit.priors, units, units)
     yield from (f"Assumed: {assumption}." for assumption in fit.observed.assumptions(fit.model))
-    noises = fit.best.fit.noise_of
+    noises = fit.best.mixed.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors used (noise in rad, m and seconds): {', '.join(channels)}."
 
@@ -659,9 +659,9 @@ def parameter_table(fit: PlanarFit) -> Table:
 
 
 def structure_table(fit: PlanarFit) -> Table:
-    best = fit.tried[0].criterion
+    best = criterion(fit.tried[0])
     return Table.of("Structures", [
         {"structure": structure_of(t.model, fit.observed), "parameters": len(t.model.free),
-         "log likelihood": number(t.fit.log_likelihood, 7), "BIC less the best": t.criterion - best}
+         "log likelihood": number(t.mixed.log_likelihood, 7), "BIC less the best": criterion(t) - best}
         for t in fit.tried
     ])  # fmt: skip

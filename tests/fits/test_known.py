@@ -127,9 +127,9 @@ def test_the_plane_takes_what_is_known() -> None:
     known = qualified(parse_known("I_r=2.0,m_u=20±0.001"), names, sorted({*names.values()} - {*OWN}))
     model = seen.simplest(rough_sizes(runs))
     found = PlanarLikelihood(runs, seen, known).estimate(model)
-    assert found.values["yaw.I_r"] == 2.0
-    assert found.values["surge.m_u"] == pytest.approx(20.0, abs=0.005)
-    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.001, rel=0.1)
+    assert found.model.values["yaw.I_r"] == 2.0
+    assert found.model.values["surge.m_u"] == pytest.approx(20.0, abs=0.005)
+    assert found.by_name["surge.m_u"].stderr == pytest.approx(0.001, rel=0.1)
     with pytest.raises(SettingError, match="'X_uuu' is no parameter of this fit"):
         qualified(parse_known("X_uuu=3"), names)
 
