@@ -143,7 +143,7 @@ def rms(errors: Floats) -> Floats:
 def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     """What the library predicts at the horizons from its filtered states, (A, 3, H)."""
     likelihood = PlanarLikelihood(tuple(runs), fit.observed)
-    problem, estimate = likelihood.problem(fit.best.model), fit.best.fit
+    problem, estimate = likelihood.problem(fit.best.model), fit.best.mixed
     course = likelihood.course
     followed = problem.follow(estimate.phi[None], keep=True)
     channels = [next(each for each in course.channels if each.quantity == name) for name in UNITS]
