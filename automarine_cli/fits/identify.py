@@ -28,7 +28,7 @@ from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_who
 from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
 from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
-from automarine_cli.models.store import effects_json, model_head
+from automarine_cli.models.store import ROLES, effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import STEERED
@@ -165,16 +165,8 @@ class YawFit(Shown):
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit, dof = self.output_error[number], self.dof
-        symbols = dof.symbols
-        order = (
-            symbols.quadratic,
-            symbols.linear,
-            symbols.inertia,
-            symbols.constant,
-            symbols.restoring,
-            symbols.difference,
-        )
-        estimates = {name: fit.estimates[name].to_json() for name in order if name in fit.estimates}
+        symbols = [dof.parameters[role] for role in ROLES if role in fit.roles]
+        estimates = {symbol: fit.estimates[symbol].to_json() for symbol in symbols}
         content: dict[str, object] = dict(estimates)
         content[dof.ratio_key] = fit.inertial_turn_angle and fit.inertial_turn_angle.to_json()
         content["output_error"] = {

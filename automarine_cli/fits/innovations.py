@@ -407,18 +407,3 @@ def channels_json(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict
 def sensors_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> list[Sensor]:
     noise_of = {verdict: noises.get(verdict.quantity) if verdict.used else None for verdict in choice.verdicts}
     return [Sensor(verdict.quantity, verdict.used, noise, verdict.why or None) for verdict, noise in noise_of.items()]
-
-
-def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
-    """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
-    if not sensors:
-        return []
-    words, used, lines = {dof.position: dof.words.position, dof.velocity: dof.words.rate}, [], []
-    for sensor in sensors:
-        name, noise = words.get(sensor.quantity, sensor.quantity), sensor.noise
-        if sensor.used:
-            bound = ", at its bound" * (noise is not None and noise.at_bound)
-            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{bound})")
-        if sensor.why:
-            lines.append(sensor.why if sensor.used else f"The {name} does not count. {sensor.why}")
-    return [f"Sensors used: {' and '.join(used)}.", *lines]

@@ -83,15 +83,10 @@ class RunEffects:
                 other.of(out, name)[...] = self.of(b, name)
         return out
 
-    def with_scale(self, **scales: Floats | float) -> "RunEffects":
-        """The same with other standard deviations of some blocks, by name with underscores."""
-        new = {name.replace("_", "-"): value for name, value in scales.items()}
-        return RunEffects(
-            tuple(
-                replace(block, scale=np.zeros_like(block.scale) + new[block.name]) if block.name in new else block
-                for block in self.blocks
-            )
-        )
+    def without(self, *names: str) -> "RunEffects":
+        """Return the same where the effects of some blocks can only be zero."""
+        still = (replace(b, scale=np.zeros_like(b.scale)) if b.name in names else b for b in self.blocks)
+        return RunEffects(tuple(still))
 
     def deviation(self, variances: Floats) -> Floats:
         factors = variances[len(variances) - len(self.limits) :]

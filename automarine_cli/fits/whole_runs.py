@@ -462,7 +462,7 @@ def fit_whole_runs(
     rough = rough_model(number, batch, sided, prior_inertia.value if prior_inertia else 1.0)
     parameters = rough.parameters(log_drag=True, signed_drag=True)
     problem = whole_run_problem(rough, parameters, batch, at_rest).informed(priors)
-    pooled = replace(problem, effects=problem.effects.with_scale(gain=0.0))
+    pooled = replace(problem, effects=problem.effects.without(GAIN))
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
     begin = np.append(rough.theta, 0.0)

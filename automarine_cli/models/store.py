@@ -42,7 +42,7 @@ from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Sou
 from automarine_cli.text import MAX_NAME_LETTERS, Place, format_value, printable
 
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
-ROLES = ("inertia", "quadratic", "linear", "constant", "restoring", "difference")
+ROLES = ("quadratic", "linear", "inertia", "constant", "restoring", "difference")  # in the order of files
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.characteristics import AMPLITUDE_DEG, Nomoto, Swing, mean_miss
 from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
 from automarine_cli.fits.identify import YawFit, effect_estimates
-from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
+from automarine_cli.fits.innovations import channel_noises, sensors_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit, criterion, structure_of
@@ -25,6 +25,7 @@ from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.models.parameter import Priors
 from automarine_cli.models.store import DRAG_LAWS
+from automarine_cli.report.log_tables import sensor_sentences
 from automarine_cli.report.sections import Content, Drawing, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
@@ -420,7 +421,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
             f" The runs are disturbed by a {words.force} of {preferred.model.inertia * size:.3g} {fit.moment_unit} "
             f"that lasts {time:.2g} s, and the thrust is unsteady by {100 * thrust:.0f} % over a second."
         )
-    lines += [line, *sentences_of(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)]
+    lines += [line, *sensor_sentences(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)]
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     lines += rudder_sentences(fit.nomoto)
