@@ -282,8 +282,7 @@ def start_of(name: str, course: Course, place: int = 0) -> list[float]:
     parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded[place]).max()) or 1.0
     logged = {signal: float(column[course.width > 0].mean()) for signal, column in course.signals.items()}
     references = {"moment": largest, "clock": float(course.start.min()), **logged}
-    held = (references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest) for p in parameters)
-    return list(held)
+    return [references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest) for p in parameters]
 
 
 def _refuse_runaways(model: Model, fit: Fit, course: Course) -> None:

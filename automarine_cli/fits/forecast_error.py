@@ -178,9 +178,9 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
     phi, units = end.point.phi, int(problem.unit.max()) + 1
     left_out = np.tile(phi, (units, 1))
     for unit, row in enumerate(left_out):
-        others = problem.unit != unit
-        if others.any() and not others.all():
-            row[:] = _descend(problem.some(others), phi, OF_LEFT_OUT).point.phi
+        windows = problem.unit != unit
+        if windows.any() and not windows.all():
+            row[:] = _descend(problem.some(windows), phi, OF_LEFT_OUT).point.phi
     at_bound, covariance = end.point.spread(problem.free, driven.parameters.limits)
     by_unit = np.zeros((units, *covariance.shape))
     by_unit[:, problem.free[:, None], problem.free] = end.point.data + problem.prior_information / units

@@ -39,11 +39,11 @@ def parse_known(known: object) -> dict[str, Prior]:
     return priors
 
 
-def qualified(known: Mapping[str, Prior], names: Mapping[str, str], signed: Sequence[str] = ()) -> dict[str, Prior]:
+def qualified(short: Mapping[str, Prior], names: Mapping[str, str], signed: Sequence[str] = ()) -> dict[str, Prior]:
     """Return the same by the qualified names of a fit, `names` by what users may write; those of `signed` may have
     either sign. Raises SettingError for another name, or a value that no vehicle has."""
     priors: dict[str, Prior] = {}
-    for name, prior in known.items():
+    for name, prior in short.items():
         of_fit = name if name in names.values() else names.get(name)
         if of_fit is None:
             close = difflib.get_close_matches(name[:MAX_NAME_LETTERS], names, n=1)

@@ -85,8 +85,8 @@ class RunEffects:
 
     def without(self, *names: str) -> "RunEffects":
         """Return the same where the effects of some blocks can only be zero."""
-        still = (replace(b, scale=np.zeros_like(b.scale)) if b.name in names else b for b in self.blocks)
-        return RunEffects(tuple(still))
+        blocks = (replace(b, scale=np.zeros_like(b.scale)) if b.name in names else b for b in self.blocks)
+        return RunEffects(tuple(blocks))
 
     def deviation(self, variances: Floats) -> Floats:
         factors = variances[len(variances) - len(self.limits) :]

@@ -509,8 +509,8 @@ class PlanarLikelihood:
     @cached_property
     def course(self) -> Course:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
-        read = {*self.signals, *(need for name in self.with_effects for need in effects.get(name).needs)}
-        signals = sorted(read - {dof.velocity for dof in PLANAR.dofs})
+        columns = {*self.signals, *(need for name in self.with_effects for need in effects.get(name).needs)}
+        signals = sorted(columns - {dof.velocity for dof in PLANAR.dofs})
         return make_course(self.runs, moving, signals, motion=PLANAR, channels=self.observed.channels)
 
     def problem(self, model: Model) -> DrivenProblem:

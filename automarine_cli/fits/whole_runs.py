@@ -410,15 +410,15 @@ class OutputErrorFit:
     @cached_property
     def by_name(self) -> dict[str, Estimate]:
         """Every parameter of the model that was estimated or follows one, by qualified name."""
-        estimates, parameters, held = dict[str, Estimate](), self.mixed.parameters, set(self.model.fixed)
+        estimates, parameters, fixed = dict[str, Estimate](), self.mixed.parameters, set(self.model.fixed)
         for term in self.model.terms:  # laws of effects and what only others use
-            held |= {name for name, stays in zip(self.model.names_of(term), term.effect.held(term.values)) if stays}
+            fixed |= {name for name, stays in zip(self.model.names_of(term), term.effect.held(term.values)) if stays}
         for i, parameter in enumerate(parameters[parameters.of_model]):
             if parameter.tie is not None:
                 source, factor = parameter.tie
                 of = estimate_of(self.mixed, self.covariance, parameters.names.index(source))
                 estimates[parameter.name] = of.scaled(factor, parameter.unit)
-            elif parameter.name not in held:
+            elif parameter.name not in fixed:
                 estimates[parameter.name] = estimate_of(self.mixed, self.covariance, i)
         return estimates
 

@@ -250,8 +250,8 @@ class Model:
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that are neither fixed nor tied."""
-        held = {*self.fixed, *(name for name, _, _ in self.ties)}
-        return tuple(name for name in self.parameter_names if name not in held)
+        stay = {*self.fixed, *(name for name, _, _ in self.ties)}
+        return tuple(name for name in self.parameter_names if name not in stay)
 
     def parameters(
         self, largest: ArrayLike = 1.0, *, log_drag: bool = False, signed_drag: bool = False,
