@@ -167,16 +167,12 @@ class Grams:
 
     def at(self, variances: Floats) -> NormalEquations:
         """One sum over the channels, each sample counting by its channel's noise."""
-        first = self.channels[0]
-        if len(self.channels) == 1:
-            return first
         behind = 2.0 * (variances[: len(self.channels)] - variances[0])
         share = np.exp(-behind)
-
         log_scale = np.sum([b * channel.count for b, channel in zip(behind, self.channels)], axis=0)
         products = zip(*((c.jj, c.jv, c.vv, c.jw, c.vw, c.ww) for c in self.channels))
         jj, jv, vv, jw, vw, ww = (np.asarray(sum(w * block for w, block in zip(share, part))) for part in products)
-        return NormalEquations(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)
+        return NormalEquations(jj, jv, vv, jw, vw, ww, self.channels[0].present, self.count, log_scale)
 
 
 RESPONSE_DIVERGED = (
