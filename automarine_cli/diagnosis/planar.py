@@ -42,15 +42,7 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.planar_fit import (
-    CHANNELS,
-    Candidate,
-    Observed,
-    PlanarLikelihood,
-    candidates,
-    estimates_json,
-    free_covariance,
-)
+from automarine_cli.fits.planar_fit import CHANNELS, Candidate, Observed, PlanarLikelihood, candidates, model_content
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import Model, Term
@@ -184,14 +176,12 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
     def admissible(self, look: PlanarStep, first: PlanarStep) -> list[OutputErrorFit]:
         return [] if look.best is None else [look.best.estimate]
 
-    def fitted_candidate(
-        self, candidate: Candidate, extended: OutputErrorFit, current: OutputErrorFit
-    ) -> FittedCandidate:
-        gained = extended.mixed.density - current.mixed.density
-        sums = (float(_densities(self.other, estimate).sum()) for estimate in (extended, current))
+    def fitted_candidate(self, candidate: Candidate, wide: OutputErrorFit, current: OutputErrorFit) -> FittedCandidate:
+        gained = wide.mixed.density - current.mixed.density
+        sums = (float(_densities(self.other, estimate).sum()) for estimate in (wide, current))
         after, before = (density if np.isfinite(density) else -np.inf for density in sums)
         surplus = 2.0 * float(gained.sum()) - penalty(len(candidate.added), len(gained))
-        return FittedCandidate(candidate, extended, surplus, clear(gained, ERRORS), after - before)
+        return FittedCandidate(candidate, wide, surplus, clear(gained, ERRORS), after - before)
 
     def _on_the_best_summit(
         self, current: OutputErrorFit, tried: list[FittedCandidate]
@@ -242,10 +232,9 @@ def diagnose_planar(
         threshold=HEAD_START,
         base={name: (e, final.by_name[name]) for name, e in before.by_name.items() if name in final.by_name},
         extended={
-            **estimates_json(final),
+            **model_content(final),
             "effects": [trial.candidate.name for trial in added],
             "random": final.mixed.of_chance,
-            "covariance": free_covariance(final),
         },
     )  # fmt: skip
 

@@ -307,16 +307,15 @@ def criterion(fit: OutputErrorFit) -> float:
     return float(-2.0 * fit.mixed.log_likelihood + len(fit.model.free) * price_of(fit))
 
 
-def estimates_json(fit: OutputErrorFit) -> dict[str, object]:
-    """Give what every file of a planar model begins with, parameters with their intervals."""
-    return planar_json(fit.model, {name: estimate.to_json() for name, estimate in fit.by_name.items()})
-
-
-def free_covariance(fit: OutputErrorFit) -> dict[str, object] | None:
-    """Give the covariance of the free parameters with the run as the unit."""
+def model_content(fit: OutputErrorFit) -> dict[str, object]:
+    """Give what every file of a planar model that was fitted holds: parameters with their intervals, and the covariance
+    of the free ones with the run as the unit."""
     at = [fit.model.index(name) for name in fit.model.free]
     log, covariance = fit.mixed.parameters.log[at], fit.covariance[np.ix_(at, at)]
-    return covariance_json(fit.model.free, fit.mixed.theta[at], log, covariance)
+    return {
+        **planar_json(fit.model, {name: estimate.to_json() for name, estimate in fit.by_name.items()}),
+        "covariance": covariance_json(fit.model.free, fit.mixed.theta[at], log, covariance),
+    }
 
 
 @dataclass(frozen=True)
@@ -426,7 +425,7 @@ class PlanarFit(Shown):
 
     def to_json(self) -> dict[str, object]:
         return {
-            **estimates_json(self.best),
+            **model_content(self.best),
             COMMAND_DELAY: self.best.delay.to_json(),
             "fitted_to": "whole runs",
             "structure": self.structure,
@@ -438,7 +437,6 @@ class PlanarFit(Shown):
             "random": {name: size for name, size in self.best.mixed.of_chance.items() if name != COMMAND_DELAY},
             "prediction": self.use.to_json(YAW),
             "log_likelihood": self.best.mixed.log_likelihood,
-            "covariance": free_covariance(self.best),
             "valid_range": self.valid_range,
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.runs), self.set_aside, self.runs),
@@ -568,15 +566,14 @@ class PlanarLikelihood:
         problem = self.problem(wide)
         (phi,) = problem.parameters.search(self.starts(problem, neighbour.mixed.of_chance))
         (slopes,) = problem.slopes(phi[None])
-        gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
-        hessian = slopes.information.sum(axis=0) + problem.prior_information
+        point = problem.point(phi, slopes)
         names = [problem.parameters.names[i] for i in problem.free]
         free = {*neighbour.model.free, *neighbour.mixed.of_chance}
         limits, origin = problem.parameters.limits[problem.free], phi[problem.free]
 
         def promise(more: tuple[str, ...]) -> Promise:
             chosen = np.array([name in free or name in more for name in names])
-            h, g = hessian[np.ix_(chosen, chosen)], gradient[chosen]
+            h, g = point.curvature[np.ix_(chosen, chosen)], point.gradient[chosen]
             step = bounded_solution(h, g + h @ origin[chosen], limits[chosen]) - origin[chosen]
             there = phi.copy()
             there[problem.free[chosen]] += step

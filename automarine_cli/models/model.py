@@ -52,8 +52,6 @@ CONSTANT = "bias-moment"  # the term of a moment or force that always acts
 RESTORING = "restoring-moment"  # the term by which weight and buoyancy turn the vehicle back
 ASYMMETRY = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
 """The term by which drag differs between the two ways."""
-
-
 SWING_SHARE = 0.25  # of a radian of a swing, as fast as which a model may change
 
 

@@ -506,8 +506,7 @@ def _library_term(dof: Dof, short: str, unread: dict[str, float], codec: Codec) 
         raise codec.refusal(
             PARAMETERS, f"unknown key {format_value(f'{dof.name}.{short}')}; did you mean {format_value(keys[0])}?"
         )
-    free = "{linear}"  # beside quadratic drag it may come out below zero
-    values = values_of(effect, keys, unread, codec, PARAMETERS, free)
+    values = values_of(effect, keys, unread, codec, PARAMETERS, "{linear}")  # beside quadratic drag it may be negative
     for key in keys:
         unread.pop(key, None)
     symbols = {key.partition(".")[2].removeprefix(f"{name}.") for key in present}
@@ -522,8 +521,7 @@ def _cross(dof: Dof, short: str, value: float, codec: Codec) -> Term:
     except ModelError:
         raise codec.refusal(PARAMETERS, _unknown(f"{dof.name}.{short}")) from None
     if term.dof != PLANAR.index(dof):
-        letter = FORCES[PLANAR.index(dof)]
-        wrong = f"{short} is no derivative of {letter}, the force of {dof.name}"
+        wrong = f"{short} is no derivative of {FORCES[PLANAR.index(dof)]}, the force of {dof.name}"
         raise codec.refusal((*PARAMETERS, f"{dof.name}.{short}"), wrong)
     return term
 
