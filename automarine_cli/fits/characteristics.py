@@ -46,6 +46,7 @@ def derived(fit: OutputErrorFit, of: Callable[[Model], float], unit: str, log: b
 
 GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 AMPLITUDE_DEG = 10.0  # at which linear and quadratic damping are summed up
+AT_AMPLITUDE = f"damping_ratio_at_{AMPLITUDE_DEG:g}_deg"
 MAX_DAMPING = 0.99  # damping ratio from which on nothing swings
 
 
@@ -81,36 +82,16 @@ class Buoyancy:
         return {"constant_force": self.force.to_json(), "ballast_in_water": ballast, "says": self.says}
 
 
-@dataclass(frozen=True)
-class Swing:
-    """How a vehicle swings under one model. `damping_ratio` is that of linear drag and `quadratic_damping` drag over
-    inertia [1/rad], None of a model without; `damped_period` None where it does not swing; `damping_at_amplitude` the
-    damping ratio of all drag at AMPLITUDE_DEG; `rest_angle` [deg] the list or trim at which it rests;
-    `gm_over_gyradius_squared` [1/m] the metacentric height over the square of the radius of gyration with added
-    inertia; `metacentric_height` [m] None where mass or inertia are not known."""
-
-    natural_period: Estimate
-    damped_period: Estimate | None
-    damping_ratio: Estimate | None
-    quadratic_damping: Estimate | None
-    damping_at_amplitude: Estimate
-    rest_angle: Estimate
-    gm_over_gyradius_squared: Estimate
-    metacentric_height: Estimate | None
-
-    def to_json(self) -> dict[str, object]:
-        entries = {
-            "natural_period_s": self.natural_period, "damped_period_s": self.damped_period,
-            "damping_ratio": self.damping_ratio, "quadratic_damping_per_rad": self.quadratic_damping,
-            f"damping_ratio_at_{AMPLITUDE_DEG:g}_deg": self.damping_at_amplitude, "rest_angle_deg": self.rest_angle,
-            "GM_over_radius_of_gyration_squared_per_m": self.gm_over_gyradius_squared,
-            "GM_m": self.metacentric_height,
-        }  # fmt: skip
-        return {key: estimate and estimate.to_json() for key, estimate in entries.items()}
+Swing = dict[str, Estimate | None]
 
 
 def swing_of(fit: OutputErrorFit, mass: float | None) -> Swing:
-    """Return how the vehicle swings; `mass` [kg] if that is known and the fit is in newton metres."""
+    """Return how the vehicle swings, by the keys of files; `mass` [kg] if it is known and the fit is in newton metres.
+
+    The damping ratio is that of linear drag, quadratic damping is drag over inertia, each None of a model without; the
+    damped period is None where it does not swing. The angle of rest is the list or trim; the radius of gyration is that
+    with added inertia; the metacentric height GM is None without the mass.
+    """
 
     def damping(model: Model) -> float:
         return model.drag()[0] / (2.0 * math.sqrt(model.inertia * model.restoring))
@@ -125,17 +106,18 @@ def swing_of(fit: OutputErrorFit, mass: float | None) -> Swing:
     def rest_angle(model: Model) -> float:
         return math.degrees(math.asin(min(max(model.coefficient("constant") / model.restoring, -1.0), 1.0)))
 
-    swings = abs(damping(fit.model)) < MAX_DAMPING
-    return Swing(
-        derived(fit, period, "s"),
-        derived(fit, lambda m: period(m) / math.sqrt(1.0 - damping(m) ** 2), "s") if swings else None,
-        derived(fit, damping, "1", log=False) if "linear" in fit.roles else None,
-        derived(fit, lambda m: m.drag()[1] / m.inertia, "1/rad") if "quadratic" in fit.roles else None,
-        derived(fit, damping_at_amplitude, "1", log=False),
-        derived(fit, rest_angle, "deg", log=False),
-        derived(fit, lambda m: m.restoring / m.inertia / GRAVITY, "1/m"),
-        None if mass is None else derived(fit, lambda m: m.restoring / (mass * GRAVITY), "m"),
-    )
+    return {
+        "natural_period_s": derived(fit, period, "s"),
+        "damped_period_s": derived(fit, lambda m: period(m) / math.sqrt(1.0 - damping(m) ** 2), "s")
+        if abs(damping(fit.model)) < MAX_DAMPING else None,
+        "damping_ratio": derived(fit, damping, "1", log=False) if "linear" in fit.roles else None,
+        "quadratic_damping_per_rad": derived(fit, lambda m: m.drag()[1] / m.inertia, "1/rad")
+        if "quadratic" in fit.roles else None,
+        AT_AMPLITUDE: derived(fit, damping_at_amplitude, "1", log=False),
+        "rest_angle_deg": derived(fit, rest_angle, "deg", log=False),
+        "GM_over_radius_of_gyration_squared_per_m": derived(fit, lambda m: m.restoring / m.inertia / GRAVITY, "1/m"),
+        "GM_m": None if mass is None else derived(fit, lambda m: m.restoring / (mass * GRAVITY), "m"),
+    }  # fmt: skip
 
 
 HELD_SHARE = 0.9  # of the largest rudder angle, from which on it counts as put over

@@ -119,7 +119,7 @@ class YawFit(Shown):
             **({"consistency": self.consistency.to_json()} if self.consistency else {}),
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
-            **({"swing": self.swing.to_json()} if self.swing else {}),
+            **self._swing_json(self.preference.number),
             **({"nomoto": self.nomoto.to_json()} if self.nomoto else {}),
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.used_runs), self.set_aside, self.used_runs),
@@ -143,15 +143,19 @@ class YawFit(Shown):
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     @property
-    def swing(self) -> Swing | None:
+    def swing(self) -> Swing:
         return self.swing_of(self.preference.number)
 
-    def swing_of(self, number: str) -> Swing | None:
-        """Return how a model of a vehicle that weight turns back swings; None of other motions."""
+    def swing_of(self, number: str) -> Swing:
+        """Return how a model of a vehicle that weight turns back swings; empty of other motions."""
         if not self.dof.restoring:
-            return None
+            return {}
         mass = None if self.of_ratios or self.moment_unit != self.dof.units.forces[1] else self.mass
         return swing_of(self.output_error[number], mass)
+
+    def _swing_json(self, number: str) -> dict[str, object]:
+        swing = {key: estimate and estimate.to_json() for key, estimate in self.swing_of(number).items()}
+        return {"swing": swing} if swing else {}
 
     def _driven_json(self) -> dict[str, object]:
         """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
@@ -182,8 +186,7 @@ class YawFit(Shown):
         }
         if added := effect_estimates(fit):
             content["effects"] = effects_json(added)
-        if (swing := self.swing_of(number)) is not None:
-            content["swing"] = swing.to_json()
+        content |= self._swing_json(number)
         if fit.ways is not None:
             content["sides"] = fit.ways.to_json()
         seed = self.velocity_error_fit
@@ -406,11 +409,8 @@ def _fit_whole(
         pushed = driven.unknown_push(fit, moving)
         use = driven.Judgement(worth, len(moving), large=pushed)
         by_filter = asks and few_steps and driven.predicts_better(course, fit, moving, priors)
-        how = (
-            "by output error, which predicts runs left out as well"
-            if asks
-            else ("by output error, for the evidence asks for no disturbance")
-        )
+        reason = "which predicts runs left out as well" if asks else "for the evidence asks for no disturbance"
+        how = f"by output error, {reason}"
     if by_filter:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, priors)
         preference, use = _preferred_driven(fits, course, map_jobs)

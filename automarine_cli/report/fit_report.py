@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from automarine_cli import effects
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.characteristics import AMPLITUDE_DEG, Nomoto, Swing, mean_miss
+from automarine_cli.fits.characteristics import AMPLITUDE_DEG, AT_AMPLITUDE, Nomoto, Swing, mean_miss
 from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
 from automarine_cli.fits.identify import YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of
@@ -336,10 +336,10 @@ def _signs(dof: Dof) -> tuple[str, ...]:
 
 
 SWING_LABELS = {
-    "natural period [s]": "natural_period", "damped period [s]": "damped_period", "damping ratio": "damping_ratio",
-    f"damping ratio at {AMPLITUDE_DEG:g} deg": "damping_at_amplitude",
-    "quadratic damping [1/rad]": "quadratic_damping", "angle of rest [deg]": "rest_angle",
-    "GM/k² [1/m]": "gm_over_gyradius_squared", "GM [m]": "metacentric_height",
+    "natural period [s]": "natural_period_s", "damped period [s]": "damped_period_s", "damping ratio": "damping_ratio",
+    f"damping ratio at {AMPLITUDE_DEG:g} deg": AT_AMPLITUDE,
+    "quadratic damping [1/rad]": "quadratic_damping_per_rad", "angle of rest [deg]": "rest_angle_deg",
+    "GM/k² [1/m]": "GM_over_radius_of_gyration_squared_per_m", "GM [m]": "GM_m",
 }  # fmt: skip
 
 
@@ -358,11 +358,9 @@ def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
     for way in dof.words.ways if dof.directional else ():
         far = {m: of.ways.distance.get(way) for m, of in ml.items() if of.ways}
         rows.append(_row(f"{ratio} {way}{LIKELIEST}", far))
-    swings = {m: swing for m in ml if (swing := fit.swing_of(m)) is not None}
+    swings = {m: swing for m in ml if (swing := fit.swing_of(m))}
     for label in SWING_LABELS if swings else ():
-        rows.append(
-            _row(f"{label}{LIKELIEST}", {m: getattr(swing, SWING_LABELS[label]) for m, swing in swings.items()})
-        )
+        rows.append(_row(f"{label}{LIKELIEST}", {m: swing[SWING_LABELS[label]] for m, swing in swings.items()}))
     of_units = f"{sym.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals."
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
     return Table.of(title, rows, (of_units, *notes), (1,)).without_empty_rows()
@@ -392,7 +390,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         model += f", steered by the rudder at {'logged' if fit.nomoto.speed else 'a constant'} speed,"
     head = f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."
     use = () if fit.use is None else (fit.use.sentence(dof),)
-    heads = [head] if fit.swing is None else _swing_heads(fit, fit.swing, model, values)
+    heads = _swing_heads(fit, fit.swing, model, values) if fit.swing else [head]
     lines = [*heads, *use] if fit.use is None or fit.use.of_use else [*use, *heads]
     if fit.consistency is not None:
         lines += _disagreement(fit.consistency, dof)
@@ -433,12 +431,12 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
 def _swing_heads(fit: YawFit, swing: Swing, model: str, values: str) -> list[str]:
     """Say how the vehicle swings, and what the moments are or are over the inertia."""
     dof, sym = fit.dof, fit.dof.symbols
-    first = {"natural period": swing.natural_period, "damping ratio": swing.damping_ratio,
-             f"quadratic damping {sym.quadratic}/{sym.inertia}": swing.quadratic_damping}  # fmt: skip
+    first = {"natural period": swing["natural_period_s"], "damping ratio": swing["damping_ratio"],
+             f"quadratic damping {sym.quadratic}/{sym.inertia}": swing["quadratic_damping_per_rad"]}  # fmt: skip
     more = {
-        "Damped period": swing.damped_period, f"damping ratio at {AMPLITUDE_DEG:g}°": swing.damping_at_amplitude,
-        "angle of rest": swing.rest_angle, "GM/k² (k: radius of gyration)": swing.gm_over_gyradius_squared,
-        "GM": swing.metacentric_height,
+        "Damped period": swing["damped_period_s"], f"damping ratio at {AMPLITUDE_DEG:g}°": swing[AT_AMPLITUDE],
+        "angle of rest": swing["rest_angle_deg"],
+        "GM/k² (k: radius of gyration)": swing["GM_over_radius_of_gyration_squared_per_m"], "GM": swing["GM_m"],
     }  # fmt: skip
     fixed = f", {sym.inertia} fixed at 1" * fit.of_ratios
     texts = [", ".join(_valued(name, e).removesuffix(" 1") for name, e in part.items() if e) for part in (first, more)]
