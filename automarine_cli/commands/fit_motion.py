@@ -97,7 +97,7 @@ def _fit(
     from automarine_cli import effects
     from automarine_cli.fits.driven import parse_effects
     from automarine_cli.fits.identify import identify_turns
-    from automarine_cli.fits.known import Known, names_in
+    from automarine_cli.fits.known import names_in, parse_known, qualified
     from automarine_cli.fits.paper import parse_tail
     from automarine_cli.models.model import COMMAND_DELAY
     from automarine_cli.report.fit_report import warnings_of
@@ -114,7 +114,7 @@ def _fit(
         raise SettingError(f"--with fits whole runs; leave out --fit-to {fit_to}")
     parameters = [f"{name}.{parameter}" for name in names for parameter in effects.get(name).names_in(dof)]
     signed = (dof.parameter("constant"), COMMAND_DELAY, *parameters)
-    beforehand = Known.of(known).named(names_in(dof, parameters), signed)
+    priors = qualified(parse_known(known), names_in(dof, parameters), signed)
     drive = moment_maker(thrusters, arm, columns, dof)
     campaign = load_runs(logs, columns, dof=dof, strict=strict, progress=progress, jobs=jobs)
     runs = [run if drive is None else drive(run) for run in campaign.runs]
@@ -125,7 +125,7 @@ def _fit(
 
     with append_exclusions(campaign.set_aside):
         fit = identify_turns(
-            dof, turns, not_turned, whole_runs, fit_to="half-turns" if fit_to == "steps" else fit_to, prior=beforehand,
+            dof, turns, not_turned, whole_runs, fit_to="half-turns" if fit_to == "steps" else fit_to, priors=priors,
             map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names, mass=mass, length=length,
         )  # fmt: skip
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]

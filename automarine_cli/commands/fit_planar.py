@@ -34,20 +34,20 @@ def fit_planar(
       automarine fit-planar sample_runs/planar -o out/planar
     """
     from automarine_cli.fits.driven import parse_effects
-    from automarine_cli.fits.known import Known
+    from automarine_cli.fits.known import parse_known, qualified
     from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
 
-    beforehand = Known.of(known)
+    beforehand = parse_known(known)
     campaign = load_planar(logs, columns, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
     channels, unfit = observed(campaign.runs), command_warnings(campaign.runs)
     names = channels.names()
-    beforehand = beforehand.named(names, signed=sorted({*names.values()} - {*OWN}))
+    priors = qualified(beforehand, names, signed=sorted({*names.values()} - {*OWN}))
     effects = parse_effects(with_effects, *PLANAR.dofs)
-    estimator = PlanarLikelihood(campaign.runs, channels, beforehand.parameters, effects)
+    estimator = PlanarLikelihood(campaign.runs, channels, priors, effects)
     tried = search(estimator)
     limits = tuple(limit.warning for limit in campaign.limits)
     return PlanarFit(
-        tried, *estimator.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), beforehand
+        tried, *estimator.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), priors
     )

@@ -100,7 +100,7 @@ channels = option(
     "--channels", default="auto", show_default=True, metavar="WHICH", seldom=True, group=INPUT, help=CHANNELS_HELP
 )
 known_parameters = option(
-    "--known", multiple=True, type=Checked("fits.known:Known.of"), metavar="NAME=VALUE[±STDERR]", seldom=True,
+    "--known", multiple=True, type=Checked("fits.known:parse_known"), metavar="NAME=VALUE[±STDERR]", seldom=True,
     help="Known parameter, in the unit of the fit: I_r=915 (exactly) or I_r=915±50. Several with commas, or repeated.",
 )  # fmt: skip
 inputs = option(

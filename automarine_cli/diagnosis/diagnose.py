@@ -47,11 +47,11 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import MIN_STEP_S
 from automarine_cli.filters.kalman import MAX_Z, Predicted
 from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
-from automarine_cli.fits.identify import covariance_json, valid_range
+from automarine_cli.fits.identify import valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
-from automarine_cli.fits.whole_runs import estimate_of, ratio_of, varying_terms
+from automarine_cli.fits.whole_runs import covariance_json, estimate_of, ratio_of, varying_terms
 from automarine_cli.models.model import COMMAND_DELAY, Model
 from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone

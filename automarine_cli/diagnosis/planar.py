@@ -42,8 +42,9 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.planar_fit import CHANNELS, Candidate, Estimated, Observed, PlanarLikelihood, candidates
+from automarine_cli.fits.planar_fit import CHANNELS, Candidate, Observed, PlanarLikelihood, candidates, model_content
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
+from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import Floats
@@ -117,7 +118,7 @@ class FittedCandidate:
     and log likelihood gained by held-out runs."""
 
     candidate: Candidate
-    estimate: Estimated
+    estimate: OutputErrorFit
     surplus: float
     steady: bool
     held_out: float
@@ -128,7 +129,7 @@ class FittedCandidate:
 
     def is_rival_of(self, best: "FittedCandidate") -> bool:
         """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
-        behind = best.estimate.fit.density - self.estimate.fit.density
+        behind = best.estimate.mixed.density - self.estimate.mixed.density
         return best.surplus - self.surplus < HEAD_START or not clear(behind, ERRORS)
 
 
@@ -137,7 +138,7 @@ class PlanarStep:
     """One look for an effect: the model that was looked at, the surplus that each candidate's score promised, those
     that were fitted, and, if one was taken, the `best` with its rivals."""
 
-    before: Estimated
+    before: OutputErrorFit
     promised: tuple[tuple[Candidate, float], ...]
     tried: tuple[FittedCandidate, ...]
     best: FittedCandidate | None = None
@@ -145,14 +146,14 @@ class PlanarStep:
 
 
 @dataclass(frozen=True)
-class PlanarSearch(Judge[Estimated, PlanarStep]):
+class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
     """Candidates judged by innovations of the fitted runs, and by the density of the `other` runs."""
 
     likelihood: PlanarLikelihood
     other: PlanarLikelihood
     most = MOST
 
-    def look(self, model: Estimated, number: int) -> PlanarStep:
+    def look(self, model: OutputErrorFit, number: int) -> PlanarStep:
         likelihood = self.likelihood
         largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
         promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
@@ -168,35 +169,34 @@ class PlanarSearch(Judge[Estimated, PlanarStep]):
         if not good:
             return PlanarStep(model, surplus, tuple(tried))
         best, *runners_up = good
-        estimate = likelihood.estimate(best.candidate.model, best.estimate.fit.of_chance)
+        estimate = likelihood.estimate(best.candidate.model, best.estimate.mixed.of_chance)
         rivals = tuple(trial for trial in runners_up if trial.is_rival_of(best))
         return PlanarStep(model, surplus, tuple(tried), replace(best, estimate=estimate), rivals)
 
-    def admissible(self, look: PlanarStep, first: PlanarStep) -> list[Estimated]:
+    def admissible(self, look: PlanarStep, first: PlanarStep) -> list[OutputErrorFit]:
         return [] if look.best is None else [look.best.estimate]
 
-    def fitted_candidate(self, candidate: Candidate, extended: Estimated, current: Estimated) -> FittedCandidate:
-        gained = extended.fit.density - current.fit.density
-        sums = (float(_densities(self.other, estimate).sum()) for estimate in (extended, current))
+    def fitted_candidate(self, candidate: Candidate, wide: OutputErrorFit, current: OutputErrorFit) -> FittedCandidate:
+        gained = wide.mixed.density - current.mixed.density
+        sums = (float(_densities(self.other, estimate).sum()) for estimate in (wide, current))
         after, before = (density if np.isfinite(density) else -np.inf for density in sums)
         surplus = 2.0 * float(gained.sum()) - penalty(len(candidate.added), len(gained))
-        return FittedCandidate(candidate, extended, surplus, clear(gained, ERRORS), after - before)
+        return FittedCandidate(candidate, wide, surplus, clear(gained, ERRORS), after - before)
 
     def _on_the_best_summit(
-        self, current: Estimated, tried: list[FittedCandidate]
-    ) -> tuple[Estimated, list[FittedCandidate]]:
+        self, current: OutputErrorFit, tried: list[FittedCandidate]
+    ) -> tuple[OutputErrorFit, list[FittedCandidate]]:
         """Refit the model from where the best trial ended, if that is likelier, with the trials beside it: what lets
         the search out of a lesser summit of the likelihood is no evidence for an effect."""
         if not any(trial.evident for trial in tried):
             return current, tried
         estimate = max(tried, key=lambda trial: trial.surplus).estimate
-        values = dict(zip(current.model.parameter_names, current.model.theta))
-        values |= {name: estimate.values[name] for name in current.model.free}
+        values = current.model.values | {name: estimate.model.values[name] for name in current.model.free}
         model = current.model.with_theta([*values.values()])
-        again = self.likelihood.estimate(model, estimate.fit.of_chance, LOOK)
-        if again.fit.log_likelihood <= current.fit.log_likelihood:
+        again = self.likelihood.estimate(model, estimate.mixed.of_chance, LOOK)
+        if again.mixed.log_likelihood <= current.mixed.log_likelihood:
             return current, tried
-        again = self.likelihood.estimate(again.model, again.fit.of_chance)
+        again = self.likelihood.estimate(again.model, again.mixed.of_chance)
         return again, [self.fitted_candidate(trial.candidate, trial.estimate, again) for trial in tried]
 
 
@@ -230,12 +230,11 @@ def diagnose_planar(
             for c, gain in sorted(gains, key=lambda pair: -pair[1])
         ],
         threshold=HEAD_START,
-        base={name: (e, final.estimates[name]) for name, e in before.estimates.items() if name in final.estimates},
+        base={name: (e, final.by_name[name]) for name, e in before.by_name.items() if name in final.by_name},
         extended={
-            **final.to_json(),
+            **model_content(final),
             "effects": [trial.candidate.name for trial in added],
-            "random": final.fit.of_chance,
-            "covariance": final.covariance_json(),
+            "random": final.mixed.of_chance,
         },
     )  # fmt: skip
 
@@ -273,7 +272,7 @@ def named_effects(rounds: Sequence[PlanarStep]) -> tuple[NamedEffect, ...]:
     for trial, others in steps or [(suspect, ()) for suspect in suspected(rounds)]:
         odds = [(rival.candidate, float(np.exp(0.5 * (rival.surplus - trial.surplus)))) for rival in others]
         weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
-        candidate, estimates = trial.candidate, trial.estimate.estimates
+        candidate, estimates = trial.candidate, trial.estimate.by_name
         values = {name: estimates[name] for name in candidate.added}
         says = SAYS.get(candidate.name) or effects.get(candidate.name).card(YAW).says.rstrip(".")
         says, law = f"{says} ({', '.join(candidate.added)}).", "surge, sway and yaw"
@@ -281,27 +280,27 @@ def named_effects(rounds: Sequence[PlanarStep]) -> tuple[NamedEffect, ...]:
     return tuple(entries)
 
 
-def judged_runs(likelihood: PlanarLikelihood, before: Estimated, after: Estimated) -> JudgedRuns:
+def judged_runs(likelihood: PlanarLikelihood, before: OutputErrorFit, after: OutputErrorFit) -> JudgedRuns:
     """Judge both models on a likelihood's runs by predictions of the heading, and by the density of the runs."""
     old, new = (forecasts(likelihood, estimate) for estimate in (before, after))
     gained = _densities(likelihood, after) - _densities(likelihood, before)
     course, outlook = likelihood.course, outlook_of(old, new, float(gained.sum()))
     missed = tuple(errors_at_nodes(course, judged(predictions)) for predictions in (old, new))
-    gap = Gap(np.nan, np.nan, after.fit.noise_of[YAW.position], missed, time=course.time)
+    gap = Gap(np.nan, np.nan, after.mixed.noise_of[YAW.position], missed, time=course.time)
     if outlook is not None:
         first, last = outlook.longest
         gap = replace(gap, before=first.error, after=last.error, horizon=first.horizon)
     return JudgedRuns(likelihood.runs, gap, outlook)
 
 
-def _densities(likelihood: PlanarLikelihood, estimate: Estimated) -> Floats:
+def _densities(likelihood: PlanarLikelihood, estimate: OutputErrorFit) -> Floats:
     problem = likelihood.problem(estimate.model)
-    return problem.follow(problem.parameters.search(estimate.fit.theta)[None]).log_density[0]
+    return problem.follow(problem.parameters.search(estimate.mixed.theta)[None]).log_density[0]
 
 
-def forecasts(likelihood: PlanarLikelihood, estimate: Estimated) -> Sequence[Predicted]:
+def forecasts(likelihood: PlanarLikelihood, estimate: OutputErrorFit) -> Sequence[Predicted]:
     """Predict the heading of a likelihood's runs by an estimate, of these runs or of others."""
-    problem, fit = likelihood.problem(estimate.model), estimate.fit
+    problem, fit = likelihood.problem(estimate.model), estimate.mixed
     channel = [channel.quantity for channel in problem.course.channels].index(YAW.position)
     return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), channel=channel)
 
@@ -316,10 +315,10 @@ def errors_at_nodes(course: Course, prediction: Predicted) -> Floats:
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
 
 
-def find_planar_where(every: PlanarLikelihood, before: Estimated, seed: int) -> ResidualRegions:
+def find_planar_where(every: PlanarLikelihood, before: OutputErrorFit, seed: int) -> ResidualRegions:
     """Look at the gap of all runs that the model before anything was added leaves, against every variable; `seed` draws
     the signs. There are none where all runs are too short for predictions."""
-    course, runs, fit = every.course, every.runs, before.fit
+    course, runs, fit = every.course, every.runs, before.mixed
     prediction = judged(forecasts(every, before))
     if not len(prediction.error):
         return ResidualRegions()
@@ -337,7 +336,7 @@ def find_planar_where(every: PlanarLikelihood, before: Estimated, seed: int) -> 
     for dof, force in zip(PLANAR.dofs, np.einsum("ij,jrk->irk", inertia, pushes)):
         if dof in every.observed.dofs:
             kinds[dof.words.full_force] = (dof.units.forces[1], np.where(observed, force, 0.0))
-    floor, columns = float(before.fit.noise_of[YAW.position]), _columns(runs, course, states, command, observed)
+    floor, columns = float(before.mixed.noise_of[YAW.position]), _columns(runs, course, states, command, observed)
     r, part = _stretches(course, observed)
     off = part * residual[r]
     gap = ResidualGrid(

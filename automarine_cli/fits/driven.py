@@ -29,7 +29,7 @@ from automarine_cli.fits.whole_runs import (
     run_dof,
 )
 from automarine_cli.models.model import MAX_DELAY_S, Model, base_roles
-from automarine_cli.models.parameter import Parameters, Prior
+from automarine_cli.models.parameter import NOTHING_KNOWN, Parameters, Priors
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.half_turn import segments
@@ -181,11 +181,7 @@ class ForecastScore:
 
 
 def fit_driven(
-    course: Course,
-    rough: Model,
-    number: str,
-    with_effects: Sequence[str] = (),
-    priors: Mapping[str, Prior] | None = None,
+    course: Course, rough: Model, number: str, with_effects: Sequence[str] = (), priors: Priors = NOTHING_KNOWN
 ) -> OutputErrorFit:
     """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag, `priors`
     what is known beforehand.
@@ -195,7 +191,7 @@ def fit_driven(
     model = rough
     for name in with_effects:
         model = model.with_effect(name, start_of(name, course))
-    problem = driven_problem(model, course).informed(priors or {})
+    problem = driven_problem(model, course).informed(priors)
     fit = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(fit.of_model), fit, course)
     return result_of(number, model, fit)
@@ -286,8 +282,7 @@ def start_of(name: str, course: Course, place: int = 0) -> list[float]:
     parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded[place]).max()) or 1.0
     logged = {signal: float(column[course.width > 0].mean()) for signal, column in course.signals.items()}
     references = {"moment": largest, "clock": float(course.start.min()), **logged}
-    held = (references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest) for p in parameters)
-    return list(held)
+    return [references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest) for p in parameters]
 
 
 def _refuse_runaways(model: Model, fit: Fit, course: Course) -> None:
@@ -413,7 +408,7 @@ def is_driven(runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[s
 
 
 def fitted_driven(
-    runs: Sequence[Run], course: Course, map_jobs: Each, with_effects: Sequence[str], priors: Mapping[str, Prior]
+    runs: Sequence[Run], course: Course, map_jobs: Each, with_effects: Sequence[str], priors: Priors
 ) -> tuple[dict[str, OutputErrorFit], dict[str, str]]:
     """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
     ask = partial(fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), priors=priors)
@@ -426,7 +421,7 @@ def fitted_driven(
 
 
 def fit_driven_model(
-    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], priors: Mapping[str, Prior]
+    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], priors: Priors
 ) -> tuple[OutputErrorFit | None, str]:
     """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
     batch, two_way = make_batch(runs, MAX_STEPS_S[0]), both_ways(runs)
@@ -443,7 +438,7 @@ def fit_driven_model(
 MIN_DRIVEN_GAIN = 0.2  # share of the error of forecasts that innovations have to take off runs of held commands
 
 
-def predicts_better(course: Course, quiet: OutputErrorFit, runs: Sequence[Run], priors: Mapping[str, Prior]) -> bool:
+def predicts_better(course: Course, quiet: OutputErrorFit, runs: Sequence[Run], priors: Priors) -> bool:
     """Whether innovations forecast runs left out better than the `quiet` fit of the same model.
 
     Of runs of held commands the evidence alone does not decide: an effect that a model lacks looks like a disturbance,

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
 from automarine_cli.filters.kalman import Noises, carried, shown_channel, smoothed, targets_of
-from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
-from automarine_cli.fits.optimise import Point, maximise
+from automarine_cli.fits.mixed_model import jackknife
+from automarine_cli.fits.optimise import Maximum, Point, maximise
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -53,6 +53,11 @@ class ForecastProblem:
     @cached_property
     def free(self) -> NDArray[np.int64]:
         return self.driven.free[self.driven.free < self.count]
+
+    @property
+    def prior_information(self) -> Floats:
+        """What is known beforehand of the free parameters, (f, f)."""
+        return self.driven.prior_information[: len(self.free), : len(self.free)]
 
     @cached_property
     def measured(self) -> Floats:
@@ -167,37 +172,25 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
     begins[:, problem.count :] = phi[problem.count :]
     problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
     costs = (problem.scaled(begins) ** 2).sum(axis=(1, 2, 3))
-    phi, *_ = _descend(problem, begins[int(np.argmin(costs))], ITERATIONS)
+    phi = _descend(problem, begins[int(np.argmin(costs))], ITERATIONS).point.phi
     problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
-    phi, curves, iterations, converged = _descend(problem, phi, ITERATIONS)
-    units, left_out = int(problem.unit.max()) + 1, np.tile(phi, (int(problem.unit.max()) + 1, 1))
+    end = _descend(problem, phi, ITERATIONS)
+    phi, units = end.point.phi, int(problem.unit.max()) + 1
+    left_out = np.tile(phi, (units, 1))
     for unit, row in enumerate(left_out):
-        others = problem.unit != unit
-        if others.any() and not others.all():
-            row[:] = _descend(problem.some(others), phi, OF_LEFT_OUT)[0]
-    free, limits = problem.free, driven.parameters.limits
-    at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
-    at_bound[problem.count :] = False
-    inside = free[~at_bound[free]]
-    covariance, by_unit = np.zeros((len(phi),) * 2), np.zeros((units, *(len(phi),) * 2))
-    by_unit[:, free[:, None], free] = curves + _prior(problem)[1] / units
-    covariance[np.ix_(inside, inside)] = linear_mixed.covariance_of(by_unit.sum(axis=0)[np.ix_(inside, inside)])
-    return ForecastFit(
-        phi, left_out, covariance, by_unit, tuple(int(i) for i in np.flatnonzero(at_bound)), iterations, converged,
-    )  # fmt: skip
+        windows = problem.unit != unit
+        if windows.any() and not windows.all():
+            row[:] = _descend(problem.some(windows), phi, OF_LEFT_OUT).point.phi
+    at_bound, covariance = end.point.spread(problem.free, driven.parameters.limits)
+    by_unit = np.zeros((units, *covariance.shape))
+    by_unit[:, problem.free[:, None], problem.free] = end.point.data + problem.prior_information / units
+    places = tuple(np.flatnonzero(at_bound[: problem.count]).tolist())
+    return ForecastFit(phi, left_out, covariance, by_unit, places, end.iterations, end.converged)
 
 
-def _prior(problem: ForecastProblem) -> tuple[Floats, Floats]:
-    """Mean (f,) and precision (f, f) of the model's free parameters before the data."""
-    mean, precision = problem.driven.parameters.prior
-    return mean[problem.free], precision[np.ix_(problem.free, problem.free)]
-
-
-def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> tuple[Floats, Floats, int, bool]:
-    """Search from phi (p,) within the bounds: where that led, the curvatures of the units there (U, f, f), after how
-    many iterations, and whether it converged."""
+def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> Maximum[Floats]:
+    """Search from phi (p,) within the bounds; the data of a point are the curvatures of the units there (U, f, f)."""
     driven, free = problem.driven, problem.free
-    mean, precision = _prior(problem)
     steps = driven.steps(phi)[: len(free)]
 
     def evaluate(phis: Floats, searches: NDArray[np.int64]) -> list[Point[Floats]]:
@@ -206,16 +199,16 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> tuple[Fl
     def point(phi: Floats) -> Point[Floats]:
         moved = np.tile(phi, (1 + len(free), 1))
         moved[np.arange(1, len(moved)), free] += steps
-        errors, away = problem.scaled(moved), phi[free] - mean
+        errors = problem.scaled(moved)
         by = (errors[1:] - errors[0]) / steps[:, None, None, None]
         curves = np.zeros((int(problem.unit.max()) + 1, len(free), len(free)))
         np.add.at(curves, problem.unit, np.einsum("fcha,gcha->afg", by, by))
-        value = -0.5 * float((errors[0] ** 2).sum() + away @ precision @ away)
-        gradient = -np.einsum("cha,fcha->f", errors[0], by) - precision @ away
-        return Point(phi, value, gradient, curves.sum(axis=0) + precision, curves)
+        value = float(driven.prior(phi) - 0.5 * (errors[0] ** 2).sum())
+        gradient = driven.prior_gradient(phi)[: len(free)] - np.einsum("cha,fcha->f", errors[0], by)
+        return Point(phi, value, gradient, curves.sum(axis=0) + problem.prior_information, curves)
 
     (end,) = maximise(evaluate, phi[None], free, driven.parameters.limits, settled=SETTLED, iterations=iterations)
-    return end.point.phi, end.point.data, end.iterations, end.converged
+    return end
 
 
 def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
@@ -232,8 +225,7 @@ def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
         by_run[:, :count, :count] = fit.by_unit[:, :count, :count]
     else:
         left_out[:, :count] = fit.phi[:count]
-        spread = fit.left_out[:, :count] - fit.left_out[:, :count].mean(axis=0)
-        between = (len(spread) - 1) / len(spread) * np.diagonal(spread.T @ spread)
+        between = np.diagonal(jackknife(fit.left_out[:, :count]))
         likely = np.diagonal(covariance)[:count]
         grow = np.sqrt(np.maximum(np.divide(between, likely, out=np.ones(count), where=likely > 0), 1.0))
         covariance[:count, :count] *= np.outer(grow, grow)

@@ -13,9 +13,8 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
+from automarine_cli.fits.characteristics import Buoyancy, Nomoto, Swing, answer_to_rudder, swing_of
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
-from automarine_cli.fits.nomoto import Nomoto, answer_to_rudder
 from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
 from automarine_cli.fits.preference import (
     COMPARISON_HORIZONS_S,
@@ -27,13 +26,12 @@ from automarine_cli.fits.preference import (
 )
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
-from automarine_cli.fits.weight import Buoyancy, Swing, swing_of
 from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
-from automarine_cli.models.parameter import Prior
-from automarine_cli.models.store import effects_json, model_head
+from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
+from automarine_cli.models.store import ROLES, effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
-from automarine_cli.quantities import STEERED, Floats
+from automarine_cli.quantities import STEERED
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, still, without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
@@ -41,17 +39,6 @@ from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 from automarine_cli.text import plural
-
-
-def covariance_json(
-    names: Sequence[str], theta: Floats, positive: NDArray[np.bool_], covariance: Floats
-) -> dict[str, object] | None:
-    """Covariance of the first parameters of theta (p,), named, from that of phi (p, p), in which positive ones are
-    logarithms; in the products of the parameters' units. None where it is not finite."""
-    count = len(names)
-    scale = np.where(positive, theta, 1.0)[:count]
-    matrix = covariance[:count, :count] * np.outer(scale, scale)
-    return {"parameters": list(names), "matrix": matrix.tolist()} if np.all(np.isfinite(matrix)) else None
 
 
 def valid_range(moments: Iterable[float], model: Model) -> dict[str, object] | None:
@@ -78,7 +65,7 @@ class YawFit(Shown):
     `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `output_error` and
     `velocity_error_fit` the two estimators by model, `why_no_velocity_error` a sentence where there is none, `refused`
     why models could not be fitted; `channels` are the sensors that count; `use` is what the model predicts, of whole
-    runs; `prior` is what was known beforehand, `nomoto` the answer to a rudder. `warnings` are what a report says of
+    runs; `priors` are what was known beforehand, `nomoto` the answer to a rudder. `warnings` are what a report says of
     all that. `mass` [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing
     showed it.
     """
@@ -95,7 +82,7 @@ class YawFit(Shown):
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     use: driven.Judgement | None = None
-    prior: Known = NOTHING_KNOWN
+    priors: Priors = field(default_factory=dict)
     consistency: Consistency | None = None
     whole_steps: bool = False
     refused: Mapping[str, str] = field(default_factory=dict)
@@ -132,7 +119,7 @@ class YawFit(Shown):
             **({"consistency": self.consistency.to_json()} if self.consistency else {}),
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
-            **({"swing": self.swing.to_json()} if self.swing else {}),
+            **self._swing_json(self.preference.number),
             **({"nomoto": self.nomoto.to_json()} if self.nomoto else {}),
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.used_runs), self.set_aside, self.used_runs),
@@ -156,15 +143,19 @@ class YawFit(Shown):
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     @property
-    def swing(self) -> Swing | None:
+    def swing(self) -> Swing:
         return self.swing_of(self.preference.number)
 
-    def swing_of(self, number: str) -> Swing | None:
-        """Return how a model of a vehicle that weight turns back swings; None of other motions."""
+    def swing_of(self, number: str) -> Swing:
+        """Return how a model of a vehicle that weight turns back swings; empty of other motions."""
         if not self.dof.restoring:
-            return None
+            return {}
         mass = None if self.of_ratios or self.moment_unit != self.dof.units.forces[1] else self.mass
         return swing_of(self.output_error[number], mass)
+
+    def _swing_json(self, number: str) -> dict[str, object]:
+        swing = {key: estimate and estimate.to_json() for key, estimate in self.swing_of(number).items()}
+        return {"swing": swing} if swing else {}
 
     def _driven_json(self) -> dict[str, object]:
         """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
@@ -178,16 +169,8 @@ class YawFit(Shown):
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit, dof = self.output_error[number], self.dof
-        symbols = dof.symbols
-        order = (
-            symbols.quadratic,
-            symbols.linear,
-            symbols.inertia,
-            symbols.constant,
-            symbols.restoring,
-            symbols.difference,
-        )
-        estimates = {name: fit.estimates[name].to_json() for name in order if name in fit.estimates}
+        symbols = [dof.parameters[role] for role in ROLES if role in fit.roles]
+        estimates = {symbol: fit.estimates[symbol].to_json() for symbol in symbols}
         content: dict[str, object] = dict(estimates)
         content[dof.ratio_key] = fit.inertial_turn_angle and fit.inertial_turn_angle.to_json()
         content["output_error"] = {
@@ -195,7 +178,7 @@ class YawFit(Shown):
             "log_likelihood": fit.mixed.log_likelihood,
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
             **_scatter_json(fit),
-            "covariance": covariance_json(
+            "covariance": whole_runs.covariance_json(
                 list(fit.estimates), fit.mixed.theta, fit.mixed.parameters.log, fit.covariance
             ),
             "converged": fit.mixed.converged,
@@ -203,8 +186,7 @@ class YawFit(Shown):
         }
         if added := effect_estimates(fit):
             content["effects"] = effects_json(added)
-        if (swing := self.swing_of(number)) is not None:
-            content["swing"] = swing.to_json()
+        content |= self._swing_json(number)
         if fit.ways is not None:
             content["sides"] = fit.ways.to_json()
         seed = self.velocity_error_fit
@@ -265,7 +247,7 @@ def identify_turns(
     set_aside: tuple[ExcludedRun, ...],
     load_runs: Callable[[], Sequence[Run]],
     fit_to: str = "auto",
-    prior: Known = NOTHING_KNOWN,
+    priors: Priors = NOTHING_KNOWN,
     map_jobs: Each = alone,
     channels: str = AUTO,
     tail: float | None = None,
@@ -277,7 +259,7 @@ def identify_turns(
 
     `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": steps if at least
     three at two sizes of moment serve and they are half of the runs or more, else whole runs. Steps count whole, unless
-    what comes after the first half-turns disagrees with them (see step_fit.py). `prior` is what
+    what comes after the first half-turns disagrees with them (see step_fit.py). `priors` are what
     need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
     of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back,
@@ -293,13 +275,13 @@ def identify_turns(
     steered = any(turn.step.run.moment_unit == STEERED for turn in turns)  # its thrust may be anything
     stepped = fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)
     if stepped and not (with_effects or steered or dof.restoring):
-        return _fit_steps(turns, set_aside, fit_to, prior, map_jobs, channels, tail)
+        return _fit_steps(turns, set_aside, fit_to, priors, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
             f"{plural(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
-    fit = _fit_whole(tuple(load_runs()), turns, fit_to, prior, map_jobs, channels, with_effects, length)
+    fit = _fit_whole(tuple(load_runs()), turns, fit_to, priors, map_jobs, channels, with_effects, length)
     return replace(fit, mass=mass)
 
 
@@ -311,7 +293,7 @@ def _fit_steps(
     turns: tuple[HalfTurn, ...],
     set_aside: tuple[ExcludedRun, ...],
     fit_to: str,
-    prior: Known,
+    priors: Priors,
     map_jobs: Each,
     channels: str,
     tail: float | None,
@@ -325,14 +307,14 @@ def _fit_steps(
     two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= MIN_A_WAY)
     starts = {number: _rough_start(rough, dof, number) for number in MODELS}
     if fit_to == "half-turns":
-        answer = fit_halves(half, starts, prior, two_way, map_jobs)
+        answer = fit_halves(half, starts, priors, two_way, map_jobs)
     else:
         whole = data_of_steps(turns, chosen.names, whole=True)
-        answer = fit_whole_or_half(whole, half, starts, prior, two_way, map_jobs)
+        answer = fit_whole_or_half(whole, half, starts, priors, two_way, map_jobs)
     fits, preference = answer.fits, answer.preference
     seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, tail=tail)
     return YawFit(
-        half.unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, prior=prior,
+        half.unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, priors=priors,
         consistency=answer.consistency, whole_steps=answer.data is not half,
     )  # fmt: skip
 
@@ -388,7 +370,7 @@ def _fit_whole(
     runs: tuple[Run, ...],
     turns: Sequence[HalfTurn],
     fit_to: str,
-    prior: Known,
+    priors: Priors,
     map_jobs: Each,
     channels: str,
     with_effects: Sequence[str],
@@ -398,9 +380,9 @@ def _fit_whole(
     dof = moving[0].dof
     of_ratios, free_decays = False, dof.restoring and not any(np.any(run.command != 0) for run in moving)
     if free_decays:
-        of_ratios = dof.parameter("inertia") not in prior.parameters
-        prior = replace(prior, parameters={dof.parameter("inertia"): Prior(1.0), **prior.parameters})
-    elif not any(np.any(run.command != 0) for run in moving) and dof.parameter("inertia") not in prior.parameters:
+        of_ratios = dof.parameter("inertia") not in priors
+        priors = {dof.parameter("inertia"): Prior(1.0), **priors}
+    elif not any(np.any(run.command != 0) for run in moving) and dof.parameter("inertia") not in priors:
         letter, words = dof.symbols.inertia, dof.words
         raise RunError(
             f"no {words.force} acts in these runs: they slow down by themselves, which shows drag over {words.inertia} "
@@ -417,7 +399,7 @@ def _fit_whole(
     asks = bool(with_effects) or steered or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
     pushed, by_filter = "", asks and (bool(with_effects) or steered or not driven.mostly_stepped(moving))
     if not by_filter:
-        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, prior=prior)
+        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, priors=priors)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
         ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
         few_steps = 2 * len(turns) < len(runs)  # what differs between steps from rest is their thrust
@@ -426,21 +408,18 @@ def _fit_whole(
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
         pushed = driven.unknown_push(fit, moving)
         use = driven.Judgement(worth, len(moving), large=pushed)
-        by_filter = asks and few_steps and driven.predicts_better(course, fit, moving, prior.parameters)
-        how = (
-            "by output error, which predicts runs left out as well"
-            if asks
-            else ("by output error, for the evidence asks for no disturbance")
-        )
+        by_filter = asks and few_steps and driven.predicts_better(course, fit, moving, priors)
+        reason = "which predicts runs left out as well" if asks else "for the evidence asks for no disturbance"
+        how = f"by output error, {reason}"
     if by_filter:
-        fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, prior.parameters)
+        fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, priors)
         preference, use = _preferred_driven(fits, course, map_jobs)
         use = replace(use, large=use.large or pushed)
         how = _by_filter(moving, asked)
     words, nomoto = dof.words, None
     if steered and "1" in fits:
         cubic = (*with_effects, *({"cubic-drag"} - {*with_effects}))
-        norrbin, _ = driven.fit_driven_model("1", moving, course, cubic, prior.parameters)
+        norrbin, _ = driven.fit_driven_model("1", moving, course, cubic, priors)
         fastest = float(course.fastest[0])
         nomoto = answer_to_rudder(moving, fits["1"], norrbin, fits[preference.number].model, fastest, length)
     option = "--with" if asked else "--fit-to whole-runs"
@@ -454,7 +433,7 @@ def _fit_whole(
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
     return YawFit(
-        moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, prior,
+        moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, priors,
         refused=refused, of_ratios=of_ratios, nomoto=nomoto,
     )  # fmt: skip
 
@@ -509,14 +488,14 @@ def _too_little(run: Run) -> str:
 
 
 def _fit_whole_model(
-    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, prior: Known
+    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, priors: Priors
 ) -> whole_runs.OutputErrorFit:
     largest = max(float(np.abs(run.command).max()) for run in runs)
     two_way = driven.both_ways(runs)
     for step in driven.MAX_STEPS_S:
         batch = make_batch(runs, step, channels=channels)
         fit = whole_runs.fit_by_direction(
-            partial(whole_runs.fit_whole_runs, batch, number, at_rest, prior=prior), batch.dof, two_way
+            partial(whole_runs.fit_whole_runs, batch, number, at_rest, priors=priors), batch.dof, two_way
         )
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit

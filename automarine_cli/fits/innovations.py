@@ -26,7 +26,7 @@ from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import MixedFit, Outcome
 from automarine_cli.fits.optimise import Maximum, Point, maximise
 from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model
-from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
+from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.models.store import Sensor
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import Floats
@@ -46,7 +46,7 @@ class DrivenProblem:
     course: Course
     parameters: Parameters
 
-    def informed(self, priors: Mapping[str, Prior]) -> "DrivenProblem":
+    def informed(self, priors: Priors) -> "DrivenProblem":
         return replace(self, parameters=self.parameters.informed(priors))
 
     @property
@@ -231,12 +231,11 @@ NO_START = "no starting point of the fit has a finite likelihood; check the unit
 
 @dataclass(frozen=True, eq=False)
 class InnovationsFit(Outcome):
-    """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `density` (R,) the runs'
-    own log densities, `gains` (R,) their log gains as filtered."""
+    """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `gains` (R,) are the
+    runs' log gains as filtered."""
 
     driven: ClassVar[Literal[True]] = True
 
-    density: Floats
     gains: Floats
 
     def factor(self, block: str) -> float:
@@ -306,24 +305,19 @@ def _climbed(
 def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> InnovationsFit:
     point, slopes = reached.point, reached.point.data
     phi = point.phi
-    free, limits, count = problem.free, problem.parameters.limits, len(phi)
-    at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
-    inside = ~at_bound[free]
-    hessian = point.curvature[np.ix_(inside, inside)]
-    open_to = free[inside]
-    covariance = np.zeros((count, count))
-    covariance[np.ix_(open_to, open_to)] = linear_mixed.covariance_of(hessian)
-    runs = len(problem.course.names)
+    free, limits, runs = problem.free, problem.parameters.limits, len(problem.course.names)
+    at_bound, covariance = point.spread(free, limits)
     left_out = np.tile(phi, (runs, 1))
     if runs > 1:
-        remaining = hessian - slopes.information[:, inside][:, :, inside]
+        inside = ~at_bound[free]
+        remaining = (point.curvature - slopes.information)[:, inside][:, :, inside]
         moved = linear_mixed.solve_scaled(remaining, -slopes.gradient[:, inside])
-        spread = np.sqrt(np.maximum(np.diagonal(covariance)[open_to], 0.0))
-        left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
+        most = 5.0 * np.sqrt(np.maximum(np.diagonal(covariance)[free[inside]], 0.0))
+        left_out[:, free[inside]] += np.clip(moved, -most, most)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
         left_out = np.array([climb.point.phi for climb in _climbed(problem, left_out, LOOK_STEPS, without_each=True)])
-    information = np.zeros((runs, count, count))
+    information = np.zeros((runs, *covariance.shape))
     information[:, free[:, None], free] = slopes.information
     smooth = problem.parameters.smooth
     information += 0.0 if smooth is None else smooth / runs
@@ -340,7 +334,7 @@ def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> In
         left_out=left_out,
         log_likelihood=float(density[0].sum()),
         predictive=density[0] if brief else np.diagonal(of_left_out),
-        at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
+        at_bound=tuple(np.flatnonzero(at_bound).tolist()),
         iterations=reached.iterations,
         converged=reached.converged,
         density=density[0],
@@ -413,18 +407,3 @@ def channels_json(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict
 def sensors_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> list[Sensor]:
     noise_of = {verdict: noises.get(verdict.quantity) if verdict.used else None for verdict in choice.verdicts}
     return [Sensor(verdict.quantity, verdict.used, noise, verdict.why or None) for verdict, noise in noise_of.items()]
-
-
-def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
-    """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
-    if not sensors:
-        return []
-    words, used, lines = {dof.position: dof.words.position, dof.velocity: dof.words.rate}, [], []
-    for sensor in sensors:
-        name, noise = words.get(sensor.quantity, sensor.quantity), sensor.noise
-        if sensor.used:
-            bound = ", at its bound" * (noise is not None and noise.at_bound)
-            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{bound})")
-        if sensor.why:
-            lines.append(sensor.why if sensor.used else f"The {name} does not count. {sensor.why}")
-    return [f"Sensors used: {' and '.join(used)}.", *lines]

@@ -83,15 +83,10 @@ class RunEffects:
                 other.of(out, name)[...] = self.of(b, name)
         return out
 
-    def with_scale(self, **scales: Floats | float) -> "RunEffects":
-        """The same with other standard deviations of some blocks, by name with underscores."""
-        new = {name.replace("_", "-"): value for name, value in scales.items()}
-        return RunEffects(
-            tuple(
-                replace(block, scale=np.zeros_like(block.scale) + new[block.name]) if block.name in new else block
-                for block in self.blocks
-            )
-        )
+    def without(self, *names: str) -> "RunEffects":
+        """Return the same where the effects of some blocks can only be zero."""
+        blocks = (replace(b, scale=np.zeros_like(b.scale)) if b.name in names else b for b in self.blocks)
+        return RunEffects(tuple(blocks))
 
     def deviation(self, variances: Floats) -> Floats:
         factors = variances[len(variances) - len(self.limits) :]
@@ -172,16 +167,12 @@ class Grams:
 
     def at(self, variances: Floats) -> NormalEquations:
         """One sum over the channels, each sample counting by its channel's noise."""
-        first = self.channels[0]
-        if len(self.channels) == 1:
-            return first
         behind = 2.0 * (variances[: len(self.channels)] - variances[0])
         share = np.exp(-behind)
-
         log_scale = np.sum([b * channel.count for b, channel in zip(behind, self.channels)], axis=0)
         products = zip(*((c.jj, c.jv, c.vv, c.jw, c.vw, c.ww) for c in self.channels))
         jj, jv, vv, jw, vw, ww = (np.asarray(sum(w * block for w, block in zip(share, part))) for part in products)
-        return NormalEquations(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)
+        return NormalEquations(jj, jv, vv, jw, vw, ww, self.channels[0].present, self.count, log_scale)
 
 
 RESPONSE_DIVERGED = (

@@ -35,7 +35,7 @@ from automarine_cli.fits.linear_mixed import (
     choose_variances,
     scored_deviance,
 )
-from automarine_cli.models.parameter import Parameters, Prior
+from automarine_cli.models.parameter import Parameters, Priors
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -45,10 +45,11 @@ class Outcome:
     """What every fit gives.
 
     `theta` (p,) and `phi` (p,), the same on the scales of the search, on which are `covariance` (p, p) from the
-    likelihood and `left_out` (R, p), phi without each run; `log_likelihood` (marginal), `predictive` (R,) log density
-    of each run predicted from the others, `at_bound` indices of the parameters that a bound stopped, `information`
-    (R, p, p) what each run says of phi, `noise_of` each channel that counts by its quantity [its unit] with the number
-    of its `readings`; `driven` says whether a filter followed the runs, else they were simulated.
+    likelihood and `left_out` (R, p), phi without each run; `log_likelihood` (marginal), `predictive` (R,) log
+    density of each run predicted from the others, `at_bound` indices of the parameters that a bound stopped,
+    `information` (R, p, p) what each run says of phi, `noise_of` each channel that counts by its quantity [its
+    unit] with the number of its `readings`, `density` (R,) the log density of each run; `driven` says whether a
+    filter followed the runs, else they were simulated.
     """
 
     parameters: Parameters
@@ -64,6 +65,7 @@ class Outcome:
     information: Floats = field(repr=False)
     noise_of: Mapping[str, float]
     readings: Mapping[str, int]
+    density: Floats
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -159,7 +161,7 @@ class Problem:
     slots: tuple[Slot, ...]
     slopes: ReadingSlopes | None = None
 
-    def informed(self, priors: Mapping[str, Prior]) -> "Problem":
+    def informed(self, priors: Priors) -> "Problem":
         return replace(self, parameters=self.parameters.informed(priors))
 
     @cached_property
@@ -519,6 +521,7 @@ def _report(
         information=information,
         noise_of=dict(zip(quantities, np.exp(variances[:channels]).tolist())),
         readings=dict(zip(quantities, problem.count.sum(axis=0).tolist())),
+        density=linear_mixed.predictive(gram, weighted, np.zeros_like(left_out)),
         slots=problem.slots,
         gram=gram.keep(free),
         effects=problem.effects,

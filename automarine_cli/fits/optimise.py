@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.fits.linear_mixed import bounded_solution
+from automarine_cli.fits.linear_mixed import bounded_solution, covariance_of
 from automarine_cli.quantities import Floats
 
 MIN_DAMPING, MAX_DAMPING = 1e-4, 1e3  # shares of the curvature that are added to it
@@ -29,6 +29,14 @@ class Point(Generic[Data]):
     gradient: Floats
     curvature: Floats
     data: Data
+
+    def spread(self, free: NDArray[np.int64], limits: Floats) -> tuple[NDArray[np.bool_], Floats]:
+        """Say which parameters (p,) stand at one of their `limits` (p, 2), and give the covariance (p, p) of the `free`
+        others by the curvature."""
+        at_bound = (self.phi - limits[:, 0] < 1e-9) | (limits[:, 1] - self.phi < 1e-9)
+        inside, covariance = ~at_bound[free], np.zeros((len(self.phi), len(self.phi)))
+        covariance[np.ix_(free[inside], free[inside])] = covariance_of(self.curvature[np.ix_(inside, inside)])
+        return at_bound, covariance
 
 
 @dataclass(frozen=True)

@@ -259,32 +259,11 @@ def parse_tail(tail: float | None, dof: Dof) -> float | None:
 
 @dataclass(frozen=True)
 class InertiaTable:
-    """Table 2 for one model: inertia of each run (R,), mean at each moment, overall with its interval, and the
-    influence of each run on it (R,)."""
+    """Table 2 for one model: inertia of each run (R,), mean at each moment, overall with its interval."""
 
     per_run: Floats
     per_moment: Mapping[float, float]
     overall: Estimate
-    influence: Floats
-
-
-def inertia_table(moment: Floats, tails: TailLines, drag: DragFit) -> InertiaTable | None:
-    """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
-    refitted.
-
-    None where the drag has no steady rate at some moment: the least squares of model 2 may make k_rr negative.
-    """
-    per_run = inertia_from_velocity_error(tails.error, *drag.acting(moment))
-    levels = np.unique(moment)
-    per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
-    left_out = _without_each(moment, tails, drag)
-    if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
-        return None
-    count = len(moment)
-    influence = np.sqrt((count - 1) / count) * (left_out.mean() - left_out)
-    stderr = float(np.sqrt(influence @ influence))
-    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, drag.curve.parameters()[0].unit)
-    return InertiaTable(per_run, per_moment, overall, influence)
 
 
 MAX_RUNS_REFITTED = 200
@@ -432,14 +411,10 @@ class Expected:
     noise: Floats
 
     @property
-    def total_bias(self) -> Floats:
-        """With the dilution, (2, A)."""
-        return self.bias + np.stack([0.0 * self.dilution, self.dilution])
-
-    @property
     def error(self) -> Floats:
         """Root mean square error (2, A) to be expected of inertia and drag, the known bias taken off."""
-        return np.hypot(BIAS_LEFT * self.total_bias, self.noise)
+        bias = self.bias + np.stack([np.zeros_like(self.dilution), self.dilution])
+        return np.hypot(BIAS_LEFT * bias, self.noise)
 
     def sentence(self, dof: Dof, by_user: bool) -> str:
         inertia, drag = (f"{100 * error:.2g} %" for error in self.error)
@@ -494,30 +469,33 @@ class Feedback:
     moved: tuple[TailLines, TailLines]
     influence: Floats
 
-    def on_drag(self, moment: Floats, fit: DragFit) -> DragFit:
-        """A drag fit with intervals that know of the correction."""
-        values = np.array([e.value for e in fit.estimates.values()])
-        slopes = [(self._values(moment, fit, tails) - values) / TAIL_FEEDBACK_STEP for tails in self.moved]
-        total = fit.influence + self.influence @ np.array(slopes)
-        pairs, count = zip(fit.estimates.items(), np.sqrt(np.sum(total**2, axis=0))), len(total) - len(values)
-        estimates = {name: Estimate.from_stderr(e.value, error, count, e.unit) for (name, e), error in pairs}
-        return replace(fit, estimates=estimates, influence=total)
+    def tables(self, moment: Floats, tails: TailLines, fit: DragFit) -> tuple[DragFit, InertiaTable | None]:
+        """Give the drag `fit` and Table 2 by it, with intervals that know of the correction; Table 2 by the jackknife
+        over runs, drag refitted, None where the drag has no steady rate at some moment: the least squares of model 2
+        may make k_rr negative."""
 
-    def on_inertia(self, moment: Floats, fit: DragFit, table: InertiaTable) -> InertiaTable:
-        """Table 2 for the drag of `fit` with an interval that knows of the correction."""
-        slopes = []
-        for tails in self.moved:
-            acting = fit.acting(moment, self._values(moment, fit, tails).tolist())
-            mean = inertia_from_velocity_error(tails.error, *acting).mean()
-            slopes.append((mean - table.overall.value) / TAIL_FEEDBACK_STEP)
-        total = table.influence + self.influence @ np.array(slopes)
-        stderr = float(np.sqrt(total @ total))
-        overall = Estimate.from_stderr(table.overall.value, stderr, len(total) - 1, table.overall.unit)
-        return replace(table, overall=overall, influence=total)
+        def values_by(tails: TailLines) -> Floats:
+            drag = sums(moment, tails.rate, fit.variance, fit.powers).solve()[0]
+            inertias = inertia_from_velocity_error(tails.error, *fit.acting(moment, drag.tolist()))
+            return np.append(drag, inertias.mean())
 
-    @staticmethod
-    def _values(moment: Floats, fit: DragFit, tails: TailLines) -> Floats:
-        return sums(moment, tails.rate, fit.variance, fit.powers).solve()[0]
+        at, left_out, runs = values_by(tails), _without_each(moment, tails, fit), len(moment)
+        slopes = np.array([(values_by(moved) - at) / TAIL_FEEDBACK_STEP for moved in self.moved])
+        by_runs = np.sqrt((runs - 1) / runs) * (left_out.mean() - left_out)
+        total = np.column_stack([fit.influence, by_runs]) + self.influence @ slopes
+        *of_drag, of_inertia = np.sqrt(np.sum(total**2, axis=0)).tolist()
+        estimates = {
+            name: Estimate.from_stderr(e.value, error, runs - len(of_drag), e.unit)
+            for (name, e), error in zip(fit.estimates.items(), of_drag)
+        }
+        fit = replace(fit, estimates=estimates)
+        per_run = inertia_from_velocity_error(tails.error, *fit.acting(moment))
+        if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
+            return fit, None
+        per_moment = {float(level): float(per_run[moment == level].mean()) for level in np.unique(moment)}
+        unit = fit.curve.parameters()[0].unit
+        overall = Estimate.from_stderr(float(per_run.mean()), of_inertia, runs - 1, unit)
+        return fit, InertiaTable(per_run, per_moment, overall)
 
 
 def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:
@@ -575,10 +553,9 @@ def fit_velocity_error(
     more = feedback(model, raw, time)
     drag, inertia = {}, {}
     for name, fit in _drag(data, tails.rate, variance, models).items():
-        drag[name] = more.on_drag(data.moment, fit)
-        table = inertia_table(data.moment, tails, fit)
+        drag[name], table = more.tables(data.moment, tails, fit)
         if table is not None:
-            inertia[name] = more.on_inertia(data.moment, fit, table)
+            inertia[name] = table
     steady = bool(np.abs(grid.bias).max(axis=0).min() <= BIAS_LIMIT)
     expect = Expected(grid.start[place], grid.bias[:, place], grid.dilution[place], grid.noise[:, place])
     return VelocityErrorFit(float(expect.start), tail is not None, expect, steady, tails, variance, drag, inertia)

@@ -23,13 +23,12 @@ from automarine_cli.fits.driven import (
     starts_near,
     worth_of,
 )
-from automarine_cli.fits.innovations import ITERATIONS, DrivenProblem, InnovationsFit, fit_innovations, randomness
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
+from automarine_cli.fits.innovations import ITERATIONS, DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.stepwise import Judge, stepwise_search
-from automarine_cli.fits.whole_runs import estimate_of, run_covariance
+from automarine_cli.fits.whole_runs import OutputErrorFit, covariance_json, result_of
 from automarine_cli.models.model import COMMAND_DELAY, CURRENT, INERTIA_COUPLINGS, Model, Term
-from automarine_cli.models.parameter import Parameter, Parameters, Prior
+from automarine_cli.models.parameter import Parameter, Parameters, Priors
 from automarine_cli.models.store import planar_json
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
@@ -265,7 +264,7 @@ def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
     return sizes
 
 
-def forecasts_of(problem: DrivenProblem, fit: InnovationsFit) -> Judgement:
+def forecasts_of(problem: DrivenProblem, fit: Fit) -> Judgement:
     """Predictions of each run by the parameters that the other runs give, of all that is judged."""
     at = {channel.quantity: c for c, channel in enumerate(problem.course.channels)}
     placed = set(PLACES) <= at.keys()
@@ -298,76 +297,37 @@ FULLY = 3  # neighbours of a structure that are fitted, at most
 HOW = "by the innovations of a filter"
 
 
-@dataclass(frozen=True)
-class Estimated:
-    """A `model` with the values that a `fit` gives it."""
+def price_of(fit: OutputErrorFit) -> float:
+    """Give what a parameter has to gain in deviance; Schwarz (1978), doi 10.1214/aos/1176344136."""
+    return float(np.log(max(sum(fit.mixed.readings.values()), 2)))
 
-    model: Model
-    fit: InnovationsFit = field(repr=False)
 
-    @property
-    def readings(self) -> int:
-        return sum(self.fit.readings.values())
+def criterion(fit: OutputErrorFit) -> float:
+    """Give the Bayesian information criterion, the smaller the better."""
+    return float(-2.0 * fit.mixed.log_likelihood + len(fit.model.free) * price_of(fit))
 
-    @property
-    def values(self) -> dict[str, float]:
-        """Values of all parameters of the model by qualified name."""
-        return dict(zip(self.model.parameter_names, self.model.theta.tolist()))
 
-    @cached_property
-    def delay(self) -> Estimate:
-        """Command delay [s] after the middle of the sample interval in which a command changed."""
-        return self._estimate(self.fit.names.index(COMMAND_DELAY))
-
-    @cached_property
-    def estimates(self) -> dict[str, Estimate]:
-        """Every parameter that was identified or follows one, by qualified name."""
-        estimates, parameters = dict[str, Estimate](), self.fit.parameters
-        held = set[str]()  # laws of effects and what only others use
-        for term in self.model.terms:
-            held |= {name for name, stays in zip(self.model.names_of(term), term.effect.held(term.values)) if stays}
-        for i, parameter in enumerate(parameters[parameters.of_model]):
-            if parameter.tie is not None:
-                source, factor = parameter.tie
-                of = self._estimate(parameters.names.index(source))
-                estimates[parameter.name] = of.scaled(factor, parameter.unit)
-            elif parameter.name not in held.union(self.model.fixed):
-                estimates[parameter.name] = self._estimate(i)
-        return estimates
-
-    def _estimate(self, place: int) -> Estimate:
-        return estimate_of(self.fit, run_covariance(self.fit), place)
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance (f, f) of the free parameters with the run as the unit."""
-        at = [self.model.index(name) for name in self.model.free]
-        slopes = np.where(self.fit.parameters.log, self.fit.theta, 1.0)[at]
-        return run_covariance(self.fit)[np.ix_(at, at)] * np.outer(slopes, slopes)
-
-    def to_json(self) -> dict[str, object]:
-        """What every file of a planar model begins with, parameters with their intervals."""
-        return planar_json(self.model, {name: estimate.to_json() for name, estimate in self.estimates.items()})
-
-    def covariance_json(self) -> dict[str, object]:
-        return {"parameters": list(self.model.free), "matrix": self.covariance.tolist()}
-
-    @property
-    def criterion(self) -> float:
-        """Bayesian information criterion, the smaller the better; Schwarz (1978), doi 10.1214/aos/1176344136."""
-        return float(-2.0 * self.fit.log_likelihood + len(self.model.free) * np.log(max(self.readings, 2)))
+def model_content(fit: OutputErrorFit) -> dict[str, object]:
+    """Give what every file of a planar model that was fitted holds: parameters with their intervals, and the covariance
+    of the free ones with the run as the unit."""
+    at = [fit.model.index(name) for name in fit.model.free]
+    log, covariance = fit.mixed.parameters.log[at], fit.covariance[np.ix_(at, at)]
+    return {
+        **planar_json(fit.model, {name: estimate.to_json() for name, estimate in fit.by_name.items()}),
+        "covariance": covariance_json(fit.model.free, fit.mixed.theta[at], log, covariance),
+    }
 
 
 @dataclass(frozen=True)
 class Round:
     """One look for what a model lacks: the model `before`, and the best one that was fitted, if any was."""
 
-    before: Estimated
-    best: Estimated | None
+    before: OutputErrorFit
+    best: OutputErrorFit | None
 
 
 @dataclass(frozen=True)
-class ByEvidence(Judge[Estimated, Round]):
+class ByEvidence(Judge[OutputErrorFit, Round]):
     """Takes what improves the information criterion; `tried` collects what was fitted, by structure.
 
     Those candidates are fitted briefly that promise most by the slope and curvature of the likelihood, the best of
@@ -375,11 +335,11 @@ class ByEvidence(Judge[Estimated, Round]):
     """
 
     likelihood: "PlanarLikelihood"
-    tried: dict[str, Estimated] = field(default_factory=dict)
+    tried: dict[str, OutputErrorFit] = field(default_factory=dict)
     most = 50
 
-    def look(self, model: Estimated, number: int) -> Round:
-        likelihood, price = self.likelihood, np.log(max(model.readings, 2))
+    def look(self, model: OutputErrorFit, number: int) -> Round:
+        likelihood, price = self.likelihood, price_of(model)
         self.tried.setdefault(likelihood.structure_of(model.model), model)
         worth: list[tuple[float, Candidate, Promise]] = []
         for candidate, promise in likelihood.promised(model, likelihood.family):
@@ -389,39 +349,39 @@ class ByEvidence(Judge[Estimated, Round]):
                 worth.append((2.0 * promise.gain - price * more, candidate, promise))
         worth.sort(key=lambda entry: -entry[0])
         brief = [likelihood.tried(candidate, promise, model, BRIEF) for _, candidate, promise in worth[:FULLY]]
-        best = min(brief, key=lambda estimated: estimated.criterion, default=None)
+        best = min(brief, key=criterion, default=None)
         self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in brief})
         if best is not None:
-            best = likelihood.estimate(best.model, best.fit.of_chance)
+            best = likelihood.estimate(best.model, best.mixed.of_chance)
             self.tried[likelihood.structure_of(best.model)] = best
         return Round(model, best)
 
-    def admissible(self, look: Round, first: Round) -> list[Estimated]:
-        return [look.best] if look.best is not None and look.best.criterion < look.before.criterion else []
+    def admissible(self, look: Round, first: Round) -> list[OutputErrorFit]:
+        return [look.best] if look.best is not None and criterion(look.best) < criterion(look.before) else []
 
 
-def search(likelihood: "PlanarLikelihood") -> tuple[Estimated, ...]:
+def search(likelihood: "PlanarLikelihood") -> tuple[OutputErrorFit, ...]:
     """Return what was tried, the best one first, then in the order of their criterion, from the simplest model on."""
     judge = ByEvidence(likelihood)
     stepwise_search(judge, likelihood.estimate(likelihood.simplest))
-    return tuple(sorted(judge.tried.values(), key=lambda estimated: estimated.criterion))
+    return tuple(sorted(judge.tried.values(), key=criterion))
 
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
     """The models that were `tried` on `runs`, the likeliest one first, and the `best`: of what `use` it is, and the
     sentence that says why (`fitted_because`); what was set aside; sentences on what thrusters at their `limits` did not
-    give; the `prior`: what was known beforehand."""
+    give; the `priors`: what was known beforehand."""
 
-    tried: tuple[Estimated, ...]
-    best: Estimated
+    tried: tuple[OutputErrorFit, ...]
+    best: OutputErrorFit
     use: Judgement
     fitted_because: str
     runs: tuple[Run, ...]
     observed: Observed
     set_aside: tuple[ExcludedRun, ...] = ()
     limits: tuple[str, ...] = ()
-    prior: Known = NOTHING_KNOWN
+    priors: Priors = field(default_factory=dict)
 
     @property
     def structure(self) -> str:
@@ -433,7 +393,7 @@ class PlanarFit(Shown):
 
     @property
     def estimates(self) -> dict[str, Estimate]:
-        return self.best.estimates
+        return self.best.by_name
 
     @property
     def because(self) -> str:
@@ -441,7 +401,7 @@ class PlanarFit(Shown):
             return "No other structure was tried."
         first, second = (structure_of(estimated.model, self.observed) for estimated in self.tried[:2])
         which = "this one" if first == self.structure else first
-        behind = f"{second}, is {self.tried[1].criterion - self.tried[0].criterion:.1f} behind"
+        behind = f"{second}, is {criterion(self.tried[1]) - criterion(self.tried[0]):.1f} behind"
         best = f"{which} has the best evidence (Bayesian information criterion)"
         return f"Of {len(self.tried)} structures {best}; the next, {behind}."
 
@@ -465,7 +425,7 @@ class PlanarFit(Shown):
 
     def to_json(self) -> dict[str, object]:
         return {
-            **self.best.to_json(),
+            **model_content(self.best),
             COMMAND_DELAY: self.best.delay.to_json(),
             "fitted_to": "whole runs",
             "structure": self.structure,
@@ -474,10 +434,9 @@ class PlanarFit(Shown):
             "estimated_because": self.fitted_because,
             "assumptions": [asdict(assumption) for assumption in self.observed.assumptions(self.model)],
             "channels": list(self.observed.channels),
-            "random": {name: size for name, size in self.best.fit.of_chance.items() if name != COMMAND_DELAY},
+            "random": {name: size for name, size in self.best.mixed.of_chance.items() if name != COMMAND_DELAY},
             "prediction": self.use.to_json(YAW),
-            "log_likelihood": self.best.fit.log_likelihood,
-            "covariance": self.best.covariance_json(),
+            "log_likelihood": self.best.mixed.log_likelihood,
             "valid_range": self.valid_range,
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.runs), self.set_aside, self.runs),
@@ -486,7 +445,7 @@ class PlanarFit(Shown):
     @property
     def warnings(self) -> tuple[str, ...]:
         sentences = [*self.use.warnings(YAW)]
-        if not self.best.fit.converged:
+        if not self.best.mixed.converged:
             sentences.append("The fit did not converge; give more or longer runs.")
         loose = [
             name
@@ -522,7 +481,7 @@ class PlanarLikelihood:
 
     runs: tuple[Run, ...]
     observed: Observed
-    priors: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Priors = field(default_factory=dict)
     with_effects: tuple[str, ...] = ()
     signals: tuple[str, ...] = ()
 
@@ -548,8 +507,8 @@ class PlanarLikelihood:
     @cached_property
     def course(self) -> Course:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
-        read = {*self.signals, *(need for name in self.with_effects for need in effects.get(name).needs)}
-        signals = sorted(read - {dof.velocity for dof in PLANAR.dofs})
+        columns = {*self.signals, *(need for name in self.with_effects for need in effects.get(name).needs)}
+        signals = sorted(columns - {dof.velocity for dof in PLANAR.dofs})
         return make_course(self.runs, moving, signals, motion=PLANAR, channels=self.observed.channels)
 
     def problem(self, model: Model) -> DrivenProblem:
@@ -575,15 +534,14 @@ class PlanarLikelihood:
 
     def estimate(
         self, model: Model, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
-    ) -> Estimated:
+    ) -> OutputErrorFit:
         """The model fitted, from its own values and what is known of the `random` ones; one of few `iterations` leaves
         no run out. Raises FitError where no start leads anywhere."""
         problem = self.problem(model)
         starts, brief = self.starts(problem, random), iterations < ITERATIONS
-        fit = fit_innovations(problem, starts, iterations, brief)
-        return Estimated(model.with_theta(fit.of_model), fit)
+        return result_of("", model, fit_innovations(problem, starts, iterations, brief))
 
-    def choose(self, tried: Sequence[Estimated]) -> tuple[Estimated, Judgement, str]:
+    def choose(self, tried: Sequence[OutputErrorFit]) -> tuple[OutputErrorFit, Judgement, str]:
         """The best structure, or the simplest one where that predicts runs left out better by a share of WORTH_IT, with
         its predictions, and why.
 
@@ -592,7 +550,7 @@ class PlanarLikelihood:
         """
         plain = self.structure_of(self.simplest)
         simplest = next((trial for trial in tried if self.structure_of(trial.model) == plain), tried[0])
-        chosen, rival = ((trial, forecasts_of(self.problem(trial.model), trial.fit)) for trial in (tried[0], simplest))
+        chosen, rival = ((fit, forecasts_of(self.problem(fit.model), fit.mixed)) for fit in (tried[0], simplest))
         if chosen[1].score - rival[1].score >= WORTH_IT:
             chosen, rival = rival, chosen
         scores = chosen[1].score, rival[1].score
@@ -602,21 +560,20 @@ class PlanarLikelihood:
         misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"
         return (*chosen, f"Fitted {HOW}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}.")
 
-    def promises(self, wide: Model, neighbour: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
+    def promises(self, wide: Model, neighbour: OutputErrorFit, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
         `neighbour`, and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)
-        (phi,) = problem.parameters.search(self.starts(problem, neighbour.fit.of_chance))
+        (phi,) = problem.parameters.search(self.starts(problem, neighbour.mixed.of_chance))
         (slopes,) = problem.slopes(phi[None])
-        gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
-        hessian = slopes.information.sum(axis=0) + problem.prior_information
+        point = problem.point(phi, slopes)
         names = [problem.parameters.names[i] for i in problem.free]
-        free = {*neighbour.model.free, *neighbour.fit.of_chance}
+        free = {*neighbour.model.free, *neighbour.mixed.of_chance}
         limits, origin = problem.parameters.limits[problem.free], phi[problem.free]
 
         def promise(more: tuple[str, ...]) -> Promise:
             chosen = np.array([name in free or name in more for name in names])
-            h, g = hessian[np.ix_(chosen, chosen)], gradient[chosen]
+            h, g = point.curvature[np.ix_(chosen, chosen)], point.gradient[chosen]
             step = bounded_solution(h, g + h @ origin[chosen], limits[chosen]) - origin[chosen]
             there = phi.copy()
             there[problem.free[chosen]] += step
@@ -626,15 +583,15 @@ class PlanarLikelihood:
         without = promise(()).gain
         return [replace(expected, gain=expected.gain - without) for expected in map(promise, added)]
 
-    def promised(self, current: Estimated, family: Family) -> list[tuple[Candidate, Promise]]:
+    def promised(self, current: OutputErrorFit, family: Family) -> list[tuple[Candidate, Promise]]:
         """The candidates for a model with what their scores promise, all of one pass of the filter."""
         every = list(family(current.model))
         wide = widest(current.model, family)
         return list(zip(every, self.promises(wide, current, [candidate.added for candidate in every])))
 
-    def tried(self, candidate: Candidate, promise: Promise, current: Estimated, iterations: int) -> Estimated:
+    def tried(self, candidate: Candidate, promise: Promise, current: OutputErrorFit, iterations: int) -> OutputErrorFit:
         """A candidate fitted briefly, from where it promises most."""
-        return self.estimate(*self.toward(candidate.model, current.fit.of_chance, promise), iterations)
+        return self.estimate(*self.toward(candidate.model, current.mixed.of_chance, promise), iterations)
 
     def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         """The model, and what is `random`, as promised, where that is likelier than as they are."""
@@ -652,15 +609,10 @@ class PlanarLikelihood:
     def _random(self, model: Model) -> tuple[Parameter, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""
         m = np.diagonal(model.inertia_matrix(model.theta[None])[0])
-        forces = [_usual(self.rough, dof)[0] for dof in PLANAR.dofs]
+        rough = self.rough
+        forces = [rough[dof.parameter("linear")] ** 2 / rough[dof.parameter("quadratic")] for dof in PLANAR.dofs]
         largest = np.abs(self.course.commanded).max(axis=(1, 2))
         pushes = np.maximum(largest, forces) / np.maximum(m, 1e-9)
         chances = randomness(self.course, pushes.tolist(), (), quiet=False)
         unread = tuple(f"{dof.name}." for dof in PLANAR.dofs if dof not in self.observed.dofs)
         return tuple(replace(c, upper=c.lower) if c.name.startswith(unread) else c for c in chances)
-
-
-def _usual(rough: Mapping[str, float], dof: Dof) -> tuple[float, float]:
-    """Usual force and speed along a degree of freedom, by its rough drags."""
-    linear, quadratic = rough[dof.parameter("linear")], rough[dof.parameter("quadratic")]
-    return linear**2 / quadratic, linear / quadratic

@@ -13,13 +13,13 @@ from functools import partial
 import numpy as np
 from scipy import special
 
-from automarine_cli.fits.known import Known
 from automarine_cli.fits.linear_mixed import SWITCHES
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife
 from automarine_cli.fits.preference import Preference, prefer
 from automarine_cli.fits.steps import StepData, step_problem
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_by_direction, result_of
 from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, base_roles
+from automarine_cli.models.parameter import Priors
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 
@@ -95,14 +95,14 @@ Start = Mapping[str, float]
 
 
 def fit_whole_or_half(
-    whole: StepData, half: StepData, starts: Mapping[str, Start], prior: Known, two_way: bool, map_jobs: Each
+    whole: StepData, half: StepData, starts: Mapping[str, Start], priors: Priors, two_way: bool, map_jobs: Each
 ) -> StepAnswer:
     """Fit whole steps, and take first half-turns in their place where the rest of the steps disagrees with them.
 
     `starts` gives values to begin from by model, `two_way` says whether both ways were gone. Where both data are the
     same, as along a line, there is nothing to compare. Raises FitError where the data cannot carry a fit.
     """
-    fit = partial(fit_step_model, prior=prior, two_way=two_way)
+    fit = partial(fit_step_model, priors=priors, two_way=two_way)
     fits = dict(zip(starts, map_jobs(partial(fit, data=whole, starts=starts), [*starts], "fitting models")))
     preference = prefer(fits)
     if np.array_equal(whole.observed.sum(axis=1), half.observed.sum(axis=1)):
@@ -110,22 +110,22 @@ def fit_whole_or_half(
     best = fits[preference.number]
     rival = fit(best.number, data=half, starts={best.number: values_of(best)})
     assert not best.mixed.driven and not rival.mixed.driven
-    problem = step_problem(whole, best.number, prior, "difference" in best.roles)
+    problem = step_problem(whole, best.number, priors, "difference" in best.roles)
     tests = compare(whole, problem, best.mixed, half, rival.mixed)
     if tests.push:
-        fits = {model: freed_of(tests.push, whole, fit, prior) for model, fit in fits.items()}
+        fits = {model: freed_of(tests.push, whole, fit, priors) for model, fit in fits.items()}
     if tests.agrees:
         return StepAnswer(fits, preference, whole, tests)
     from_whole = {model: values_of(fit) for model, fit in fits.items()}
-    return fit_halves(half, from_whole, prior, two_way, map_jobs, tests)
+    return fit_halves(half, from_whole, priors, two_way, map_jobs, tests)
 
 
 def fit_halves(
-    half: StepData, starts: Mapping[str, Start], prior: Known, two_way: bool, map_jobs: Each,
+    half: StepData, starts: Mapping[str, Start], priors: Priors, two_way: bool, map_jobs: Each,
     tests: Consistency | None = None,
 ) -> StepAnswer:  # fmt: skip
     """Fit first half-turns, with a command delay only where they show one beyond doubt."""
-    fit = partial(fit_step_model, data=half, starts=starts, prior=prior, two_way=two_way, doubtful=True)
+    fit = partial(fit_step_model, data=half, starts=starts, priors=priors, two_way=two_way, doubtful=True)
     fits = dict(zip(starts, map_jobs(fit, [*starts], "fitting models")))
     return StepAnswer(fits, prefer(fits), half, tests)
 
@@ -136,20 +136,20 @@ def values_of(fit: OutputErrorFit) -> Start:
 
 
 def fit_step_model(
-    model: str, data: StepData, starts: Mapping[str, Start], *, prior: Known, two_way: bool,
+    model: str, data: StepData, starts: Mapping[str, Start], *, priors: Priors, two_way: bool,
     doubtful: bool = False,
 ) -> OutputErrorFit:  # fmt: skip
     def fit(sided: bool) -> OutputErrorFit:
-        mixed = fit_causal(data, model, starts[model], prior, sided)
+        mixed = fit_causal(data, model, starts[model], priors, sided)
         if doubtful:
-            mixed = without_doubtful_delay(data, model, mixed, prior, sided)
+            mixed = without_doubtful_delay(data, model, mixed, priors, sided)
         inertia, *drags = mixed.of_model
         return result_of(model, Model.base(model, inertia, drags, data.unit, data.dof), mixed)
 
     return fit_by_direction(fit, data.dof, two_way)
 
 
-def fit_causal(data: StepData, model: str, start: Start, prior: Known, sided: bool = False) -> MixedFit:
+def fit_causal(data: StepData, model: str, start: Start, priors: Priors, sided: bool = False) -> MixedFit:
     """Fit one model to steps with a command delay that causality allows.
 
     Where switches are spread over a share f of their intervals, their mean is no earlier than (1 - f)/2 before the
@@ -157,13 +157,13 @@ def fit_causal(data: StepData, model: str, start: Start, prior: Known, sided: bo
     """
     theta = np.array([*(start.get(role, 0.0) for role in base_roles(model, data.dof, sided)), start[COMMAND_DELAY]])
     factors = np.array(START_FACTORS)
-    fit = fit_mixed(step_problem(starting(data), model, prior, sided), theta, noise=START_NOISE, factors=factors)
+    fit = fit_mixed(step_problem(starting(data), model, priors, sided), theta, noise=START_NOISE, factors=factors)
     if len(data.moment) > MAX_STARTING_RUNS:
-        fit = fit_mixed(step_problem(data, model, prior, sided), fit.theta, noise=fit.noises, factors=fit.factors)
+        fit = fit_mixed(step_problem(data, model, priors, sided), fit.theta, noise=fit.noises, factors=fit.factors)
     earliest = -_convention(data, fit)
-    if fit.value(COMMAND_DELAY) >= earliest - 1e-9 * data.half_interval or COMMAND_DELAY in prior.parameters:
+    if fit.value(COMMAND_DELAY) >= earliest - 1e-9 * data.half_interval or COMMAND_DELAY in priors:
         return fit
-    return _again(step_problem(data, model, prior, sided, (earliest, MAX_DELAY_S)), fit)
+    return _again(step_problem(data, model, priors, sided, (earliest, MAX_DELAY_S)), fit)
 
 
 def starting(data: StepData) -> StepData:
@@ -172,13 +172,13 @@ def starting(data: StepData) -> StepData:
     return data if runs <= MAX_STARTING_RUNS else data.some(np.linspace(0, runs - 1, MAX_STARTING_RUNS).astype(int))
 
 
-def without_doubtful_delay(data: StepData, model: str, fit: MixedFit, prior: Known, sided: bool = False) -> MixedFit:
+def without_doubtful_delay(data: StepData, model: str, fit: MixedFit, priors: Priors, sided: bool = False) -> MixedFit:
     """Give the fit with a delay within the logger's convention, unless it shows a longer one beyond doubt."""
     latest, delay, place = _convention(data, fit), fit.value(COMMAND_DELAY), fit.names.index(COMMAND_DELAY)
     doubt = MIN_DELAY_STDERRS * float(np.sqrt(fit.covariance[place, place]))
-    if delay <= latest + 1e-9 or delay - latest > doubt or COMMAND_DELAY in prior.parameters:
+    if delay <= latest + 1e-9 or delay - latest > doubt or COMMAND_DELAY in priors:
         return fit
-    return _again(step_problem(data, model, prior, sided, (-latest, latest)), fit)
+    return _again(step_problem(data, model, priors, sided, (-latest, latest)), fit)
 
 
 def _convention(data: StepData, fit: MixedFit) -> float:
@@ -228,11 +228,11 @@ def push_of(name: str, data: StepData, turned: Floats) -> Floats:
     return np.where(data.observed, np.cumsum(growth, axis=1), 0.0)[:, :, None]
 
 
-def freed_of(push: str, data: StepData, fit: OutputErrorFit, prior: Known) -> OutputErrorFit:
+def freed_of(push: str, data: StepData, fit: OutputErrorFit, priors: Priors) -> OutputErrorFit:
     """Give the fit with a push of unknown size beside its model, to first order: what it explains is taken off."""
     mixed = fit.mixed
     assert not mixed.driven
-    problem = step_problem(data, fit.number, prior, "difference" in fit.roles)
+    problem = step_problem(data, fit.number, priors, "difference" in fit.roles)
     scores = _scores(problem, mixed, push_of(push, data, _turned(data, problem, mixed)))
     certainty = scores.information.sum(axis=0)[0, 0]
     if not certainty > 0.0:

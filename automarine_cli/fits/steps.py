@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
 from automarine_cli.fits.mixed_model import Problem, slots_of
 from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, base_roles, main_drag, response_slopes
-from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
+from automarine_cli.models.parameter import NOTHING_KNOWN, NUISANCE, Parameter, Parameters, Priors
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MAX_REST_SAMPLES, HalfTurn
 from automarine_cli.simulation.batch import Channel, padded
@@ -109,7 +108,7 @@ MIN_SHARE = 0.01  # of the drag that is left one way, however much it differs: n
 
 
 def step_problem(
-    data: StepData, model: str, prior: Known = NOTHING_KNOWN, sided: bool = False,
+    data: StepData, model: str, priors: Priors = NOTHING_KNOWN, sided: bool = False,
     delays: tuple[float, float] | None = None,
 ) -> Problem:  # fmt: skip
     """Likelihood of the steps under model "1", "2" or "3"; `sided` with a drag that differs between the ways.
@@ -162,8 +161,9 @@ def step_problem(
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in data.channels)))
     earliest, latest = delays or (-data.half_interval, MAX_DELAY_S)
     parameters = Parameters((*entries, Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, unit="s")))
-    parameters = parameters.informed(prior.parameters)
-    return Problem(response, measured, observed, blocks, parameters, slots_of(data.channels), slopes=slopes)
+    return Problem(
+        response, measured, observed, blocks, parameters.informed(priors), slots_of(data.channels), slopes=slopes
+    )
 
 
 def _blocks(data: StepData) -> tuple[Block, ...]:

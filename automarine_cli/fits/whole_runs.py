@@ -16,7 +16,6 @@ from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import Fit
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.linear_mixed import (
     DISTURBANCE,
     GAIN,
@@ -30,7 +29,7 @@ from automarine_cli.fits.linear_mixed import (
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
 from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, main_drag
-from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
+from automarine_cli.models.parameter import NOTHING_KNOWN, NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -409,6 +408,21 @@ class OutputErrorFit:
         return {letters[role]: estimate_of(self.mixed, self.covariance, self._place(role)) for role in self.roles}
 
     @cached_property
+    def by_name(self) -> dict[str, Estimate]:
+        """Every parameter of the model that was estimated or follows one, by qualified name."""
+        estimates, parameters, fixed = dict[str, Estimate](), self.mixed.parameters, set(self.model.fixed)
+        for term in self.model.terms:  # laws of effects and what only others use
+            fixed |= {name for name, stays in zip(self.model.names_of(term), term.effect.held(term.values)) if stays}
+        for i, parameter in enumerate(parameters[parameters.of_model]):
+            if parameter.tie is not None:
+                source, factor = parameter.tie
+                of = estimate_of(self.mixed, self.covariance, parameters.names.index(source))
+                estimates[parameter.name] = of.scaled(factor, parameter.unit)
+            elif parameter.name not in fixed:
+                estimates[parameter.name] = estimate_of(self.mixed, self.covariance, i)
+        return estimates
+
+    @cached_property
     def inertial_turn_angle(self) -> Estimate | None:
         """Inertia over quadratic drag [base unit]; None of a model without that, or where it stands at a bound."""
         if "quadratic" not in self.roles:
@@ -436,7 +450,7 @@ class OutputErrorFit:
 
 
 def fit_whole_runs(
-    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, prior: Known = NOTHING_KNOWN
+    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, priors: Priors = NOTHING_KNOWN
 ) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
@@ -444,11 +458,11 @@ def fit_whole_runs(
     no start leads anywhere.
     """
     alone = len(batch.names) == 1 or (batch.dof.restoring and not np.any(batch.force))
-    prior_inertia = prior.parameters.get(batch.dof.parameter("inertia"))
+    prior_inertia = priors.get(batch.dof.parameter("inertia"))
     rough = rough_model(number, batch, sided, prior_inertia.value if prior_inertia else 1.0)
     parameters = rough.parameters(log_drag=True, signed_drag=True)
-    problem = whole_run_problem(rough, parameters, batch, at_rest).informed(prior.parameters)
-    pooled = replace(problem, effects=problem.effects.with_scale(gain=0.0))
+    problem = whole_run_problem(rough, parameters, batch, at_rest).informed(priors)
+    pooled = replace(problem, effects=problem.effects.without(GAIN))
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
     begin = np.append(rough.theta, 0.0)
@@ -456,7 +470,7 @@ def fit_whole_runs(
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
         return result_of(number, rough, only, scatters=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
-    little = 0.2 if prior.parameters else 0.02  # what is known may ask for other thrusts than the logs tell
+    little = 0.2 if priors else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
         problem,
         first.theta,
@@ -492,6 +506,17 @@ def run_dof(mixed: Fit, direction: Floats) -> float:
     if runs == 1:
         return float(sum(mixed.readings.values()) - len(mixed.theta))
     return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(runs - 1)
+
+
+def covariance_json(
+    names: Sequence[str], theta: Floats, positive: NDArray[np.bool_], covariance: Floats
+) -> dict[str, object] | None:
+    """Covariance of the first parameters of theta (p,), named, from that of phi (p, p), in which positive ones are
+    logarithms; in the products of the parameters' units. None where it is not finite."""
+    count = len(names)
+    scale = np.where(positive, theta, 1.0)[:count]
+    matrix = covariance[:count, :count] * np.outer(scale, scale)
+    return {"parameters": list(names), "matrix": matrix.tolist()} if np.all(np.isfinite(matrix)) else None
 
 
 def estimate_of(mixed: Fit, covariance: Floats, i: int) -> Estimate:

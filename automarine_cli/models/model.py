@@ -52,8 +52,6 @@ CONSTANT = "bias-moment"  # the term of a moment or force that always acts
 RESTORING = "restoring-moment"  # the term by which weight and buoyancy turn the vehicle back
 ASYMMETRY = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
 """The term by which drag differs between the two ways."""
-
-
 SWING_SHARE = 0.25  # of a radian of a swing, as fast as which a model may change
 
 
@@ -250,8 +248,8 @@ class Model:
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that are neither fixed nor tied."""
-        held = {*self.fixed, *(name for name, _, _ in self.ties)}
-        return tuple(name for name in self.parameter_names if name not in held)
+        stay = {*self.fixed, *(name for name, _, _ in self.ties)}
+        return tuple(name for name in self.parameter_names if name not in stay)
 
     def parameters(
         self, largest: ArrayLike = 1.0, *, log_drag: bool = False, signed_drag: bool = False,
@@ -305,6 +303,11 @@ class Model:
     @property
     def theta(self) -> Floats:
         return np.array([*self.masses, *(x for term in self.terms for x in term.values), *(self.water or ())])
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of all parameters by qualified name."""
+        return dict(zip(self.parameter_names, self.theta.tolist()))
 
     def with_theta(self, theta: ArrayLike) -> "Model":
         """Return the same terms with other values. Raises ModelError unless there is one for each parameter."""
@@ -375,27 +378,24 @@ class Model:
         linear, quadratic = self.drag()
         if not (self.dof.has_constant or self.dof.directional):
             return moment, linear, quadratic
-        moment = moment + self._value("constant")
-        way = np.sign(moment)
-        return (moment, linear + way * self._value("difference", 1), quadratic + way * self._value("difference", 2))
+        moment = moment + self.coefficient("constant")
+        apart = [np.sign(moment) * self.coefficient("difference", power) for power in (1, 2)]
+        return moment, linear + apart[0], quadratic + apart[1]
 
     @property
     def restoring(self) -> float:
         """Restoring moment over the sine of the angle, zero where nothing turns the vehicle back."""
-        return self._value("restoring")
+        return self.coefficient("restoring")
 
     def drag(self) -> tuple[float, float]:
         """Linear and quadratic drag, zero where the model has no such term."""
-        return self._value("linear"), self._value("quadratic")
+        return self.coefficient("linear"), self.coefficient("quadratic")
 
-    def _value(self, role: str, power: int | None = None) -> float:
-        """Value of the last term of a role, and of a power of the speed where that is asked; zero if there is none."""
-        value = 0.0
-        for term in self.terms:
-            effect = effects.get(term.name)
-            if effect.role == role and power in (None, effect.power):
-                value = term.values[0]
-        return value
+    def coefficient(self, role: str, power: int | None = None) -> float:
+        """Return the value of the last term of a role, of that power of the speed if given; zero if there is none."""
+        of_role = [term for term in self.terms if effects.get(term.name).role == role]
+        values = [term.values[0] for term in of_role if power in (None, effects.get(term.name).power)]
+        return values[-1] if values else 0.0
 
 
 def steady_rate(moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:

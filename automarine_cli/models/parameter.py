@@ -25,6 +25,11 @@ class Prior:
         return f"{self.value:g}" + ("" if self.stderr is None else f" ± {self.stderr:g}")
 
 
+Priors = Mapping[str, Prior]
+"""What a user knows beforehand, by qualified name."""
+NOTHING_KNOWN: Priors = {}
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One parameter by its qualified name: `value` is where a fit begins, within `lower` and `upper`.
@@ -59,7 +64,7 @@ class Parameters(Sequence[Parameter]):
     """
 
     entries: tuple[Parameter, ...]
-    priors: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Priors = field(default_factory=dict)
     smooth: Floats | None = None
 
     def __len__(self) -> int:
@@ -155,7 +160,7 @@ class Parameters(Sequence[Parameter]):
         erring = {name for name, prior in self.priors.items() if prior.stderr is not None}
         return np.diag([p if name in erring else 0.0 for name, p in zip(self.names, np.diagonal(self.prior[1]))])
 
-    def informed(self, priors: Mapping[str, Prior]) -> "Parameters":
+    def informed(self, priors: Priors) -> "Parameters":
         """Return the same with what a user knows beforehand; what is known exactly is fixed."""
         exact = {name: prior.value for name, prior in priors.items() if prior.stderr is None}
         entries = tuple(p.at(exact[p.name]) if p.name in exact else p for p in self.entries)

@@ -42,7 +42,7 @@ from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Sou
 from automarine_cli.text import MAX_NAME_LETTERS, Place, format_value, printable
 
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
-ROLES = ("inertia", "quadratic", "linear", "constant", "restoring", "difference")
+ROLES = ("quadratic", "linear", "inertia", "constant", "restoring", "difference")  # in the order of files
 
 
 @dataclass(frozen=True)
@@ -185,8 +185,6 @@ class GapEntry:
     before: float | None = field(metadata=keyed("before_{shown_unit}", "before_N"))
     after: float | None = field(metadata=keyed("after_{shown_unit}", "after_N"))
     noise_floor: float = field(metadata=keyed("noise_floor_{shown_unit}", "noise_floor_N"))
-    before_ci95: tuple[float, float] | None = None
-    after_ci95: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -425,8 +423,7 @@ PLANAR_MODEL = ResultKind(f"{PLANAR.name}_model.json", f"{PLANAR.name}-model", P
 
 def planar_json(model: Model, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
     """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
-    parameters = {**dict(zip(model.parameter_names, model.theta.tolist())), **(estimates or {})}
-    return {"schema": PLANAR_MODEL.schema, **UNITS, "parameters": parameters}
+    return {"schema": PLANAR_MODEL.schema, **UNITS, "parameters": {**model.values, **(estimates or {})}}
 
 
 def _planar_of(data: Mapping[str, object], where: str) -> StoredModels:
@@ -509,8 +506,7 @@ def _library_term(dof: Dof, short: str, unread: dict[str, float], codec: Codec) 
         raise codec.refusal(
             PARAMETERS, f"unknown key {format_value(f'{dof.name}.{short}')}; did you mean {format_value(keys[0])}?"
         )
-    free = "{linear}"  # beside quadratic drag it may come out below zero
-    values = values_of(effect, keys, unread, codec, PARAMETERS, free)
+    values = values_of(effect, keys, unread, codec, PARAMETERS, "{linear}")  # beside quadratic drag it may be negative
     for key in keys:
         unread.pop(key, None)
     symbols = {key.partition(".")[2].removeprefix(f"{name}.") for key in present}
@@ -525,8 +521,7 @@ def _cross(dof: Dof, short: str, value: float, codec: Codec) -> Term:
     except ModelError:
         raise codec.refusal(PARAMETERS, _unknown(f"{dof.name}.{short}")) from None
     if term.dof != PLANAR.index(dof):
-        letter = FORCES[PLANAR.index(dof)]
-        wrong = f"{short} is no derivative of {letter}, the force of {dof.name}"
+        wrong = f"{short} is no derivative of {FORCES[PLANAR.index(dof)]}, the force of {dof.name}"
         raise codec.refusal((*PARAMETERS, f"{dof.name}.{short}"), wrong)
     return term
 

@@ -21,7 +21,6 @@ from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ExcludedRun, OutputError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.fits.driven import JUDGED_HORIZON_S
-from automarine_cli.fits.innovations import sentences_of
 from automarine_cli.models.store import (
     DIAGNOSIS,
     MODELS,
@@ -34,7 +33,7 @@ from automarine_cli.models.store import (
 )
 from automarine_cli.pipeline.records import ResultKind, RunsUsed, Shown, to_mapping
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
-from automarine_cli.report.log_tables import CHECK, CheckFile
+from automarine_cli.report.log_tables import CHECK, CheckFile, sensor_sentences
 from automarine_cli.report.page import page, plain
 from automarine_cli.report.sections import Content, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number, with_band
@@ -670,7 +669,8 @@ def _page(result: StepResult, of_motion: MotionResults) -> list[str]:
         pictures.append(f"The figures of {more} more runs are in the folder {result.step.folder}.")
     if isinstance(file, ModelFile):
         rejected = tuple(f"Model {number}" for number in file.models if number != file.preferred)
-        lines = [file.preferred_because, *sentences_of(file.channels, result.dof), str(file.buoyancy.get("says", ""))]
+        used, buoyancy = sensor_sentences(file.channels, result.dof), str(file.buoyancy.get("says", ""))
+        lines = [file.preferred_because, *used, buoyancy]
         if added:
             lines.insert(0, WITHOUT.format(added))
         lines += [f"Warning: {line}" for line in file.warnings if not line.startswith(rejected)]

@@ -17,7 +17,8 @@ from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
-from automarine_cli.fits.innovations import sensors_of, sentences_of
+from automarine_cli.fits.innovations import sensors_of
+from automarine_cli.report.log_tables import sensor_sentences
 from automarine_cli.report.sections import Drawing, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, number, with_band
 from automarine_cli.report.thruster_tables import cells, parameter_cell
@@ -289,7 +290,7 @@ def _(diagnosis: Diagnosis) -> Sections:
     return show(
         Drawing("diagnosis.before_after", diagnosis, alone), notes=(gap, chance), unit=unit, dof=dof,
         above=[f"Warning: {warning}" for warning in command_warnings(diagnosis.fitted.runs)],
-        below=[*below, *sentences_of(sensors_of(diagnosis.channels, diagnosis.noises), dof)],
+        below=[*below, *sensor_sentences(sensors_of(diagnosis.channels, diagnosis.noises), dof)],
         appendix=appendix, caption=caption.translate({ord("["): "(", ord("]"): ")"}),  # brackets would end it
     )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """What the fit of one motion, or of surge, sway and yaw together, shows and writes: tables, sentences, one row a run,
 figures."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -12,19 +12,20 @@ import pyarrow.parquet as pq
 from automarine_cli import effects
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
+from automarine_cli.fits.characteristics import AMPLITUDE_DEG, AT_AMPLITUDE, Nomoto, Swing, mean_miss
 from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
 from automarine_cli.fits.identify import YawFit, effect_estimates
-from automarine_cli.fits.innovations import channel_noises, sensors_of, sentences_of
+from automarine_cli.fits.innovations import channel_noises, sensors_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
-from automarine_cli.fits.nomoto import Nomoto, mean_miss
 from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
-from automarine_cli.fits.planar_fit import PlanarFit, structure_of
+from automarine_cli.fits.planar_fit import PlanarFit, criterion, structure_of
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
-from automarine_cli.fits.weight import AMPLITUDE_DEG, Swing
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
+from automarine_cli.models.parameter import Priors
 from automarine_cli.models.store import DRAG_LAWS
+from automarine_cli.report.log_tables import sensor_sentences
 from automarine_cli.report.sections import Content, Drawing, Sections, document, forms_of, numbers, sections
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
@@ -335,10 +336,10 @@ def _signs(dof: Dof) -> tuple[str, ...]:
 
 
 SWING_LABELS = {
-    "natural period [s]": "natural_period", "damped period [s]": "damped_period", "damping ratio": "damping_ratio",
-    f"damping ratio at {AMPLITUDE_DEG:g} deg": "damping_at_amplitude",
-    "quadratic damping [1/rad]": "quadratic_damping", "angle of rest [deg]": "rest_angle",
-    "GM/k² [1/m]": "gm_over_gyradius_squared", "GM [m]": "metacentric_height",
+    "natural period [s]": "natural_period_s", "damped period [s]": "damped_period_s", "damping ratio": "damping_ratio",
+    f"damping ratio at {AMPLITUDE_DEG:g} deg": AT_AMPLITUDE,
+    "quadratic damping [1/rad]": "quadratic_damping_per_rad", "angle of rest [deg]": "rest_angle_deg",
+    "GM/k² [1/m]": "GM_over_radius_of_gyration_squared_per_m", "GM [m]": "GM_m",
 }  # fmt: skip
 
 
@@ -357,11 +358,9 @@ def inertia_table(fit: YawFit, notes: Sequence[str]) -> Table:
     for way in dof.words.ways if dof.directional else ():
         far = {m: of.ways.distance.get(way) for m, of in ml.items() if of.ways}
         rows.append(_row(f"{ratio} {way}{LIKELIEST}", far))
-    swings = {m: swing for m in ml if (swing := fit.swing_of(m)) is not None}
+    swings = {m: swing for m in ml if (swing := fit.swing_of(m))}
     for label in SWING_LABELS if swings else ():
-        rows.append(
-            _row(f"{label}{LIKELIEST}", {m: getattr(swing, SWING_LABELS[label]) for m, swing in swings.items()})
-        )
+        rows.append(_row(f"{label}{LIKELIEST}", {m: swing[SWING_LABELS[label]] for m, swing in swings.items()}))
     of_units = f"{sym.inertia} [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals."
     title = f"Table 2. Identified {dof.name} models: {dof.words.inertia}"
     return Table.of(title, rows, (of_units, *notes), (1,)).without_empty_rows()
@@ -391,7 +390,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         model += f", steered by the rudder at {'logged' if fit.nomoto.speed else 'a constant'} speed,"
     head = f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."
     use = () if fit.use is None else (fit.use.sentence(dof),)
-    heads = [head] if fit.swing is None else _swing_heads(fit, fit.swing, model, values)
+    heads = _swing_heads(fit, fit.swing, model, values) if fit.swing else [head]
     lines = [*heads, *use] if fit.use is None or fit.use.of_use else [*use, *heads]
     if fit.consistency is not None:
         lines += _disagreement(fit.consistency, dof)
@@ -400,7 +399,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     if text := ", ".join(_valued(name, e) for name, e in derived.items() if e):
         lines.append(f"{text}.")
     units = {dof.parameter(role): dof.unit_of(role, fit.moment_unit) for role in (*EVERY_ROLE, "constant")}
-    priors = fit.prior.sentences(units | {COMMAND_DELAY: "s"}, mixed.names)
+    priors = tuple(known_sentences(fit.priors, units | {COMMAND_DELAY: "s"}, mixed.names))
     lines += [fit.preference.because, *([] if fit.of_ratios else priors)]
     if priors and fit.velocity_error_fit:
         lines.append("The velocity errors of the paper do not use it.")
@@ -420,7 +419,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
             f" The runs are disturbed by a {words.force} of {preferred.model.inertia * size:.3g} {fit.moment_unit} "
             f"that lasts {time:.2g} s, and the thrust is unsteady by {100 * thrust:.0f} % over a second."
         )
-    lines += [line, *sentences_of(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)]
+    lines += [line, *sensor_sentences(sensors_of(fit.channels, channel_noises(mixed, dof)), dof)]
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     lines += rudder_sentences(fit.nomoto)
@@ -432,12 +431,12 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
 def _swing_heads(fit: YawFit, swing: Swing, model: str, values: str) -> list[str]:
     """Say how the vehicle swings, and what the moments are or are over the inertia."""
     dof, sym = fit.dof, fit.dof.symbols
-    first = {"natural period": swing.natural_period, "damping ratio": swing.damping_ratio,
-             f"quadratic damping {sym.quadratic}/{sym.inertia}": swing.quadratic_damping}  # fmt: skip
+    first = {"natural period": swing["natural_period_s"], "damping ratio": swing["damping_ratio"],
+             f"quadratic damping {sym.quadratic}/{sym.inertia}": swing["quadratic_damping_per_rad"]}  # fmt: skip
     more = {
-        "Damped period": swing.damped_period, f"damping ratio at {AMPLITUDE_DEG:g}°": swing.damping_at_amplitude,
-        "angle of rest": swing.rest_angle, "GM/k² (k: radius of gyration)": swing.gm_over_gyradius_squared,
-        "GM": swing.metacentric_height,
+        "Damped period": swing["damped_period_s"], f"damping ratio at {AMPLITUDE_DEG:g}°": swing[AT_AMPLITUDE],
+        "angle of rest": swing["rest_angle_deg"],
+        "GM/k² (k: radius of gyration)": swing["GM_over_radius_of_gyration_squared_per_m"], "GM": swing["GM_m"],
     }  # fmt: skip
     fixed = f", {sym.inertia} fixed at 1" * fit.of_ratios
     texts = [", ".join(_valued(name, e).removesuffix(" 1") for name, e in part.items() if e) for part in (first, more)]
@@ -506,6 +505,16 @@ def _disagreement(tests: Consistency, dof: Dof) -> Iterator[str]:
     if tests.noisier:
         differs.append(f"{100 * (tests.noise_ratio - 1):.0f} % more noise is left")
     yield f"After the first {dof.words.step} {' and '.join(differs)}. {LOOK_FOR_EFFECT}"
+
+
+def known_sentences(priors: Priors, units: Mapping[str, str], names: Iterable[str]) -> Iterator[str]:
+    """Say what was known, in the `units` of the fit by qualified name, and what a model of these `names` lacks."""
+    short = {name: name.partition(".")[2] or name for name in priors}
+    if priors:
+        values = (f"{short[name]} = {prior} {units.get(name, '')}".strip() for name, prior in priors.items())
+        yield f"Known beforehand: {', '.join(values)}."
+    if lacking := [short[name] for name in sorted({*priors} - {*names})]:
+        yield f"The preferred model has no {' and no '.join(lacking)}; it was not used there."
 
 
 def _valued(name: str, estimate: Estimate) -> str:
@@ -598,7 +607,7 @@ def _(fit: PlanarFit) -> Sections:
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]
     files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
     files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
-    noise = fit.best.fit.noise_of.get(YAW.position, 0.0)
+    noise = fit.best.mixed.noise_of.get(YAW.position, 0.0)
     drawings = {"planar_runs": Drawing("runs.driven_runs_figure", fit.runs, fit.use, noise)}
     listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
     return Sections([*first, tables[0]], files, drawings, listed, rows, details=[*tables[1:], *details])
@@ -607,9 +616,10 @@ def _(fit: PlanarFit) -> Sections:
 def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Structure: {fit.structure}. {fit.because}"
     yield f"Commands act {interval(fit.best.delay)} s after the middle of the sample interval in which they changed."
-    yield from fit.prior.sentences({p.name: p.unit for p in fit.model.parameters()}, fit.model.parameter_names)
+    units = {p.name: p.unit for p in fit.model.parameters()}
+    yield from known_sentences(fit.priors, units, units)
     yield from (f"Assumed: {assumption}." for assumption in fit.observed.assumptions(fit.model))
-    noises = fit.best.fit.noise_of
+    noises = fit.best.mixed.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors used (noise in rad, m and seconds): {', '.join(channels)}."
 
@@ -648,9 +658,9 @@ def parameter_table(fit: PlanarFit) -> Table:
 
 
 def structure_table(fit: PlanarFit) -> Table:
-    best = fit.tried[0].criterion
+    best = criterion(fit.tried[0])
     return Table.of("Structures", [
         {"structure": structure_of(t.model, fit.observed), "parameters": len(t.model.free),
-         "log likelihood": number(t.fit.log_likelihood, 7), "BIC less the best": t.criterion - best}
+         "log likelihood": number(t.mixed.log_likelihood, 7), "BIC less the best": criterion(t) - best}
         for t in fit.tried
     ])  # fmt: skip

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.models.store import Sensor
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, plain, to_mapping
 from automarine_cli.report.sections import Content, Drawing, Sections, document, file_stems, sections
 from automarine_cli.report.tables import MISSING, Table, number
@@ -271,3 +272,18 @@ def _truth_of(run: SimulatedRun, number: int, specification: Specification) -> d
 
 def _rounded(value: float) -> float:
     return round(value, TRUTH_DECIMALS) + 0.0
+
+
+def sensor_sentences(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
+    """Say which sensors count, and of each other why not; none where only positions are logged."""
+    if not sensors:
+        return []
+    words, used, lines = {dof.position: dof.words.position, dof.velocity: dof.words.rate}, [], []
+    for sensor in sensors:
+        name, noise = words.get(sensor.quantity, sensor.quantity), sensor.noise
+        if sensor.used:
+            bound = ", at its bound" * (noise is not None and noise.at_bound)
+            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{bound})")
+        if sensor.why:
+            lines.append(sensor.why if sensor.used else f"The {name} does not count. {sensor.why}")
+    return [f"Sensors used: {' and '.join(used)}.", *lines]

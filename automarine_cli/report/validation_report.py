@@ -2,8 +2,9 @@
 
 from automarine_cli.comparison.validation import Overall, Validation
 from automarine_cli.fits.driven import worth_of
-from automarine_cli.fits.innovations import measured_noises, sensors_of, sentences_of
+from automarine_cli.fits.innovations import measured_noises, sensors_of
 from automarine_cli.report.fit_report import forecast_cells
+from automarine_cli.report.log_tables import sensor_sentences
 from automarine_cli.report.sections import Content, Drawing, Sections, document, file_stems, forms_of, sections
 from automarine_cli.report.tables import MISSING, Table, number, with_band
 from automarine_cli.runs.run import command_warnings
@@ -27,7 +28,7 @@ def _(result: Validation) -> Sections:
         files |= forms_of("validation", table)
         return Sections([table], files, figures, LISTED_FILES, score_rows(result), answer=_answer(result, ""))
     tables = [*([ahead_table(result)] if says else []), overall_table(result), run_table(result)]
-    sensors = sentences_of(sensors_of(result.channels, measured_noises(runs, dof)), dof)
+    sensors = sensor_sentences(sensors_of(result.channels, measured_noises(runs, dof)), dof)
     of_runs = zip(names, free, result.floors)
     figures = {name: Drawing("runs.validation_figure", of_run, result.stored, floor) for name, of_run, floor in of_runs}
     files |= forms_of("validation", *tables)

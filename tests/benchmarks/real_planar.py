@@ -143,7 +143,7 @@ def rms(errors: Floats) -> Floats:
 def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     """What the library predicts at the horizons from its filtered states, (A, 3, H)."""
     likelihood = PlanarLikelihood(tuple(runs), fit.observed)
-    problem, estimate = likelihood.problem(fit.best.model), fit.best.fit
+    problem, estimate = likelihood.problem(fit.best.model), fit.best.mixed
     course = likelihood.course
     followed = problem.follow(estimate.phi[None], keep=True)
     channels = [next(each for each in course.channels if each.quantity == name) for name in UNITS]
@@ -166,7 +166,7 @@ def judged(item: tuple[RealSet, str]) -> Row:
     tried = search(likelihood)
     fit = PlanarFit(tried, *likelihood.choose(tried), tuple(fitted), channels)
     learned, states = states_of(fitted), states_of(held_out)
-    start = {name.partition(".")[2]: value for name, value in fit.best.values.items() if name in fit.best.model.free}
+    start = {name.partition(".")[2]: fit.best.model.values[name] for name in fit.best.model.free}
     squares = [fit_plain(learned, start, h) for h in HORIZONS]
     least = [rms(ahead(values, states) - states.reached)[:, i] for i, values in enumerate(squares)]
     still = np.repeat(states.state[:, :3, None], len(HORIZONS), axis=2)

@@ -19,7 +19,6 @@ from automarine_cli.fits import planar_fit
 from automarine_cli.fits.driven import ForecastScore, Judgement
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import (
-    Estimated,
     Observed,
     PlanarFit,
     PlanarLikelihood,
@@ -31,6 +30,7 @@ from automarine_cli.fits.planar_fit import (
     structure_of,
     widest,
 )
+from automarine_cli.fits.whole_runs import OutputErrorFit, result_of
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.model import COMMAND_DELAY, Model
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
@@ -88,7 +88,7 @@ def use_of(**errors: float) -> Judgement:
     return Judgement(worth, 2)
 
 
-def fit_to(runs: Sequence[Run], observed: Observed, *tried: Estimated) -> PlanarFit:
+def fit_to(runs: Sequence[Run], observed: Observed, *tried: OutputErrorFit) -> PlanarFit:
     return PlanarFit(tried, tried[0], use_of(heading=0.5), "", tuple(runs), observed)
 
 
@@ -104,10 +104,10 @@ def model_of(runs: Sequence[Run], *added: str) -> Model:
 class Scripted(PlanarLikelihood):
     """An estimator without physics: what is named in WORTH explains so much, anything else explains nothing."""
 
-    def estimate(self, model: Model, random: Mapping[str, float] | None = None, iterations: int = 60) -> Estimated:
-        return Estimated(model, fit_of(model, log_likelihood=self.worth(model.free)))
+    def estimate(self, model: Model, random: Mapping[str, float] | None = None, iterations: int = 60) -> OutputErrorFit:
+        return result_of("", model, fit_of(model, log_likelihood=self.worth(model.free)))
 
-    def promises(self, wide: Model, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[Promise]:
+    def promises(self, wide: Model, near: OutputErrorFit, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         return [Promise(self.worth(names), {}) for names in added]
 
     def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
@@ -129,7 +129,7 @@ def fit() -> PlanarFit:
     seen = observed(runs)
     model = model_of(runs, "sway.Y_r")
     model = model.with_theta([TRUTH.get(name, 0.0) for name in model.parameter_names])
-    return fit_to(runs, seen, Estimated(model, fit_of(model)))
+    return fit_to(runs, seen, result_of("", model, fit_of(model)))
 
 
 def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
@@ -139,7 +139,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     tried = search(Scripted(runs, seen))
     names = [structure_of(each.model, seen) for each in tried]
     assert names[0] == "surge drag linear, sway drag quadratic, yaw drag quadratic, Y_r"
-    criteria = [each.criterion for each in tried]
+    criteria = [planar_fit.criterion(each) for each in tried]
     assert criteria == sorted(criteria) and len({*names}) == len(tried)
     because = fit_to(runs, seen, *tried).because
     assert because.startswith(f"Of {len(tried)} structures this one has the best evidence")
@@ -209,11 +209,14 @@ def test_innovations_find_the_truth(channels: Sequence[str]) -> None:
     runs = tuple(made(seed, channels, 12.0) for seed in range(2))
     likelihood = PlanarLikelihood(runs, observed(runs))
     found = likelihood.estimate(model_of(runs, "sway.Y_r"))
-    for name, deviation in zip(found.model.free, np.sqrt(np.diagonal(found.covariance))):
-        value = found.values[name]
+    for name in found.model.free:
+        value, deviation = found.by_name[name].value, found.by_name[name].stderr
         assert abs(value - TRUTH[name]) < 3.0 * deviation < 0.3 * TRUTH[name], (name, value, deviation)
-    assert set(found.model.free) == set(TRUTH) and set(found.fit.of_chance) > {"surge.disturbance", "yaw.thrust-noise"}
-    for name, noise in found.fit.noise_of.items():
+    assert set(found.model.free) == set(TRUTH) and set(found.mixed.of_chance) > {
+        "surge.disturbance",
+        "yaw.thrust-noise",
+    }
+    for name, noise in found.mixed.noise_of.items():
         assert noise == pytest.approx(NOISE[name], rel=0.3), name
 
 
@@ -262,7 +265,7 @@ def test_a_promise_is_the_gain_of_the_fit() -> None:
     without = likelihood.estimate(model_of(runs))
     promises = likelihood.promised(without, likelihood.family)
     assert next(promise.gain for one, promise in promises if one.added == ("sway.Y_r",)) > 10
-    assert found.fit.log_likelihood - without.fit.log_likelihood > 10
+    assert found.mixed.log_likelihood - without.mixed.log_likelihood > 10
 
 
 # Which fit is preferred, and what its intervals hold
@@ -310,7 +313,7 @@ def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
     runs = tuple(smoothed_run(seed, 25.0, 0.1) for seed in range(2))
     likelihood = PlanarLikelihood(runs, observed(runs))
     likely = likelihood.estimate(model_of(runs))
-    assert 14.0 < likely.values["surge.m_u"] < 29.0 and 14.0 < likely.values["sway.m_v"] < 29.0
+    assert 14.0 < likely.model.values["surge.m_u"] < 29.0 and 14.0 < likely.model.values["sway.m_v"] < 29.0
 
 
 def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[str, str]:
@@ -319,7 +322,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[st
     seen = observed(runs)
     tried, missed = [], iter(errors)
     for model in (model_of(runs, "sway.Y_r"), model_of(runs)):
-        tried.append(Estimated(model, fit_of(model)))
+        tried.append(result_of("", model, fit_of(model)))
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
     best, _, because = PlanarLikelihood(runs, seen).choose(tried)
@@ -343,7 +346,7 @@ def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None
 def test_intervals_rest_on_runs_and_a_bound_has_none() -> None:
     runs = tuple(smoothed_run(seed, 5.0, 0.1) for seed in range(3))
     model = model_of(runs)
-    fit = fit_to(runs, Observed(SPEEDS), Estimated(model, fit_of(model)))
+    fit = fit_to(runs, Observed(SPEEDS), result_of("", model, fit_of(model)))
     mass = fit.estimates["sway.m_v"]
     spread = np.sqrt(2.0 / 3.0 * np.sum((0.1 * np.arange(3) - 0.1) ** 2))  # the jackknife of three runs
     assert mass.stderr == pytest.approx(mass.value * spread, rel=1e-6)

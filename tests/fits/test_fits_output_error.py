@@ -19,12 +19,12 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.innovations import channel_noises, channels_json
-from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.mixed_model import jackknife
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.steps import StepData, data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.logs.find import find_logs
+from automarine_cli.models.parameter import NOTHING_KNOWN, Priors
 from automarine_cli.report.fit_report import fit_warnings
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
@@ -40,7 +40,7 @@ def data_of(runs: Sequence[Run]) -> StepData:
     return data_of_steps(turns)
 
 
-def fitted(runs: Sequence[Run], number: str = "3", known: Known = NOTHING_KNOWN) -> OutputErrorFit:
+def fitted(runs: Sequence[Run], number: str = "3", known: Priors = NOTHING_KNOWN) -> OutputErrorFit:
     """One model alone, from start values that are off by a fifth."""
     return fitted_steps(data_of(runs), number, (1.2, 1.0, 1.0), known)
 

@@ -123,7 +123,7 @@ def test_a_quiet_course_is_a_pool() -> None:
         problem = driven_problem(model, course, quiet=True)
         found = fit_innovations(problem, starts_near(problem, [model.theta], {}), brief=True)
         whole = whole_run_problem(model, model.parameters(log_drag=True, signed_drag=True), batch, rest)
-        still = whole.effects.with_scale(disturbance=0.0, switches=0.0)
+        still = whole.effects.without("disturbance", "switch-instants")
         whole = replace(whole, effects=still)
         factors = np.array([0.03 if name == "gain" else 0.5 for name in still.factor_names])
         mixed = fit_mixed(whole, np.append(model.theta, 0.0), noise=0.02, factors=factors)

@@ -21,19 +21,19 @@ from automarine_cli.errors import RunError, SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import fit_driven
 from automarine_cli.fits.identify import identify_turns
-from automarine_cli.fits.known import Known, names_in
+from automarine_cli.fits.known import names_in, parse_known, qualified
 from automarine_cli.fits.planar_fit import OWN, PlanarLikelihood, observed, rough_sizes
 from automarine_cli.fits.steps import data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_whole_runs, rough_model
 from automarine_cli.models.model import COMMAND_DELAY
-from automarine_cli.models.parameter import Prior
+from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 
 
-def inertia_known(value: float, stderr: float | None = None) -> Known:
-    return Known(parameters={"yaw.I_r": Prior(value, stderr)})
+def inertia_known(value: float, stderr: float | None = None) -> Priors:
+    return {"yaw.I_r": Prior(value, stderr)}
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def inertia_known(value: float, stderr: float | None = None) -> Known:
     ],
 )
 def test_it_is_read_as_people_write_it(given: object, expected: dict[str, Prior]) -> None:
-    assert Known.of(given).parameters == expected
+    assert parse_known(given) == expected
     assert set(names_in(SURGE)) == {"m_u", "X_u", "X_uu", COMMAND_DELAY}
 
 
@@ -59,25 +59,25 @@ def test_it_is_read_as_people_write_it(given: object, expected: dict[str, Prior]
         ({"I_r": [1, 2, 3]}, "expected a finite number, or one and its standard error"),
         ({"I_r": "heavy"}, "I_r is 'heavy'; expected a finite number"),
         ("I_r=-3", "I_r is -3; expected a number above 0"),
-        ("I_z=3", "'I_z' is no parameter of this fit; it has I_r, k_r, k_rr, command_delay_s; did you mean I_r?"),
+        ("I_z=3", "'I_z' is no parameter of this fit; it has I_r, k_rr, k_r, command_delay_s; did you mean I_r?"),
     ],
 )
 def test_what_makes_no_sense_is_one_sentence(given: object, sentence: str) -> None:
     with pytest.raises(SettingError) as refused:
-        Known.of(given).named(names_in(YAW))
+        qualified(parse_known(given), names_in(YAW))
     assert sentence in str(refused.value)
 
 
-def fitted(runs: list[Run], kind: str, known: Known) -> OutputErrorFit:
+def fitted(runs: list[Run], kind: str, known: Priors) -> OutputErrorFit:
     """Model 3 by one of the estimators."""
     rest = np.ones(len(runs), dtype=bool)
     if kind == "half-turns":
         turns, _ = half_turns(runs)
         return fitted_steps(data_of_steps(turns), "3", (1.2, 1.0, 1.0), known)
     if kind == "whole-runs":
-        return fit_whole_runs(make_batch(runs, 0.1), "3", rest, prior=known)
+        return fit_whole_runs(make_batch(runs, 0.1), "3", rest, priors=known)
     course = make_course(runs, rest)
-    return fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3", priors=known.parameters)
+    return fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3", priors=known)
 
 
 @pytest.mark.parametrize(("kind", "within"), [("half-turns", 0.03), ("whole-runs", 0.06), ("driven", 0.06)])
@@ -88,7 +88,7 @@ def test_a_known_inertia_sets_the_scale_of_the_drag(kind: str, within: float) ->
     if kind == "driven":
         runs, inertia, drag = steered(3, 2, Sea(size=0.05), length=20.0), 1.0, Sea.k_rr
     runs = [replace(run, moment=1.15 * run.command) for run in runs]
-    free, held = (fitted(runs, kind, prior).estimates for prior in (Known(), inertia_known(inertia)))
+    free, held = (fitted(runs, kind, prior).estimates for prior in (NOTHING_KNOWN, inertia_known(inertia)))
     if kind == "driven":
         assert free["k_rr"].value > 1.07 * drag
     else:
@@ -102,7 +102,7 @@ def test_a_known_inertia_sets_the_scale_of_the_drag(kind: str, within: float) ->
 def test_a_prior_moves_the_estimate_by_the_textbook_amount(kind: str) -> None:
     """Means weigh by their precisions, and precisions add; of a positive parameter on the logarithm."""
     runs = steered(3, 4, length=20.0) if kind == "driven" else campaign(seed=1, gain_scatter=0.03)
-    free = fitted(runs, kind, Known())
+    free = fitted(runs, kind, NOTHING_KNOWN)
     there, error = np.log(free.estimates["I_r"].value), float(np.sqrt(free.mixed.covariance[0, 0]))
     beside = float(np.exp(there + error))
     held = fitted(runs, kind, inertia_known(beside, beside * error))
@@ -115,7 +115,7 @@ def test_the_interval_holds_the_error_of_what_was_known() -> None:
     """Runs that say next to nothing beside the prior: the standard error is the prior's, whatever leaving runs out
     shows."""
     runs = campaign(seed=5, gain_scatter=0.05)
-    value = fitted(runs, "half-turns", Known()).estimates["I_r"].value
+    value = fitted(runs, "half-turns", NOTHING_KNOWN).estimates["I_r"].value
     found = fitted(runs, "half-turns", inertia_known(value, 1e-3 * value)).estimates["I_r"]
     assert found.stderr == pytest.approx(1e-3 * value, rel=0.1)
 
@@ -124,14 +124,14 @@ def test_the_plane_takes_what_is_known() -> None:
     runs = tuple(planar_campaign(BARE, 1, 1, 8.0, ("heading", "surge", "sway")))
     seen = observed(runs)
     names = seen.names()
-    known = Known.of("I_r=2.0,m_u=20±0.001").named(names, sorted({*names.values()} - {*OWN}))
+    known = qualified(parse_known("I_r=2.0,m_u=20±0.001"), names, sorted({*names.values()} - {*OWN}))
     model = seen.simplest(rough_sizes(runs))
-    found = PlanarLikelihood(runs, seen, known.parameters).estimate(model)
-    assert found.values["yaw.I_r"] == 2.0
-    assert found.values["surge.m_u"] == pytest.approx(20.0, abs=0.005)
-    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.001, rel=0.1)
+    found = PlanarLikelihood(runs, seen, known).estimate(model)
+    assert found.model.values["yaw.I_r"] == 2.0
+    assert found.model.values["surge.m_u"] == pytest.approx(20.0, abs=0.005)
+    assert found.by_name["surge.m_u"].stderr == pytest.approx(0.001, rel=0.1)
     with pytest.raises(SettingError, match="'X_uuu' is no parameter of this fit"):
-        Known.of("X_uuu=3").named(names)
+        qualified(parse_known("X_uuu=3"), names)
 
 
 def test_the_command_tells_it_everywhere(tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_coast_downs_show_drag_over_inertia(side: float) -> None:
     turns, aside = half_turns(runs)
     with pytest.raises(RunError, match=r"they slow down by themselves, .* --known I_r=1 makes each drag its ratio"):
         identify_turns(YAW, turns, aside, lambda: runs)
-    fit = identify_turns(YAW, turns, aside, lambda: runs, prior=inertia_known(1.0)).preferred
+    fit = identify_turns(YAW, turns, aside, lambda: runs, priors=inertia_known(1.0)).preferred
     assert fit.number == "2"
     for name, value in truth.items():
         estimate = fit.estimates[name]

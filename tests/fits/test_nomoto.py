@@ -14,7 +14,7 @@ from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.fits.nomoto import executes, overshoots
+from automarine_cli.fits.characteristics import executes, overshoots
 from automarine_cli.fits.planar_fit import PlanarLikelihood, observed
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.parameter import Prior
@@ -137,7 +137,7 @@ def test_fit_planar_finds_the_rudder() -> None:
         noisy.append(replace(run, position=heading, extras={**run.extras, "surge": u, "sway": v}))
     mass = Prior(30.0, 0.3)  # that of sway gives the scale of a vehicle without a force abeam
     likelihood = PlanarLikelihood(tuple(noisy), observed(noisy), {"sway.m_v": mass}, ("rudder", "rudder-drag"))
-    found = likelihood.estimate(likelihood.simplest).estimates
+    found = likelihood.estimate(likelihood.simplest).by_name
     for name, value in (
         ("yaw.rudder.N_delta", 3.0),
         ("sway.rudder.Y_delta", -8.0),

@@ -1,10 +1,17 @@
-"""How a vehicle answers its rudder: Nomoto's gain and time constant, Norrbin's cubic, overshoot angles of zigzags.
+"""What follows from a fit: the ballast of a vehicle that rises or sinks, the swing of one that weight and buoyancy turn
+back, the answer of one to its rudder.
+
+A swing I p' = -k p - k2 |p| p - G sin(phi) + b has the natural frequency omega_n = sqrt(G/I), the damping ratio
+zeta = k/(2 sqrt(G I)), and over a swing of amplitude A the linear damping that takes as much energy,
+zeta + 4 A k2/(3 pi I). G is m g GM, GM the metacentric height. Sources: Fossen (2021), Handbook of Marine Craft
+Hydrodynamics and Motion Control, chapter 4; ITTC Recommended Procedure 7.5-02-07-04.5 (roll damping).
 
 Nomoto et al. (1957), International Shipbuilding Progress 4:354: T r' + r = K delta. Norrbin (1963), Swedish State
 Shipbuilding Experimental Tank 55: T r' + n1 r + n3 r³ = K delta, where n1 is -1 of a hull that is unstable on its
 course. In the prime system, with the length L and the speed U, K' = K L/U and T' = T U/L (SNAME 1950).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +26,100 @@ from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
 DIFFERENCE = 1e-4  # by which a parameter is moved, as a share of itself
+
+
+def derived(fit: OutputErrorFit, of: Callable[[Model], float], unit: str, log: bool = True) -> Estimate:
+    """Estimate what a model's parameters give, by its slopes (delta method); if `log`, on the logarithm of its size."""
+    mixed, count = fit.mixed, len(fit.model.theta)
+    value, slope = of(fit.model), np.zeros(len(mixed.phi))
+    for i in np.flatnonzero(np.diagonal(fit.covariance)[:count] > 0):
+        step = DIFFERENCE * (1.0 if mixed.parameters.log[i] else max(abs(mixed.phi[i]), 1e-6))
+        moved = mixed.phi + np.outer([step, -step], np.arange(len(mixed.phi)) == i)
+        ahead, behind = (of(fit.model.with_theta(theta[:count])) for theta in mixed.parameters.natural(moved))
+        slope[i] = (ahead - behind) / (2.0 * step)
+    error = float(np.sqrt(max(float(slope @ fit.covariance @ slope), 0.0)))
+    if not log:
+        return Estimate.from_stderr(value, error, run_dof(mixed, slope), unit)
+    size = max(abs(value), 1e-12)
+    return Estimate.from_log(size, error / size, run_dof(mixed, slope), unit).scaled(math.copysign(1.0, value), unit)
+
+
+GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
+AMPLITUDE_DEG = 10.0  # at which linear and quadratic damping are summed up
+AT_AMPLITUDE = f"damping_ratio_at_{AMPLITUDE_DEG:g}_deg"
+MAX_DAMPING = 0.99  # damping ratio from which on nothing swings
+
+
+@dataclass(frozen=True)
+class Buoyancy:
+    """The constant force of a model, positive down, told as what a diver would do about it."""
+
+    force: Estimate
+
+    @property
+    def ballast(self) -> Estimate | None:
+        """Mass [kg], weighed in water, that balances the vehicle; None for a normalised force."""
+        return self.force.scaled(-1.0 / GRAVITY, "kg") if self.force.unit == "N" else None
+
+    @property
+    def says(self) -> str:
+        low, high = self.force.ci95
+        if low < 0 < high:
+            return f"Buoyancy: not significant; the force is {low:.2g} to {high:.2g} {self.force.unit} down."
+
+        def size(of: Estimate) -> str:
+            low, high = sorted(map(abs, of.ci95))
+            return f"{abs(of.value):.3g} {of.unit} [{low:.3g}, {high:.3g}]"
+
+        way, action = ("up", "add") if self.force.value < 0 else ("down", "take off")
+        text = f"Buoyancy: a constant force of {size(self.force)} {way}"
+        if self.ballast is None:
+            return f"{text}, in the unit of the command."
+        return f"{text}: to balance it {action} {size(self.ballast)} of ballast, weighed in water."
+
+    def to_json(self) -> dict[str, object]:
+        ballast = self.ballast and self.ballast.to_json()
+        return {"constant_force": self.force.to_json(), "ballast_in_water": ballast, "says": self.says}
+
+
+Swing = dict[str, Estimate | None]
+
+
+def swing_of(fit: OutputErrorFit, mass: float | None) -> Swing:
+    """Return how the vehicle swings, by the keys of files; `mass` [kg] if it is known and the fit is in newton metres.
+
+    The damping ratio is that of linear drag, quadratic damping is drag over inertia, each None of a model without; the
+    damped period is None where it does not swing. The angle of rest is the list or trim; the radius of gyration is that
+    with added inertia; the metacentric height GM is None without the mass.
+    """
+
+    def damping(model: Model) -> float:
+        return model.drag()[0] / (2.0 * math.sqrt(model.inertia * model.restoring))
+
+    def period(model: Model) -> float:
+        return 2.0 * math.pi * math.sqrt(model.inertia / model.restoring)
+
+    def damping_at_amplitude(model: Model) -> float:
+        amplitude = math.radians(AMPLITUDE_DEG)
+        return damping(model) + 4.0 * amplitude * model.drag()[1] / (3.0 * math.pi * model.inertia)
+
+    def rest_angle(model: Model) -> float:
+        return math.degrees(math.asin(min(max(model.coefficient("constant") / model.restoring, -1.0), 1.0)))
+
+    return {
+        "natural_period_s": derived(fit, period, "s"),
+        "damped_period_s": derived(fit, lambda m: period(m) / math.sqrt(1.0 - damping(m) ** 2), "s")
+        if abs(damping(fit.model)) < MAX_DAMPING else None,
+        "damping_ratio": derived(fit, damping, "1", log=False) if "linear" in fit.roles else None,
+        "quadratic_damping_per_rad": derived(fit, lambda m: m.drag()[1] / m.inertia, "1/rad")
+        if "quadratic" in fit.roles else None,
+        AT_AMPLITUDE: derived(fit, damping_at_amplitude, "1", log=False),
+        "rest_angle_deg": derived(fit, rest_angle, "deg", log=False),
+        "GM_over_radius_of_gyration_squared_per_m": derived(fit, lambda m: m.restoring / m.inertia / GRAVITY, "1/m"),
+        "GM_m": None if mass is None else derived(fit, lambda m: m.restoring / (mass * GRAVITY), "m"),
+    }  # fmt: skip
+
+
 HELD_SHARE = 0.9  # of the largest rudder angle, from which on it counts as put over
 RATE_WINDOW_S = 1.0  # over which a rate is told from headings
 STEP_S = 0.1  # of the simulation of overshoots
@@ -51,7 +152,7 @@ class Nomoto:
         if not self.length or not self.speed:
             return {}
         ratio = self.length / self.speed
-        return {"K'": scaled(self.gain, ratio, "1"), "T'": scaled(self.time, 1.0 / ratio, "1")}
+        return {"K'": self.gain.scaled(ratio, "1"), "T'": self.time.scaled(1.0 / ratio, "1")}
 
     def to_json(self) -> dict[str, object]:
         degrees = np.rad2deg(np.array(self.overshoots).reshape(-1, 2))
@@ -72,12 +173,6 @@ class Nomoto:
         }
 
 
-def scaled(of: Estimate, factor: float, unit: str) -> Estimate:
-    """Return an estimate in another unit, or with the other sign."""
-    low, high = sorted(factor * end for end in of.ci95)
-    return Estimate(factor * of.value, abs(factor) * of.stderr, (low, high), unit, of.known, of.at_bound)
-
-
 def answer_to_rudder(
     runs: Sequence[Run], first: OutputErrorFit, cubic: OutputErrorFit | None, best: Model, fastest: float,
     length: float | None = None,
@@ -93,42 +188,25 @@ def answer_to_rudder(
         coupled = sum(term.values[0] for term in model.terms if term.name == "cross-coupling")
         return model.drag()[0] - coupled * (speed or 0.0)
 
-    gain = derived(first, lambda model: 1.0 / damping(model), "1/s")
+    gain = derived(first, lambda model: side / damping(model), "1/s")
     time = derived(first, lambda model: model.inertia / damping(model), "s")
     third, n1 = dict[str, Estimate](), 1
     if cubic is not None:
         n1 = 1 if damping(cubic.model) >= 0 else -1
         third = {
-            "K": scaled(derived(cubic, lambda model: 1.0 / abs(damping(model)), "1/s"), side, "1/s"),
+            "K": derived(cubic, lambda model: side / abs(damping(model)), "1/s"),
             "T": derived(cubic, lambda model: model.inertia / abs(damping(model)), "s"),
-            "n3": derived(cubic, lambda model: _cubic(model) / abs(damping(model)), "s²", positive=False),
+            "n3": derived(cubic, lambda model: _cubic(model) / abs(damping(model)), "s²", log=False),
         }
     full = max(float(np.abs(run.command).max()) for run in runs)
     turning = float(steady_rate(full, damping(best), best.drag()[1]))
     pairs = tuple(pair for run in runs for pair in overshoots(best, run))
-    effect = scaled(derived(first, lambda model: 1.0 / model.inertia, "1/s²"), side, "1/s²")
-    gain = scaled(gain, side, "1/s")
+    effect = derived(first, lambda model: side / model.inertia, "1/s²")
     return Nomoto(side, speed, gain, time, third, n1, effect, full, turning, fastest, pairs, length)
 
 
 def _cubic(model: Model) -> float:
     return next(term.values[0] for term in model.terms if term.name == "cubic-drag")
-
-
-def derived(fit: OutputErrorFit, of: Callable[[Model], float], unit: str, positive: bool = True) -> Estimate:
-    """Estimate what a model's parameters give, by its slopes; of what is never zero on the logarithm of its size."""
-    mixed, count = fit.mixed, len(fit.model.theta)
-    value, slope = of(fit.model), np.zeros(len(mixed.phi))
-    for i in np.flatnonzero(np.diagonal(fit.covariance)[:count] > 0):
-        step = DIFFERENCE * (1.0 if mixed.parameters.log[i] else max(abs(mixed.phi[i]), 1e-6))
-        moved = mixed.phi + np.outer([step, -step], np.arange(len(mixed.phi)) == i)
-        ahead, behind = (of(fit.model.with_theta(theta[:count])) for theta in mixed.parameters.natural(moved))
-        slope[i] = (ahead - behind) / (2.0 * step)
-    error = float(np.sqrt(max(float(slope @ fit.covariance @ slope), 0.0)))
-    if not positive:
-        return Estimate.from_stderr(value, error, run_dof(mixed, slope), unit)
-    estimate = Estimate.from_log(abs(value), error / abs(value), run_dof(mixed, slope), unit)
-    return scaled(estimate, 1.0 if value > 0 else -1.0, unit)
 
 
 def executes(run: Run) -> list[tuple[int, int]]:
