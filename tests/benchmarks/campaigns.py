@@ -5,15 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from made_runs import INERTIA, K_RR
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.steps import StepData, step_data
 from automarine_cli.models.model import response
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 NOISE = np.deg2rad(1.0)
 PERIOD = 0.1  # s

@@ -21,10 +21,9 @@ from automarine_cli.fits.paper import fit_velocity_error
 from automarine_cli.fits.steps import StepData, data_of_steps, step_problem
 from automarine_cli.models.parameter import Parameters
 from automarine_cli.pipeline.parallel import Progress, ordered_map
+from automarine_cli.quantities import Floats
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
-
-Floats = NDArray[np.float64]
 
 TRUTH = (INERTIA, K_RR)
 REQUIRED = 0.9

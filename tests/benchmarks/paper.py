@@ -12,7 +12,6 @@ from pathlib import Path
 
 import arguments
 import numpy as np
-from numpy.typing import NDArray
 from repository import SAMPLE_RUNS
 from specified import make_runs, read_specification
 
@@ -22,11 +21,11 @@ from automarine_cli.fits.paper import fit_drag, fit_velocity_error
 from automarine_cli.fits.steps import data_of_steps
 from automarine_cli.models.model import inertia_from_velocity_error
 from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.quantities import Floats
 from automarine_cli.report.tables import Table, number
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.simulation.specification import EffectSetting, Specification
 
-Floats = NDArray[np.float64]
 Values = dict[str, Floats]
 
 CONSTANT = 0.0275

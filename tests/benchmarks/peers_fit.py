@@ -17,11 +17,10 @@ import peer_automarine
 from campaigns import NOISE, PERIOD, REST
 from efficiency import location_information, log_cosh
 from made_runs import INERTIA, K_RR
-from numpy.typing import NDArray
 
 from automarine_cli.models.model import response
+from automarine_cli.quantities import Floats
 
-Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 TRUTH = {"I_r": INERTIA, "k_rr": K_RR}

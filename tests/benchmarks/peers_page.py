@@ -1,6 +1,5 @@
 """What the page *Why not ...?* and the README show of tests/benchmarks/peers.json: tables, one list, two figures."""
 
-import io
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image
+from pictures import small_png
 from repository import ROOT
 
 Row = dict[str, Any]
@@ -324,11 +323,3 @@ def others_figure(found: Row) -> Figure:
     for ax in (left, right):
         ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.17), ncols=3, frameon=False, fontsize=9)
     return figure
-
-
-def small_png(figure: Figure) -> bytes:
-    """The figure as PNG of few colours."""
-    drawn, small = io.BytesIO(), io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=120, metadata={"Software": None})
-    Image.open(drawn).convert("RGB").quantize(128).save(small, format="png", optimize=True)
-    return small.getvalue()

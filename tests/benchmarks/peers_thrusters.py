@@ -12,9 +12,9 @@ from repository import DATA
 from scipy.interpolate import PchipInterpolator
 
 from automarine_cli.commands import automarine
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.map import ThrusterMap
 
-Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 TABLES = {

@@ -17,9 +17,8 @@ from numpy.polynomial.polynomial import polyfit
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 HORIZONS = (2.0, 5.0, 15.0)  # s
 EVERY = 1.0  # s between anchors

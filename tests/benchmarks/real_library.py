@@ -18,9 +18,8 @@ from automarine_cli.fits.driven import driven_problem
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit
 from automarine_cli.models.model import Model
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,11 @@ from scipy.optimize import least_squares
 
 from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, observed, search
 from automarine_cli.logs import ColumnMap
+from automarine_cli.quantities import Floats
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import load_planar
 
-Floats = NDArray[np.float64]
 UNITS = {"heading": "deg", "surge": "m/s", "sway": "m/s"}
 SETS = ("cybership_enterprise", "heavy_rov_sea")
 INERTIAS = {"m_u": 0, "m_v": 1, "I_r": 2}

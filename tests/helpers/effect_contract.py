@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 from made_runs import INERTIA, K_RR
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import YAW
@@ -16,13 +15,12 @@ from automarine_cli.effects import Effect
 from automarine_cli.effects.base import MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.models.model import Model
-from automarine_cli.quantities import SIGNALS
+from automarine_cli.quantities import SIGNALS, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 from automarine_cli.thrusters.map import parts_of
 
-Floats = NDArray[np.float64]
 Plan = Sequence[tuple[float, float]]
 
 PERIOD, WAIT, REST = 0.1, 60.0, 1.5  # s

@@ -6,14 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from made_runs import INERTIA, K_RR
 from made_sequences import solved
-from numpy.typing import NDArray
 from scipy import optimize
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import response
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
-Floats = NDArray[np.float64]
 FINE = 0.005  # s, of the integrator
 
 

@@ -8,7 +8,6 @@ import made_runs
 import numpy as np
 from effect_contract import long_plans, unmeasured
 from made_runs import INERTIA, K_RR
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.residual_regions import gap
@@ -18,11 +17,11 @@ from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.learned import KNOTS, basis
 from automarine_cli.models.model import Bound, Model
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-Floats = NDArray[np.float64]
 Law = Callable[[State], Floats]
 
 NOISE_DEG, GAIN = 0.5, 0.02

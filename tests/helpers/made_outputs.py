@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from vehicle_logs import Dive, dive
 
 from automarine_cli.logs.mixing import FRAME_MIXING
+from automarine_cli.quantities import Floats
 
-Floats = NDArray[np.float64]
 WISHED = ("tau", "X", "Y", "Z")
 DIRECTIONS = (-1, -1, 1, 1, -1, 1, 1, -1)  # of a BlueROV2 Heavy as it is delivered
 

@@ -7,16 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import DRAG_OF_ROLE
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

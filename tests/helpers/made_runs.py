@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import response
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
-Floats = NDArray[np.float64]
 INERTIA, K_RR = 1.018, 1.257  # the source paper's Tables 1 and 2
 
 

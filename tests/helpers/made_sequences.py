@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from made_runs import INERTIA, K_RR, solved
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
-Floats = NDArray[np.float64]
 STEPS = (0.5, -0.8, 0.0, 0.3, -0.3, 1.0)
 
 

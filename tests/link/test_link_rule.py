@@ -79,14 +79,6 @@ def test_a_campaign_whose_document_was_deleted_is_not_new_when_it_is_sent_again(
 # no durable mark
 
 
-def finish(store: Store) -> None:
-    driven(store)
-
-
-def stop(store: Store) -> None:
-    store.stop()
-
-
 def interrupt(store: Store) -> None:
     """The power is cut in the first run, after its first line."""
     name = CAMPAIGN.log_name(CAMPAIGN.runs[0])
@@ -95,7 +87,7 @@ def interrupt(store: Store) -> None:
     os.close(number)
 
 
-@pytest.mark.parametrize(("act", "left", "end"), [(finish, 0, "www"), (stop, 0, "000"), (interrupt, 2, "dww")])
+@pytest.mark.parametrize(("act", "left", "end"), [(driven, 0, "www"), (Store.stop, 0, "000"), (interrupt, 2, "dww")])
 def test_runs_that_ended_are_not_driven_again_without_their_logs(act: Act, left: int, end: str, tmp_path: Path) -> None:
     store = handed_over(tmp_path, CAMPAIGN)
     act(store)
@@ -128,7 +120,7 @@ def test_what_goes_on_without_being_sent_is_told(tmp_path: Path) -> None:
     with LinkServer(("127.0.0.1", 0), Store(tmp_path), Simulated(MODEL), TOKEN) as server:
         (says,) = server.state().troubles
     assert says.endswith("was not over when serve started: it goes on with the last 2 of its 3 runs")
-    finish(store)
+    driven(store)
     assert Store(tmp_path).resumed() == ()
 
 

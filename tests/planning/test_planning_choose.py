@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
@@ -21,8 +20,7 @@ from automarine_cli.planning.campaign import (
 from automarine_cli.planning.candidates import Limits, Logger, Moments, Pool, Runs, Supply
 from automarine_cli.planning.information import Ambiguity, Intervals, PriorResults
 from automarine_cli.planning.rivals import Discrimination, ModelPair
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 MODEL = Model.base("3", 1.018, [1.257], "nu", YAW)
 LIMITS = Limits(

@@ -1,4 +1,5 @@
-"""What runs would tell: against a dense covariance by closed form, an actual fit, mirrored runs, and one run more."""
+"""What runs would tell: against a dense covariance by closed form, an actual fit, mirrored runs, and one run more. How
+far they split explanations: known misfits, symmetry, and what steps cannot tell but other runs can."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,7 +9,6 @@ import numpy as np
 import pytest
 from identified import identify
 from made_sequences import model_file
-from numpy.typing import NDArray
 from specified import make_runs
 
 from automarine_cli.dofs import YAW
@@ -16,13 +16,66 @@ from automarine_cli.models.model import Model, response
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Candidate, Limits, candidates, mirrors
 from automarine_cli.planning.information import ANGLE, Fitting, read_prior_results, reported_covariance
+from automarine_cli.planning.rivals import closest, fitted, splits, with_effect
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.specification import Logger, Scatter, Schedule, SequenceRuns, Specification, Vehicle
 
-Floats = NDArray[np.float64]
+BASE = Model.base("3", 1.018, [1.257], "nu", YAW)
+FITTING = Fitting(BASE, "diagnosis", np.deg2rad(1.0), 0.03, frame=BASE)
+STEPS = tuple(
+    Candidate("step", f"{side * size:+g}", ((side * size, round(4.6 / np.sqrt(size), 1)),))
+    for size in (0.1, 0.3, 0.6, 0.9, 1.2) for side in (1, -1)
+)  # fmt: skip
+COASTS = tuple(Candidate("coast-down", f"c{side}", ((side * 1.2, 3.0), (0.0, 15.0))) for side in (1, -1))
+RAMPS = tuple(
+    Candidate("slow-ramp", f"r{side}", tuple((side * round(0.12 * (i / 10 - 0.95), 4), 2.0) for i in range(20)))
+    for side in (1, -1)
+)  # fmt: skip
+
+
+def explanation(name: str, values: tuple[float, ...]) -> Fitting:
+    return replace(FITTING, model=BASE.with_effect(name, values), explained_by=name)
+
+
+def rival_of(true: Fitting, name: str) -> Fitting:
+    return replace(closest(true, with_effect(FITTING, BASE, name, 1.2), STEPS)[0], explained_by=name)
+
+
+def test_what_is_true_fits_itself() -> None:
+    true = explanation("dead-band", (0.03,))
+    started = replace(true, model=BASE.with_theta([1.1, 1.2]).with_effect("dead-band", (0.05,)))
+    end, misfit = fitted(true, started, STEPS)
+    assert misfit < 1e-3 and end.model.theta[:3] == pytest.approx(true.model.theta[:3], rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "rival", "more"),
+    [
+        ("dead-band", (0.03,), "coulomb-drag", COASTS + RAMPS),
+        pytest.param("thruster-lag", (0.15,), "sensor-lag", COASTS * 2, marks=pytest.mark.slow),
+        pytest.param("water-swirl", (0.03, 10.0), "tether-spring", RAMPS, marks=pytest.mark.slow),
+    ],
+)
+def test_steps_leave_a_tie(name: str, values: tuple[float, ...], rival: str, more: tuple[Candidate, ...]) -> None:
+    true = explanation(name, values)
+    pair = (true, rival_of(true, rival))
+    few, many = (splits([pair], runs)[0][0] for runs in (STEPS, STEPS + more))
+    assert few.evidence < 10.0
+    assert many.evidence > few.evidence + 8.0
+
+
+def test_mirrored_runs_split_as_well() -> None:
+    pair = (explanation("dead-band", (0.03,)), explanation("coulomb-drag", (0.03,)))
+    here, there = (splits([pair], runs)[0][0].evidence for runs in (STEPS[::2], STEPS[1::2]))
+    assert there == pytest.approx(here, rel=1e-3)
+
+
+# What runs would tell: against a dense covariance by closed form, an actual fit, mirrored runs, and one run more.
+
 
 INERTIA, DRAG, NOISE, SCATTER = 1.018, 1.257, np.deg2rad(1.0), 0.03
-MODEL = Model.base("3", INERTIA, [DRAG], "nu", YAW)
-FITTING = Fitting(MODEL, "whole-runs", NOISE, SCATTER)
+
+FITTED_WHOLE = Fitting(BASE, "whole-runs", NOISE, SCATTER)
 STEP = Candidate("step", "step", ((0.8, 4.0),))
 
 
@@ -40,7 +93,7 @@ def test_a_step_tells_what_its_covariance_written_out_in_full_says() -> None:
     jacobian = np.stack(columns[:3], axis=1)
     dense = jacobian.T @ np.linalg.solve(NOISE**2 * np.eye(len(time)) + random @ random.T, jacobian)
     scale = np.sqrt(np.outer(np.diagonal(dense), np.diagonal(dense)))
-    assert FITTING.information([STEP])[0] / scale == pytest.approx(dense / scale, abs=2e-3)
+    assert FITTED_WHOLE.information([STEP])[0] / scale == pytest.approx(dense / scale, abs=2e-3)
 
 
 def test_the_jackknife_reports_the_error_of_a_mean_and_leaves_each_run_out() -> None:
@@ -53,8 +106,8 @@ def test_the_jackknife_reports_the_error_of_a_mean_and_leaves_each_run_out() -> 
 
 
 def test_mirrored_runs_tell_the_same() -> None:
-    every = candidates(MODEL, Limits(), 1.2)
-    information = FITTING.information(every)
+    every = candidates(BASE, Limits(), 1.2)
+    information = FITTED_WHOLE.information(every)
     limit = 1e-6 * float(np.abs(information).max())
     assert information[mirrors(every)] == pytest.approx(information, rel=1e-4, abs=limit)
     assert [every[i].label for i in mirrors(every)] != [run.label for run in every]
@@ -66,7 +119,7 @@ def test_predicted_intervals_are_those_that_a_fit_reports() -> None:
     within a tenth."""
     steps = [side * size for size in (0.3, 0.6, 1.2) for side in (1, -1) for _ in range(2)]
     runs = [Candidate("step", f"{i}", ((moment, 5.0 / np.sqrt(abs(moment))),)) for i, moment in enumerate(steps)]
-    predicted = FITTING.predicted(FITTING.information(runs))
+    predicted = FITTED_WHOLE.predicted(FITTED_WHOLE.information(runs))
     squares = np.mean([reported(runs, seed) for seed in range(6)], axis=0)
     wanted = [predicted[name].stderr / predicted[name].value for name in ("I_r", "k_rr", ANGLE)]
     assert np.asarray(wanted[1:2]) / np.sqrt(squares[1:2]) == pytest.approx(1.0, abs=0.25)
@@ -86,14 +139,16 @@ def reported(runs: Sequence[Candidate], seed: int) -> list[float]:
     return [(estimate.stderr / estimate.value) ** 2 for estimate in estimates]
 
 
-STEPS = tuple(Candidate("step", f"{side * level}", ((side * level, 9.0),)) for level in (0.6, 1.0) for side in (1, -1))
+FOUR_STEPS = tuple(
+    Candidate("step", f"{side * level}", ((side * level, 9.0),)) for level in (0.6, 1.0) for side in (1, -1)
+)
 LINEAR = Fitting(Model.base("1", 1.3, [0.9], "nu", YAW), "whole-runs", np.deg2rad(0.3), SCATTER)
 QUIET = {"yaw.disturbance": 1e-5, "yaw.disturbance-time": 2.0, "yaw.thrust-noise": 1e-3, "gain-scatter": SCATTER}
 
 
 def spread_of(fitting: Fitting) -> Floats:
     """Standard errors of ln I and ln k_r of the four steps."""
-    return np.asarray(np.sqrt(np.diagonal(np.linalg.inv(fitting.information(STEPS).sum(axis=0)))))[:2]
+    return np.asarray(np.sqrt(np.diagonal(np.linalg.inv(fitting.information(FOUR_STEPS).sum(axis=0)))))[:2]
 
 
 def test_innovations_tell_what_thrust_and_disturbance_leave() -> None:

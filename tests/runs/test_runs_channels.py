@@ -6,16 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_campaigns import both_ways, campaign
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import SettingError
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import Agreement, choose_channels, trouble_of
 from automarine_cli.runs.load import standstill
 from automarine_cli.runs.run import Run
 
-Floats = NDArray[np.float64]
 SIZES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 
 

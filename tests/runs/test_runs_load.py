@@ -1,8 +1,10 @@
-"""Logs -> campaign: what cleaning does and counts, what is set aside (more in broken_logs), what is refused."""
+"""Logs -> campaign: what cleaning does and counts, what is set aside (more in broken_logs), what is refused; commands
+that do not fit the thruster map: told with the likely cause, or refused where they cannot be of it."""
 
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,7 +15,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.runs import load
 from automarine_cli.runs.load import LoadedRuns, load_runs
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.run import CommandRange, Run, command_warnings, misfit_of
 
 Change = Callable[[pd.DataFrame], pd.DataFrame | None]
 
@@ -146,3 +148,55 @@ def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.Monkey
     for a, b in zip(serial.runs, parallel.runs, strict=True):
         assert a.name == b.name
         np.testing.assert_array_equal(a.position, b.position)
+
+
+# Commands that do not fit the thruster map: told with the likely cause, or refused where they cannot be of it.
+
+
+def commands(low: float, high: float, of_map: tuple[float, float], usual: float = 0.0, unit: str = "") -> CommandRange:
+    return CommandRange(low, high, usual, ("n_port", "n_stbd"), of_map, unit)
+
+
+def warnings_of(ranges: list[CommandRange]) -> tuple[str, ...]:
+    return command_warnings([SimpleNamespace(commanded=part) for part in ranges])  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("logged", "words", "impossible"),
+    [
+        (commands(-1, 1, (-400, 400), unit="us"), "-400 to 400 us: they look normalised (-1 to 1)", True),
+        (commands(-0.33, 0.29, (-400, 400)), "scale = 400 }", True),
+        (commands(1100, 1900, (-400, 400), 1500), "pulses of which the neutral was not subtracted", True),
+        (commands(-100, 100, (-1, 1)), "they look like percent, not the signal of this map", True),
+        (commands(-100, 100, (-400, 400)), "they look like percent, or the vehicle was hardly driven", False),
+        (commands(-100, 100, (-3000, 3000)), "scale = 30 }", False),
+        (commands(0, 1, (-1, 1), 0.5), "mostly 0.5, half the range, a neutral that was not subtracted", False),
+        (commands(-500, 450, (-400, 400)), "beyond its ends the thrust is a guess", False),
+    ],
+)
+def test_the_likely_cause_is_told(logged: CommandRange, words: str, impossible: bool) -> None:
+    coasting = commands(0, 0, logged.of_map, logged.usual, logged.unit)
+    misfit = misfit_of([logged, coasting] if logged.low < 0 else [logged])
+    assert misfit is not None and words in misfit.sentence and misfit.impossible is impossible
+    if impossible:
+        with pytest.raises(RunError) as refused:
+            warnings_of([logged])
+        assert str(refused.value) == misfit.sentence
+    else:
+        assert warnings_of([logged])[0].endswith(".")
+
+
+@pytest.mark.parametrize(
+    "fine",
+    [
+        [commands(-400, 400, (-400, 400))],
+        [commands(-120, 100, (-400, 400))],  # a calm day
+        [commands(0, 0, (-400, 400)), commands(-200, 200, (-400, 400))],  # one run coasts
+        [commands(0, 60, (0, 400), 30)],  # ahead only, as the map
+        [commands(0, 0, (-400, 400))],
+        [],
+    ],
+)
+def test_what_fits_is_not_told(fine: list[CommandRange]) -> None:
+    assert misfit_of(fine) is None
+    assert warnings_of(fine) == ()

@@ -8,14 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import mirrored, step_heading, step_run, written
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import position_trouble
 from automarine_cli.runs.load import find_glitches, find_jumps, load_runs, unwrap
 from automarine_cli.runs.run import position_noise
 
-Floats = NDArray[np.float64]
 WRAPPED = 2 * np.pi
 VEHICLES = {"small ROV": (0.4, 0.5), "ROV": (1.0, 1.5), "boat": (10.0, 3.0)}  # m/s, m/s²
 TRANSLATIONS = [dof for dof in DOFS.values() if not dof.angular]

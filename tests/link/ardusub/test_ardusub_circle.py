@@ -7,16 +7,12 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 from fake_ardusub import FakeSub, Tank
-from made_link import TOKEN, vehicle_at
+from made_link import MODEL_FILE, TOKEN, vehicle_at
 
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
 
 pytestmark = pytest.mark.slow
 TRUTH = {"I_r": 0.8, "k_rr": 1.2}
-GUESSED = {
-    "schema": "automarine/yaw-model/1", "moment_unit": "nu", "preferred": "3", "effects": [],
-    "models": {"3": {"I_r": {"value": 1.0, "unit": "nu s²"}, "k_rr": {"value": 1.0, "unit": "nu s²"}}},
-}  # fmt: skip
 LIMITS = """
 schema = "automarine/plan-limits/1"
 [pool]
@@ -34,7 +30,7 @@ use_earlier_runs = false
 @pytest.mark.parametrize(("frame", "gain"), [(1, 0.75), (2, 1.0)])
 def test_a_campaign_on_ardusub_is_true(run: Callable[..., Result], tmp_path: Path, frame: int, gain: float) -> None:
     guess, limits = tmp_path / "guess.json", tmp_path / "limits.toml"
-    guess.write_text(json.dumps(GUESSED))
+    guess.write_text(json.dumps(MODEL_FILE))
     limits.write_text(LIMITS)
     planned = run("plan", str(guess), "--limits", str(limits), "-o", str(tmp_path / "plan"))
     assert planned.exit_code == 0, planned.stderr
