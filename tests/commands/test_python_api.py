@@ -75,7 +75,7 @@ def test_every_figure_is_drawn(results: dict[str, Any], name: str) -> None:
     with pytest.raises(SettingError, match=f"there is no figure 'x'; known are {next(iter(listed))}"):
         results[name].plot("x")
     with pytest.raises(SettingError, match="this result has no figure"):
-        results["check"].plot()
+        results["simulation"].plot()
 
 
 @pytest.fixture(scope="module")

@@ -90,7 +90,7 @@ def test_they_stand_together_and_are_read_back(found: Mapping[float, Diagnosis])
     assert caption is not None and f"{free['after_deg']:.3g} ({low}, {high})" in caption[1] and "\\" not in caption[1]
     data: dict[str, Any] = diagnosis.to_json()
     read = DIAGNOSIS.of(data, "diagnosis.json").from_commands
-    assert read is not None and (read.after, read.after_ci95) == (free["after_deg"], tuple(free["after_ci95"]))
+    assert read is not None and read.after == free["after_deg"]
     assert DIAGNOSIS.of({**data, "from_commands": {"held_out_runs": None}}, "").from_commands is None
     del data["from_commands"]  # as earlier versions wrote it
     assert DIAGNOSIS.of(data, "").from_commands is None
