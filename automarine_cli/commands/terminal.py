@@ -179,18 +179,22 @@ class Bar:
 
 
 class Lines:
-    """Lines for a pipe: how far work that lasts is, each some time after the one before; or each finished stage."""
+    """Lines for a pipe: each finished stage; or how far work that lasts is, some time after the line before, and the
+    end of each stage that lasted."""
 
     def __init__(self, stages: bool) -> None:
-        self._stages, self._since = stages, time.monotonic()
+        self._stages, self._since, self._unfinished = stages, time.monotonic(), ""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
+        lasts = not self._stages and time.monotonic() - self._since >= LINE_EVERY_S
         if total == 0:
             _sentence(stage)
-        elif self._stages and done >= total:
+        elif done >= total and (self._stages or lasts or stage == self._unfinished):
             click.echo(f"{stage}: {total}", err=True)
-        elif not self._stages and time.monotonic() - self._since >= LINE_EVERY_S:
+        elif lasts:
             click.echo(f"{stage}: {done} of {total}", err=True)
+            self._unfinished = stage
+        if lasts and total:
             self._since = time.monotonic()
 
 

@@ -59,6 +59,8 @@ CAPTIONS = {
     "inertia": "Inertia of each run beside the fitted one: runs that disagree stand out",
     "whole_runs": "Whole runs, measured and simulated",
     "planar_runs": "Whole runs, measured and predicted",
+    "planar_tracks": "Tracks and speeds, measured and simulated by the commands alone",
+    "residuals": "What the fit leaves, in units of the noise, and how the errors of its parameters hang together",
     "validation": "Run {}: measured, and simulated by its commands alone",
     "tuning": "Loop with the present and the new gains: steps of the heading, and what a load does",
 }

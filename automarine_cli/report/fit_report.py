@@ -538,15 +538,18 @@ def _(fit: YawFit) -> Sections:
 
 def _drawings(fit: YawFit) -> dict[str, Drawing]:
     seed, data, use = fit.velocity_error_fit, fit.data, fit.use
+    residuals = {"residuals": Drawing("parameters.residuals_figure", fit.preferred, fit.runs, data, use)}
     if seed is None or data is None:
         if use is not None and fit.preferred.mixed.driven:
-            return {"whole_runs": Drawing("runs.driven_runs_figure", fit.runs, use, fit.preferred.noise or 0.0)}
-        return {"whole_runs": Drawing("runs.whole_runs_figure", fit)}
+            noise = fit.preferred.noise or 0.0
+            return {"whole_runs": Drawing("runs.driven_runs_figure", fit.runs, use, noise)} | residuals
+        return {"whole_runs": Drawing("runs.whole_runs_figure", fit)} | residuals
     return {
         f"{fit.dof.step_key}s": Drawing("runs.half_turns_figure", fit),
         "drag": Drawing("runs.drag_figure", fit, seed),
         "inertia": Drawing("runs.inertia_figure", fit, seed),
         "collapse": Drawing("runs.collapse_figure", fit, data),
+        **residuals,
     }
 
 
@@ -608,8 +611,12 @@ def _(fit: PlanarFit) -> Sections:
     files = {"planar_model.json": fit.to_json()} | forms_of("planar", *tables)
     files |= {"planar.csv": Table.of("", rows).to_csv(), "planar.md": document(*tables, *first, *details)}
     noise = fit.best.mixed.noise_of.get(YAW.position, 0.0)
-    drawings = {"planar_runs": Drawing("runs.driven_runs_figure", fit.runs, fit.use, noise)}
-    listed = "planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png"
+    drawings = {
+        "planar_runs": Drawing("runs.driven_runs_figure", fit.runs, fit.use, noise),
+        "planar_tracks": Drawing("runs.tracks_figure", fit),
+        "residuals": Drawing("parameters.residuals_figure", fit.best, fit.runs, None, fit.use),
+    }
+    listed = "planar_model.json", "planar (.csv, .md, .tex)", *(f"{name}.png" for name in drawings)
     return Sections([*first, tables[0]], files, drawings, listed, rows, details=[*tables[1:], *details])
 
 

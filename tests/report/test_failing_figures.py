@@ -44,7 +44,9 @@ def test_a_figure_that_fails_warns(small_day: Path, run: Run, monkeypatch: pytes
 
     monkeypatch.setitem(FIGURE_WRITERS, "png", boom)  # type: ignore[arg-type]
     result = run("fit-yaw", steps, "-o", tmp_path / "out", "-q")
-    assert warning_lines(result) == [SENTENCE.format(name) for name in ("half_turns", "drag", "inertia", "collapse")]
+    assert warning_lines(result) == [
+        SENTENCE.format(name) for name in ("half_turns", "drag", "inertia", "collapse", "residuals")
+    ]
     assert result.exit_code == 0 and not list((tmp_path / "out").rglob("*.png"))
 
 

@@ -73,6 +73,6 @@ def is_complete(figure: Figure) -> None:
 def test_figures_of_half_turns_are_complete(moments: list[float]) -> None:
     fit = identify(campaign(moments, seed=1, gain_scatter=0.02))
     drawn = {name: draw() for name, draw in sections(fit).figures.items()}
-    assert drawn.keys() >= {"half_turns", "drag", "inertia", "collapse"}
+    assert drawn.keys() >= {"half_turns", "drag", "inertia", "collapse", "residuals"}
     for figure in drawn.values():
         is_complete(figure)

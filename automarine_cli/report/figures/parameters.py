@@ -1,5 +1,6 @@
-"""Figures of parameters: thrust and map of `fit-thrusters`, results of `compare`, precision against minutes in the pool
-of `plan`, step and load with the bands of present and new gains of `tune`."""
+"""Figures of parameters: what a fit leaves, and how its parameters hang together; thrust and map of `fit-thrusters`,
+results of `compare`, precision against minutes in the pool of `plan`, step and load with the bands of present and new
+gains of `tune`."""
 
 from collections.abc import Sequence
 from textwrap import fill
@@ -11,6 +12,11 @@ from matplotlib.figure import Figure
 from automarine_cli.comparison.side_by_side import ComparedResult, Difference
 from automarine_cli.dofs import Dof
 from automarine_cli.estimate import Estimate
+from automarine_cli.fits.driven import Judgement
+from automarine_cli.fits.residuals import autocorrelation, correlations, standardised_residuals
+from automarine_cli.fits.steps import StepData
+from automarine_cli.fits.whole_runs import OutputErrorFit
+from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.planning.campaign import Plan
 from automarine_cli.report.figures.style import (
     COLOURS,
@@ -23,6 +29,7 @@ from automarine_cli.report.figures.style import (
     shortened,
 )
 from automarine_cli.report.tables import interval, number
+from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.curves import SplineCurve
 from automarine_cli.thrusters.map import SIDES
 from automarine_cli.thrusters.result import ThrusterFit
@@ -32,6 +39,8 @@ if TYPE_CHECKING:  # a plan needs no controllers
 
 MAX_RESULT_NAME, WIDEST_LABEL = 28, 40  # letters that have room beside and below a panel
 MAX_PANELS = 4
+MAX_WRITTEN, MAX_LABEL = 9, 16  # parameters whose correlations are written out; letters of a name
+MAX_LAGS, MAX_POINTS_DRAWN, MAX_RESIDUAL = 40, 4000, 5.0  # samples; of residuals over time; in units of the noise
 MIN_WIDTH_RATIO = 1.1  # how many times wider intervals would be
 MIN_RUNS_DRAWN = 3  # below which a curve is not drawn: nothing is known yet
 GAIN_LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
@@ -78,6 +87,66 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     title = f"{chosen.capitalize()}{law}: R² {pooled.r2(pooled.chosen):.4f}, error {error} % of full scale{where}"
     thrust.set_title(title, loc="left")
     thrust.legend(loc="upper left")
+    return figure
+
+
+@house_style
+def residuals_figure(
+    fit: OutputErrorFit, runs: Sequence[Run], data: StepData | None = None, use: Judgement | None = None
+) -> Figure:
+    """Draw the residuals of a fit over time, their autocorrelation and distribution, and the correlation of the
+    parameters; see `standardised_residuals`."""
+    residuals = [(time, left) for time, left in standardised_residuals(fit, runs, data, use) if len(left) > 1]
+    names, matrix = correlations(fit)
+    figure, axes = new_figure(2, 2, PAGE_IN, 5.4)
+    (over_time, lagged), (spread, pairs) = axes
+    left = np.concatenate([values for _, values in residuals] or [np.zeros(0)])
+    said = list[str]()
+    if len(left):
+        clock = np.concatenate([time for time, _ in residuals])
+        some = slice(None, None, -(-len(left) // MAX_POINTS_DRAWN))
+        over_time.axhspan(-2.0, 2.0, color="0.92", lw=0, zorder=0)
+        over_time.plot(clock[some], left[some], ".", color=COLOURS["blue"], ms=1.5, mew=0.0)
+        shortest = min(len(values) for _, values in residuals)
+        lags = np.arange(1, min(MAX_LAGS, shortest - 1) + 1)
+        interval_s = float(np.median(np.concatenate([np.diff(time) for time, _ in residuals])))
+        alike = autocorrelation([values for _, values in residuals], len(lags))
+        band = 1.96 / np.sqrt(len(left))
+        lagged.axhspan(-band, band, color="0.88", lw=0, zorder=0, label="95 % of white noise")
+        lagged.vlines(lags * interval_s, 0.0, alike, color=COLOURS["blue"], lw=1.2)
+        lagged.axhline(0.0, color="0.4", lw=0.6)
+        lagged.set_ylim(min(-0.3, 1.1 * float(alike.min())), max(0.5, 1.1 * float(alike.max())))
+        lagged.legend(loc="upper right")
+        edges = np.linspace(-MAX_RESIDUAL, MAX_RESIDUAL, 51)
+        shown = np.clip(left, -MAX_RESIDUAL, MAX_RESIDUAL)
+        spread.hist(shown, edges, density=True, color=COLOURS["sky"], label="residuals")
+        normal = np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
+        spread.plot(edges, normal, color=COLOURS["black"], lw=1.0, label="normal")
+        spread.legend(loc="upper right")
+        said.append(
+            f"residuals {np.sqrt(np.mean(left**2)):.2f} times the noise, neighbours correlate by {alike[0]:.2f}"
+        )
+    over_time.set(title="Residuals over time", xlabel="Time [s]", ylabel="Residual [× noise]")
+    lagged.set(title="Autocorrelation", xlabel="Lag [s]", ylabel="Correlation [1]")
+    spread.set(
+        title="Distribution; the outermost bars hold all beyond", xlabel="Residual [× noise]", ylabel="Density [1]"
+    )
+    drawn = pairs.imshow(matrix, cmap="PuOr", vmin=-1.0, vmax=1.0)
+    labels = ["delay" if name == COMMAND_DELAY else shortened(name.rpartition(".")[2], MAX_LABEL) for name in names]
+    pairs.set_xticks(range(len(names)), labels, rotation=90, parse_math=False)
+    pairs.set_yticks(range(len(names)), labels, parse_math=False)
+    pairs.grid(visible=False)
+    pairs.set_title("Correlation of the parameters' errors")
+    if len(names) <= MAX_WRITTEN:
+        for i, j in np.ndindex(matrix.shape):
+            ink = "white" if abs(matrix[i, j]) > 0.7 else "black"
+            pairs.text(j, i, f"{matrix[i, j]:.2f}", ha="center", va="center", fontsize=5.5, color=ink)
+    figure.colorbar(drawn, ax=pairs, label="Correlation [1]")
+    if len(names) > 1:
+        i, j = np.unravel_index(np.argmax(np.abs(np.triu(matrix, 1))), matrix.shape)
+        said.append(f"{labels[i]} and {labels[j]} correlate by {matrix[i, j]:.2f}")
+    title = "; ".join(said) or "one parameter"
+    figure.suptitle(f"{title[0].upper()}{title[1:]}", parse_math=False)
     return figure
 
 

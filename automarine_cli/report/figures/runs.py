@@ -10,12 +10,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from automarine_cli.comparison.simulated_runs import FreeRun, free_runs
+from automarine_cli.comparison.simulated_runs import FreeRun, free_runs, planar_free_runs
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.fits.driven import Judgement
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
-from automarine_cli.fits.planar_fit import PLACES
+from automarine_cli.fits.planar_fit import PLACES, PlanarFit
 from automarine_cli.fits.preference import COMPARISON_HORIZONS_S
 from automarine_cli.fits.steps import StepData
 from automarine_cli.models.model import response, steady_rate
@@ -32,6 +32,7 @@ from automarine_cli.text import plural
 DEG_PER_RAD = 180.0 / np.pi
 MAX_TITLE_LETTERS = 60
 LOGS_IN_A_ROW, MAX_NAME_OF_LOG = 4, 24
+MAX_TRACKS = 12
 QUANTITIES = {
     "heading": (r"Heading $\psi$ [deg]", DEG_PER_RAD), "surge": ("Surge $u$ [m/s]", 1.0),
     "sway": ("Sway $v$ [m/s]", 1.0), "yaw_rate": ("Yaw rate $r$ [deg/s]", DEG_PER_RAD),
@@ -119,6 +120,53 @@ def planar_figure(free: FreeRun) -> Figure:
         title += f": by the commands alone the heading drifts up to {drift} deg"
     figure.suptitle(title, parse_math=False)
     style.legend_below(figure, axes[0, 0], commands)
+    return figure
+
+
+@style.house_style
+def tracks_figure(fit: PlanarFit) -> Figure:
+    """Draw the first fitted runs as measured and as simulated by the commands alone: tracks on the water where these
+    were logged, and the speeds ahead and aside below each."""
+    runs = fit.runs[:MAX_TRACKS]
+    parts = ("track", "speeds") if fit.observed.over_ground else ("speeds",)
+    columns = min(len(runs), LOGS_IN_A_ROW)
+    rows, heights = -(-len(runs) // columns), {"track": 1.5, "speeds": 1.0}
+    figure, axes = style.new_figure(
+        len(parts) * rows, columns, style.PAGE_IN, 0.9 + (2.9 if len(parts) == 2 else 1.5) * rows,
+        height_ratios=[heights[part] for part in parts] * rows,
+    )  # fmt: skip
+    for ax in axes.flat[len(runs) if rows == 1 else axes.size :]:
+        ax.set_axis_off()
+    for i, free in enumerate(planar_free_runs(fit.best.answering, runs)):
+        row, column = len(parts) * (i // columns), i % columns
+        run, time, simulated = free.run, free.run.time - free.run.time[0], {} if free.diverged else free.simulated
+        speeds = axes[row + len(parts) - 1, column]
+        for dof, colour in ((SURGE, "blue"), (SWAY, "orange")):
+            reading = run.channel(dof.velocity)
+            if reading is not None and np.isfinite(reading).any():
+                speeds.plot(time, reading, "o", color=style.COLOURS[colour], ms=2.2, mew=0.0)
+            if simulated:
+                speeds.plot(*_with_gaps(run, simulated[dof.velocity]), color=style.COLOURS[colour], lw=1.0)
+        if row + len(parts) >= len(axes) or i + columns >= len(runs):
+            speeds.set_xlabel("Time [s]", fontsize=7.0)
+        north, east = (run.channel(name) for name in PLACES)
+        if len(parts) == 2 and north is not None and east is not None:
+            track = axes[row, column]
+            track.plot(east, north, "o", color=style.MEASURED_COLOUR, ms=1.5, mew=0.0)
+            if set(PLACES) <= simulated.keys():
+                track.plot(simulated["east"], simulated["north"], color=style.COLOURS["black"], lw=1.0)
+            track.set_aspect("equal", adjustable="datalim")
+            track.set_xlabel("East [m]", fontsize=7.0)
+        axes[row, column].set_title(style.shortened(run.name, MAX_NAME_OF_LOG), parse_math=False, fontsize=7.0)
+        if column == 0:
+            speeds.set_ylabel("Speed [m/s]", fontsize=7.0)
+            if len(parts) == 2:
+                axes[row, column].set_ylabel("North [m]", fontsize=7.0)
+    looks = {"track": "black", "surge": "blue", "sway": "orange"}
+    handles = [Line2D([], [], color=style.COLOURS[colour], label=label) for label, colour in looks.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    which = "" if len(runs) == len(fit.runs) else f" (the first {len(runs)} of {len(fit.runs)})"
+    figure.suptitle(f"Fitted runs{which}: dots measured, lines simulated by the commands alone")
     return figure
 
 
