@@ -25,6 +25,7 @@ COMMANDS = {
         "run": "Run every step of a campaign and report.",
         "report": "Write one report of a campaign's results.",
         "guide": "List the pages of the guide, or show one.",
+        "samples": "Copy the sample logs, for the examples.",
     },
     "Logs": {"check": "Inspect logs and list their problems.", "slice": "Cut one long log into runs."},
     "Identify": {
@@ -175,6 +176,7 @@ def automarine() -> None:
 
     \b
     Example:
+      automarine samples
       automarine check sample_runs/steps
     """
 

@@ -7,14 +7,15 @@ import click
 from click.shell_completion import CompletionItem
 
 from automarine_cli.commands import options
-from automarine_cli.commands.command import argument, command
+from automarine_cli.commands.command import argument, command, option
 from automarine_cli.commands.terminal import coloured, echo_result, verbosity_level, width_of
 
 if TYPE_CHECKING:
-    from automarine_cli.guide import Contents, Page
+    from automarine_cli.guide import Contents, Page, Places
 
 PIPE_WIDTH = 100  # columns of a page that no terminal shows
 MAX_WIDTH = 110  # columns, beyond which lines are tiring to read
+MAX_PLACES = 12  # pages that a search shows
 
 
 def topics(ctx: click.Context, param: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -25,8 +26,9 @@ def topics(ctx: click.Context, param: click.Parameter, begun: str) -> list[Compl
 
 @command("guide", saves=False)
 @argument("topic", required=False, metavar="[TOPIC]", shell_complete=topics)
+@option("--find", "words", metavar="WORDS", help="Search all pages for these words, or what the guide calls them.")
 @options.together(options.as_json, options.verbosity)
-def guide(topic: str | None) -> "Contents | Page":
+def guide(topic: str | None, words: str | None) -> "Contents | Page | Places":
     """Show the guide: a page for each command, and pages about logs, results, the method and how well it works.
 
     Without TOPIC it lists the pages. A terminal shows a page in its pager, which the variable PAGER selects. In a
@@ -35,10 +37,15 @@ def guide(topic: str | None) -> "Contents | Page":
     \b
     Example:
       automarine guide logs
+      automarine guide --find torque
     """
     from automarine_cli import guide as pages
     from automarine_cli.commands import load, short_help
 
+    if words is not None:
+        if topic is not None:
+            raise click.UsageError("Give TOPIC or --find, not both.")
+        return pages.find(words)
     if topic is None:
         return pages.Contents(
             tuple((name, short_help(name)) for name in pages.commands()),
@@ -57,11 +64,17 @@ def _width() -> int:
 
 
 def _show(ctx: click.Context, result: Any) -> None:
-    from automarine_cli.guide import Page
+    from automarine_cli.guide import Page, Places
     from automarine_cli.guide.text import to_text
     from automarine_cli.report.tables import Table
 
     if ctx.params["as_json"] or verbosity_level() < 0:
+        return
+    if isinstance(result, Places):
+        rows = [vars(place) for place in result.places[:MAX_PLACES]]
+        count = f"{len(result.places)} pages have {' or '.join(result.words)}"
+        table = Table.of(count if len(rows) == len(result.places) else f"{count}; the first {MAX_PLACES}", rows)
+        echo_result(result, as_json=False, tables=(table, "automarine guide TOPIC shows a page."), saves=False)
         return
     if not isinstance(result, Page):
         lists = (("Commands", result.commands), ("More pages", result.pages))

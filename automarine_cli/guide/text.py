@@ -51,7 +51,7 @@ def _shown(block: Sequence[str], width: int, heading: Callable[[str], str]) -> l
         inner = [formula(" ".join(block[1:-1]))] if first == "```math" else block[1:-1]
         return [f"{INDENT}{line}".rstrip() for line in inner]
     if match := HEADING.match(first):
-        text = _inline(match[2])
+        text = inline(match[2])
         return [heading(text), heading(("=" if len(match[1]) == 1 else "-") * len(text))]
     if first.startswith("|"):
         return _table(block, width)
@@ -74,14 +74,12 @@ def _items(block: Sequence[str]) -> Iterator[str]:
 
 
 def _filled(text: str, width: int, hanging: str = "") -> list[str]:
-    return textwrap.wrap(
-        _inline(text), width, subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False
-    )
+    return textwrap.wrap(inline(text), width, subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False)
 
 
 def _table(block: Sequence[str], width: int) -> list[str]:
     header, sides, *rows = ([cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in block)
-    grid = [[_inline(cell) for cell in row] for row in (header, *rows)]
+    grid = [[inline(cell) for cell in row] for row in (header, *rows)]
     return text_table(grid, [side.endswith(":") for side in sides], (), width)
 
 
@@ -109,7 +107,7 @@ def _fraction(match: re.Match[str]) -> str:
     return f"({above}/{below})"
 
 
-def _inline(text: str) -> str:
+def inline(text: str) -> str:
     """Links as words and where they lead; emphasis and escapes as the words alone."""
     text = FORMULA.sub(lambda match: formula(match[1]), text)
     plain = EMPHASIS.sub(lambda match: match[1] or "", LINK.sub(_followed, text))

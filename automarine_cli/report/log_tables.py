@@ -4,6 +4,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -220,6 +221,26 @@ class Simulation(Shown):
             **{key: to_mapping(getattr(spec, key)) for key in ("logger", "scatter", "campaign")},
             "made": [_truth_of(run, number, spec) for number, run in enumerate(self.runs, 1)],
         }  # fmt: skip
+
+
+@dataclass(frozen=True, repr=False)
+class Samples(Shown):
+    """The sample logs as copied: the folder `out`, and the files in it."""
+
+    out: Path
+    files: tuple[Path, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Return the names of the files (schema automarine/samples/1)."""
+        return {"schema": "automarine/samples/1", "files": [path.as_posix() for path in self.files]}
+
+
+@sections.register
+def _(result: Samples) -> Sections:
+    listed = sorted({f"{path.parts[0]}/" for path in result.files if len(path.parts) > 1})
+    return Sections(
+        [], listed=listed, answer=f"{len(result.files)} sample files: simulated logs, their truth is known."
+    )
 
 
 @sections.register

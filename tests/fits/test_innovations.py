@@ -239,8 +239,7 @@ def test_results_of_driven_runs_show_effects() -> None:
     """Of a vehicle that answers 0.3 s late, fitted with that effect."""
     runs = steered(3, 1, Sea(delay=0.3), length=15.0)
     fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
-    (draw,) = sections(fit).figures.values()
-    assert draw().axes
+    assert all(draw().axes for draw in sections(fit).figures.values())
     (row,) = (row for row in tables(fit)[0].rows if str(row[0]).startswith("input-delay t_d"))
     assert all("[" in str(cell) for cell in row[1:]) and "[s]" in str(row[0])
     values = {row["model"]: row["value"] for row in sections(fit).rows if row["parameter"] == "input-delay t_d"}

@@ -58,7 +58,29 @@ def test_a_wrong_topic_is_answered_with_near_ones(run: Run) -> None:
     assert found.exit_code == 1
     assert found.stderr.startswith("Error: the guide has no page 'fit_yew'; did you mean fit-yaw")
     assert len(found.stderr.splitlines()) == 1
-    assert "look at the list of automarine guide" in run("guide", "qqq").stderr
+    assert "try automarine guide --find qqq" in run("guide", "qqq").stderr
+    assert "look at automarine effects dead-band" in run("guide", "dead-band").stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "page"),
+    [("swirl", "hidden-walk"), ("never moved", "troubleshooting"), ("RMSE", "validate"), ("rudder", "rudder"),
+     ("simulink", "matlab"), ("metacentric", "fit-roll")],
+)  # fmt: skip
+def test_a_search_shows_the_page_that_answers_among_the_first(words: str, page: str, run: Run) -> None:
+    found = json.loads(run("guide", "--find", words, "--json").stdout)
+    assert page in [place["topic"] for place in found["places"][:4]]
+    shown = run("guide", "--find", words).stdout
+    assert page in shown
+    for place in found["places"]:
+        assert any(word in (place["line"] + place["heading"]).lower() for word in found["words"])
+    assert "moment" in json.loads(run("guide", "--find", "torque", "--json").stdout)["words"]
+
+
+def test_a_search_without_a_page_says_so(run: Run) -> None:
+    found = run("guide", "--find", "zeppelin")
+    assert found.exit_code == 1 and found.stderr.startswith("Error: no page of the guide has 'zeppelin'; try another")
+    assert run("guide", "logs", "--find", "torque").exit_code == 2
 
 
 def test_the_shell_completes_topics() -> None:
