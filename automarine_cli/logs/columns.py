@@ -290,7 +290,8 @@ LARGEST_MAP = 200_000  # bytes; a column map is a dozen lines
 @dataclass(frozen=True)
 class ColumnRule:
     """One line of a column map: value = sign (scale x (the file's value - subtract) + offset), in `unit` (None: the
-    name's). With `sign_from` the file's value is a size, and that column says its sign; `day_first` is how dates are
+    name's). With `sign_from` the file's value is a size, and that column says its sign. `plus` are columns to add, each
+    with its scale and what is subtracted; the sum is multiplied by each of `times`. `day_first` is how dates are
     read."""
 
     source: str = field(metadata=keyed("from"))
@@ -300,6 +301,8 @@ class ColumnRule:
     offset: float = 0.0
     subtract: float = 0.0
     sign_from: "ColumnRule | None" = None
+    plus: tuple["ColumnRule", ...] = ()
+    times: tuple[str, ...] = ()
     day_first: bool | None = None
 
     def __post_init__(self) -> None:
@@ -312,6 +315,16 @@ class ColumnRule:
             raise SettingError(
                 'sign_from takes from, subtract and sign only, such as { from = "pwm", subtract = 1500 }'
             )
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Columns of the file that its value is made of."""
+        return (self.source, *(rule.source for rule in self.plus), *self.times)
+
+    @property
+    def of_one(self) -> bool:
+        """Whether a single column of the file holds the value, so that it can be written as well."""
+        return self.sign_from is None and len(self.sources) == 1
 
     def read(self, value: float, factor: float = 1.0) -> float:
         """What a value of the file's own column stands for; `factor` is that of the rule's unit."""
@@ -359,7 +372,9 @@ class ColumnMap:
     def sources(self) -> set[str]:
         """Every column of a file that a rule reads."""
         rules = self.columns.values()
-        return {rule.source for rule in rules} | {rule.sign_from.source for rule in rules if rule.sign_from}
+        return {name for rule in rules for name in rule.sources} | {
+            rule.sign_from.source for rule in rules if rule.sign_from
+        }
 
     def source_of(self, name: str) -> str:
         return self.columns[name].source if name in self.columns else name
@@ -472,7 +487,7 @@ def _rule(codec: Codec, key: str, value: object, place: tuple[object, ...]) -> C
     if not isinstance(value, str | Mapping):
         example = '{ from = "yaw", unit = "rad", sign = -1 }'
         raise codec.refusal(place, f"expected the name of a column in quotes, or a table such as {example}")
-    rule = codec.read(ColumnRule, _written_out(value), place)
+    rule = codec.read(ColumnRule, _summed(codec, _written_out(value), place), place)
     canonical = CANONICAL.get(key)
     if canonical is None:
         if rule != ColumnRule(rule.source):
@@ -492,6 +507,31 @@ def _rule(codec: Codec, key: str, value: object, place: tuple[object, ...]) -> C
     if rule.day_first is not None and key != "time":
         raise codec.refusal((*place, "day_first"), "goes with time, a column of dates, only; leave it out")
     return rule
+
+
+def _summed(codec: Codec, value: object, place: tuple[object, ...]) -> object:
+    """A rule with `plus` for the columns after the first of a list; scale and subtract are lists, or alike for all."""
+    if not isinstance(value, Mapping):
+        return value
+    if "plus" in value:
+        raise codec.refusal(place, 'unknown key "plus"; write the columns as a list, such as from = ["left", "right"]')
+    table = {**value, "times": [value["times"]]} if isinstance(value.get("times"), str) else dict(value)
+    sources = table.get("from")
+    if not isinstance(sources, list):
+        return table
+    names = [name.strip() for name in codec.value(tuple[str, ...], sources, (*place, "from"))]
+    each: dict[str, Sequence[object]] = {"from": names}
+    for key in ("scale", "subtract"):
+        if key in table:
+            numbers = table[key] if isinstance(table[key], list) else [table[key]] * len(names)
+            if len(numbers) != len(names):
+                trouble = f"found {len(numbers)} numbers for {len(names)} columns; expected one each, or one for all"
+                raise codec.refusal((*place, key), trouble)
+            each[key] = numbers
+    rules = [dict(zip(each, values)) for values in zip(*each.values())]
+    if not rules:
+        raise codec.refusal((*place, "from"), "found no column, expected one or more names in quotes")
+    return table | rules[0] | {"plus": rules[1:]}
 
 
 def _written_out(value: object) -> object:

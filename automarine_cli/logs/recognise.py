@@ -439,6 +439,8 @@ class Layout:
         span, rule = self.spans.get(column.source), self.rules.get(column.key, ColumnRule(column.source))
         if span is None:
             return None
+        if len(rule.sources) > 1:
+            return None
         if rule.sign_from is not None:
             return -abs(rule.scale) * span.high, abs(rule.scale) * span.high, 0.0
         low, high = sorted(map(rule.read, (span.low, span.high)))
@@ -510,6 +512,11 @@ def _as_mapped(key: str, rule: ColumnRule, spans: Mapping[str, Span]) -> Recogni
     more = {name: value for name, value in asdict(rule).items() if value != usual[name]}
     if rule.sign_from is not None:
         more["sign_from"] = _signed_by(rule.sign_from.source, rule.sign_from.subtract)
+    if rule.plus:
+        parts = (rule, *rule.plus)
+        more |= {"from": [part.source for part in parts], "scale": [part.scale for part in parts]}
+        more |= {"subtract": [part.subtract for part in parts]} if any(part.subtract for part in parts) else {}
+        del more["plus"]
     span = spans.get(rule.source)
     ends = "" if span is None or span.stamps else f", {span.low:.5g} to {span.high:.5g}"
     return Recognised(key, rule.source, f"as --columns says{ends}", rule.unit, more=more)

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs import columns as naming
@@ -90,7 +90,10 @@ def read_log(
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
         dof = naming.motion_of(raw.names, mapped)
     uses, notes = _assigned(raw, columns, source, naming.foreign(dof, motion))
-    used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
+    made_of = {index for use in uses for name in use.rule.sources if (index := raw.place(name)) is not None}
+    used = {raw.names[index] for index in made_of | {use.index for use in uses}} | {
+        columns.source_of(name) for name in (RUN, BY)
+    }
     extras: dict[str, Floats] = {}
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
         if name and name not in used and raw.is_numeric(i):
@@ -103,11 +106,32 @@ def read_log(
         # nothing else turns it: the rudder is the command; in the plane it acts beside none
         values_of[dof.command] = values_of["rudder"] * (1.0 if motion is None else 0.0)
         units[dof.command] = STEERED if motion is None else dof.units.forces[1]
+    if dof.command not in held and (force := _of_thrusters(dof, values_of, columns, source)) is not None:
+        values_of[dof.command], units[dof.command] = force, dof.units.forces[1]
+        if motion is not None and SURGE.command not in held:
+            values_of[SURGE.command] = sum(values_of[name] for name in SURGE.thrusters)  # type: ignore[assignment]
     words = categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)})
     return LogTable(
         source, values_of, raw.rows, labels_of(raw, columns, source), units, extras, raw.names, (*raw.notes, *notes),
         raw.holds, raw.origin, words, dof=dof,
     )  # fmt: skip
+
+
+def _of_thrusters(dof: Dof, values_of: Mapping[str, Floats], columns: ColumnMap, source: str) -> Floats | None:
+    """The moment [N m] or force [N] of thrusters whose columns are forces (`unit = "N"`), which need no map; else None.
+    Raises LogError for a moment without the lever arm."""
+    rules = [columns.columns.get(name) for name in dof.thrusters]
+    if not rules or not all(rule is not None and rule.unit == "N" for rule in rules):
+        return None
+    if not naming.driven(dof, values_of.keys()):
+        return None
+    arm = columns.defaults.get("arm_m") if dof.levered else 1.0
+    if arm is None:
+        raise LogError(
+            f"{source}: {' and '.join(dof.thrusters)} are forces, and their moment needs the lever arm; write arm_m = METRES "
+            "under [defaults] in the column map (in a campaign file under [vehicle])"
+        )
+    return np.asarray(arm * sum(side * values_of[name] for side, name in zip(dof.sides, dof.thrusters)))
 
 
 def whole_log(file: LogFile, columns: ColumnMap) -> RawLog:
@@ -188,10 +212,12 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
         if name in LABELS:
             continue
         canonical = CANONICAL[name]
-        if rule.source and (place := raw.place(rule.source)) is not None:
+        places = [raw.place(column) for column in rule.sources]
+        if (place := places[0]) is not None and None not in places:
             mapped.setdefault(canonical.quantity, []).append(_Use(canonical, place, rule))
         else:
-            why = f"the column map names {quoted(rule.source)} for {name}; the file has no such column"
+            lost = rule.sources[places.index(None)]
+            why = f"the column map names {quoted(lost)} for {name}; the file has no such column"
             missing[canonical.quantity] = why
     by_name: dict[str, list[_Use]] = {}
     for name, canonical in CANONICAL.items():
@@ -250,7 +276,20 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
                 "Correct sign_from in the column map"
             )
         values = np.abs(values) * other.sign * np.sign(raw.arrays[index].to_numpy() - other.subtract)
-    return rule.sign * factor * (rule.scale * values + rule.offset)
+    values = rule.scale * values
+    for part in rule.plus:
+        values = values + part.scale * (_numbers(raw, part.source, source) - part.subtract)
+    values = rule.sign * factor * (values + rule.offset)
+    for name in rule.times:
+        values = values * _numbers(raw, name, source)
+    return values
+
+
+def _numbers(raw: RawLog, name: str, source: str) -> Floats:
+    """Another column that a rule takes, in its own unit, shape (N,). Raises LogError for words and infinite values."""
+    index = raw.place(name)
+    assert index is not None  # else the rule does not apply: see `_assigned`
+    return _values(raw, _Use(CANONICAL["n"], index, ColumnRule(name)), source, [])
 
 
 def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:

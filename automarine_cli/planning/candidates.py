@@ -407,7 +407,7 @@ def command_table(
     """Tabulate the moment, or `n_port` and `n_stbd` where a `drive` makes it, between a rest [s] and neutral."""
     columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
     rules = tuple(names.columns.get(name, ColumnRule(name)) for name in columns)
-    rules = tuple(rule if rule.sign_from is None else ColumnRule(name) for name, rule in zip(columns, rules))
+    rules = tuple(rule if rule.of_one else ColumnRule(name) for name, rule in zip(columns, rules))
     factors = tuple(CANONICAL[name].factor(rule.unit) for name, rule in zip(columns, rules))
     rows, time = [], 0.0
     for moment, seconds in ((0.0, rest_s), *candidate.commands, (0.0, 0.0)):

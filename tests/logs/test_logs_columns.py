@@ -68,6 +68,10 @@ REFUSED = {  # the place, what was found, what was expected
     "[columns]\nheading_rad = 'heading_deg'": ("heading_rad", 'write { from = "heading_deg", unit = "deg" }'),
     "[columns]\nheading_deg = 'yaw_rad'": ("heading_deg", "name says rad, for deg"),
     "[columns]\nyaw_rate_rad_s = 'gyro_deg_s'": ("yaw_rate_rad_s", 'unit = "deg/s" }'),
+    "[columns]\ntau = { from = ['a', 'b'], scale = [1, 2, 3] }": ("tau.scale: found 3 numbers for 2", "one for all"),
+    "[columns]\ntau = { from = ['a', 'b'], scale = [1, 0] }": ("columns.tau", "scale is 0"),
+    "[columns]\ntau = { from = [] }": ("columns.tau.from: found no column",),
+    "[columns]\ntau = { from = 'a', plus = [] }": ("columns.tau:", 'from = ["left", "right"]'),
     "[can]\ndbc = ' '": ("can.dbc: found no name", "a DBC file in quotes"),
     "[defaults]\narm_m = -1": ("defaults:", "arm_m is -1", "above 0"),
     b"[columns": ("not valid TOML: ",),
@@ -121,6 +125,37 @@ def test_another_column_says_the_direction(tmp_path: Path, way: dict[str, object
     assert_close(table.columns["n"], sign * np.array([-3000, -1500, 0, 1600, 3200]), "same arithmetic")
     with pytest.raises(LogError, match=r"n takes its sign from 'pwm'; .*\. Correct sign_from"):
         bench(tmp_path, n={"from": "rpm", "sign_from": "pwm"})
+
+
+def test_sums_differences_and_products(tmp_path: Path) -> None:
+    """Each in the tool's own unit; columns that a rule is made of are no columns of their own beside it."""
+    rules = {"from": [" rpm", "load"], "scale": [0.5, -2], "subtract": [100, 1], "offset": 3, "sign": -1}
+    table = bench(tmp_path, tau_Nm=rules)
+    rpm, load = np.array([3000, 1500, 0, 1600, 3200]), np.array([-40, -10, 0, 12, 48])
+    assert_close(table.columns["moment"], -(0.5 * (rpm - 100) - 2 * (load - 1) + 3), "same arithmetic")
+    assert set(table.extras) == {"PWM_us"} and table.units["moment"] == "N m"
+    assert_close(bench(tmp_path, tau_Nm={"from": ["rpm", "load"]}).columns["moment"], rpm + load, "same arithmetic")
+    alike = bench(tmp_path, tau_Nm={"from": ["rpm", "load"], "scale": 0.1, "times": "load"})
+    assert_close(alike.columns["moment"], 0.1 * (rpm + load) * load, "same arithmetic")
+    squared = bench(tmp_path, tau={"from": "rpm", "times": ["load", "load"]})
+    assert_close(squared.columns["moment"], rpm * load**2.0, "same arithmetic")
+    rule = bench(tmp_path, tau={"from": "rpm", "times": "speed"})
+    assert "moment" not in rule.columns and "names 'speed' for tau; the file has no such column" in rule.notes[0]
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_thrusters_logged_in_newtons_need_no_map(tmp_path: Path, way: float) -> None:
+    rows = "".join(f"{t / 10},{t},{way * 4},{way * -2}\n" for t in range(5))
+    content = f"time_s,heading_deg,left_N,right_N\n{rows}".encode()
+    forces = {"n_port": {"from": "left_N", "unit": "N"}, "n_stbd": {"from": "right_N", "unit": "N"}}
+    rules, arm = column_rules(forces, "columns.toml"), {"arm_m": 0.2}
+    table = read_log(log(tmp_path, content), ColumnMap(rules, arm), dof=YAW)
+    assert_close(table.columns["moment"], np.full(5, way * 0.2 * 6), "same arithmetic")
+    assert table.moment_unit == "N m"
+    with pytest.raises(LogError, match="n_port and n_stbd are forces, and their moment needs the lever arm; write"):
+        read_log(log(tmp_path, content), ColumnMap(rules), dof=YAW)
+    in_percent = {**rules, "n_port": ColumnRule("left_N", unit="%")}
+    assert "moment" not in read_log(log(tmp_path, content), ColumnMap(in_percent, arm), dof=YAW).columns
 
 
 def test_single_files_have_maps_of_their_own(tmp_path: Path) -> None:

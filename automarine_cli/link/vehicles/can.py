@@ -69,7 +69,7 @@ class CanBus:
         commanded = {name for name, column in CANONICAL.items() if column.quantity in (YAW.command, *YAW.thrusters)}
         rules = {
             name: rule for name, rule in self.names.columns.items()
-            if name not in (*LABELS, *commanded) and rule.source in signals and rule.sign_from is None
+            if name not in (*LABELS, *commanded) and rule.source in signals and rule.of_one
         }  # fmt: skip
         if not any(name in HEADINGS for name in rules):
             raise SettingError(
