@@ -106,7 +106,7 @@ def read_log(
         # nothing else turns it: the rudder is the command; in the plane it acts beside none
         values_of[dof.command] = values_of["rudder"] * (1.0 if motion is None else 0.0)
         units[dof.command] = STEERED if motion is None else dof.units.forces[1]
-    if dof.command not in held and (force := _of_thrusters(dof, values_of, columns, source)) is not None:
+    if dof.command not in held and (force := _of_thrusters(dof, values_of, columns)) is not None:
         values_of[dof.command], units[dof.command] = force, dof.units.forces[1]
         if motion is not None and SURGE.command not in held:
             values_of[SURGE.command] = sum(values_of[name] for name in SURGE.thrusters)  # type: ignore[assignment]
@@ -117,20 +117,14 @@ def read_log(
     )  # fmt: skip
 
 
-def _of_thrusters(dof: Dof, values_of: Mapping[str, Floats], columns: ColumnMap, source: str) -> Floats | None:
-    """The moment [N m] or force [N] of thrusters whose columns are forces (`unit = "N"`), which need no map; else None.
-    Raises LogError for a moment without the lever arm."""
+def _of_thrusters(dof: Dof, values_of: Mapping[str, Floats], columns: ColumnMap) -> Floats | None:
+    """The moment [N m] or force [N] of thrusters whose columns are forces (`unit = "N"`), which need no map. None for
+    other thrusters, and for a moment where the column map has no lever arm."""
     rules = [columns.columns.get(name) for name in dof.thrusters]
-    if not rules or not all(rule is not None and rule.unit == "N" for rule in rules):
-        return None
-    if not naming.driven(dof, values_of.keys()):
-        return None
     arm = columns.defaults.get("arm_m") if dof.levered else 1.0
-    if arm is None:
-        raise LogError(
-            f"{source}: {' and '.join(dof.thrusters)} are forces, and their moment needs the lever arm; write arm_m = METRES "
-            "under [defaults] in the column map (in a campaign file under [vehicle])"
-        )
+    in_newtons = bool(rules) and all(rule is not None and rule.unit == "N" for rule in rules)
+    if arm is None or not in_newtons or not naming.driven(dof, values_of.keys()):
+        return None
     return np.asarray(arm * sum(side * values_of[name] for side, name in zip(dof.sides, dof.thrusters)))
 
 

@@ -152,8 +152,7 @@ def test_thrusters_logged_in_newtons_need_no_map(tmp_path: Path, way: float) -> 
     table = read_log(log(tmp_path, content), ColumnMap(rules, arm), dof=YAW)
     assert_close(table.columns["moment"], np.full(5, way * 0.2 * 6), "same arithmetic")
     assert table.moment_unit == "N m"
-    with pytest.raises(LogError, match="n_port and n_stbd are forces, and their moment needs the lever arm; write"):
-        read_log(log(tmp_path, content), ColumnMap(rules), dof=YAW)
+    assert "moment" not in read_log(log(tmp_path, content), ColumnMap(rules), dof=YAW).columns  # no arm
     in_percent = {**rules, "n_port": ColumnRule("left_N", unit="%")}
     assert "moment" not in read_log(log(tmp_path, content), ColumnMap(in_percent, arm), dof=YAW).columns
 
