@@ -1,5 +1,6 @@
 """The site of the guide that `make docs` builds: pages as they are on disk, README as the front page, no network."""
 
+import inspect
 import re
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import automarine_cli
 from automarine_cli import guide
 from automarine_cli.commands import automarine, click
-from automarine_cli.commands.command import Command, _default
+from automarine_cli.commands.command import Command
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = {
@@ -113,9 +114,12 @@ def signature(app, kind, name, thing, *rest):
     """The settings of a command, and what they are where they are not given."""
     if not isinstance(thing, Command):
         return None
-    context, (first, *others) = click.Context(thing), thing.own
-    named = [str(one.name) + ("" if one.required else f"={_default(context, one)!r}") for one in others]
-    return f"({', '.join([str(first.name), *(['*'] if named else []), *named])})", ""
+    plain, empty = inspect.signature(thing), inspect.Parameter.empty
+    return str(
+        plain.replace(
+            parameters=[one.replace(annotation=empty) for one in plain.parameters.values()], return_annotation=empty
+        )
+    ), ""
 
 
 def docstring(app, kind, name, thing, settings, lines):

@@ -94,10 +94,28 @@ class Command(click.Command):
         self.complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda settings: settings
         self.__name__ = python_name(name)
         self.__doc__ = function.__doc__
-        self.__signature__ = inspect.Signature([
-            inspect.Parameter(str(param.name), inspect.Parameter.KEYWORD_ONLY if i else
-                              inspect.Parameter.POSITIONAL_OR_KEYWORD) for i, param in enumerate(self.own)
-        ])  # fmt: skip
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        """Its settings as Python takes them, with types and defaults, then where results go."""
+        ctx, by_name = click.Context(self), {param.name for param in self.params}
+        settings = [
+            inspect.Parameter(
+                str(param.name), inspect.Parameter.KEYWORD_ONLY if i else inspect.Parameter.POSITIONAL_OR_KEYWORD,
+                default=inspect.Parameter.empty if param.required else _default(ctx, param),
+                annotation=_type(ctx, param),
+            ) for i, param in enumerate(self.own)
+        ]  # fmt: skip
+        places: dict[str, tuple[Any, object]] = {
+            "out": (str | Path | None, None), "overwrite": (bool, False), "figure_formats": (Sequence[str], PNG),
+            "jobs": (int, 1), "cluster": (str | None, None),
+        }  # fmt: skip
+        settings += [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for name, (annotation, default) in places.items() if name in by_name
+        ]  # fmt: skip
+        function = getattr(self.function, "func", self.function)  # of several commands one function, in part
+        return inspect.Signature(settings, return_annotation=function.__annotations__.get("return", Any))
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse as click does; of an option called by another name of its own the message tells the right one."""
@@ -313,6 +331,23 @@ def _default(ctx: click.Context, param: Any) -> Any:
     if isinstance(value, str | int | float | tuple):
         return param.type_cast_value(ctx, value)
     return () if param.multiple or param.nargs == -1 else None
+
+
+def _type(ctx: click.Context, param: Any) -> Any:
+    """What a setting may be in Python, for the signature."""
+    if param.reads == "logs":
+        return str | Path | Sequence[Any]
+    default, kinds = _default(ctx, param), {"integer": int, "float": float, "boolean": bool}
+    kind: Any = next((kinds[word] for word in kinds if param.type.name.startswith(word)), str)
+    if isinstance(param.type, click.Choice):
+        kind = Literal[tuple(param.type.choices)]
+    elif isinstance(param.type, click.Path):
+        kind = str | Path
+    elif isinstance(default, tuple) and default:
+        kind = type(default[0])
+    if isinstance(default, tuple) or param.reads in ("files", "folders"):
+        return Sequence[kind]
+    return kind if param.required or default is not None else kind | None
 
 
 def _converted(ctx: click.Context, param: Any, value: object) -> Any:

@@ -1,8 +1,10 @@
 """`import automarine_cli as am`: light to import, easy to call, results that show themselves; the guide's session."""
 
 import doctest
+import inspect
 import subprocess
 import sys
+import typing
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +58,26 @@ def test_names_offered_are_there() -> None:
     assert am.fit_yaw.__doc__ == fit_yaw.__doc__
     with pytest.raises(AttributeError, match="has no attribute 'fit_list'"):
         _ = am.fit_list  # type: ignore[attr-defined]
+
+
+def test_signatures_have_types_and_defaults() -> None:
+    """What an editor or `help` shows: a value left out is the one that the signature names."""
+    for name in {*am.__all__} - {"__version__", "effects"}:
+        command = getattr(am, name)
+        first, *others = inspect.signature(command).parameters.values()
+        assert all(param.annotation is not inspect.Parameter.empty for param in (first, *others))
+        assert all(param.kind is inspect.Parameter.KEYWORD_ONLY for param in others)
+        left_out = {param.name: param.default for param in others if param.default is not inspect.Parameter.empty}
+        assert {"logs", "model", "results", "specification", "folder"} & {first.name} and (
+            left_out or name == "samples"
+        )
+    seed = inspect.signature(am.diagnose).parameters["seed"]
+    assert (seed.annotation, seed.default) == (int, 0)
+    parameters = inspect.signature(am.fit_yaw).parameters
+    assert parameters["strict"].annotation is bool and parameters["out"].default is None
+    assert "half-turns" in typing.get_args(parameters["fit_to"].annotation)
+    assert parameters["arm"].annotation == float | None
+    assert inspect.signature(am.diagnose).parameters["model"].default is inspect.Parameter.empty
 
 
 def test_a_prompt_and_a_notebook_show_tables(results: dict[str, Any]) -> None:
