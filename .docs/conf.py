@@ -18,7 +18,12 @@ PAGES = {
     **{path.stem.lower(): path for path in sorted((ROOT / ".github").glob("*.md"))},
 }  # by their places in the site
 POINTER = re.compile(r"^`automarine [a-z-]+ --help`.* lists? all options\.$", flags=re.MULTILINE)
-READS = {"logs": "Logs, as places or as tables.", "file": "A file, or its result.", "folders": "Folders of results."}
+READS = {
+    "": "A new folder.",
+    "logs": "Logs, as places or as tables.",
+    "file": "A file, or its result.",
+    "folders": "Folders of results.",
+}
 
 project, release, root_doc = "automarine", automarine_cli.__version__, "index"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
