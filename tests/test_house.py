@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5770, "report": 4832, "logs": 3975, "diagnosis": 3856, "commands": 3342, "runs": 2675,
-    "thrusters": 2694, "link": 2655, "control": 2054, "effects": 2186, "planning": 1765, "simulation": 1640,
+    "fits": 5770, "report": 4832, "logs": 3958, "diagnosis": 3856, "commands": 3342, "runs": 2675,
+    "thrusters": 2703, "link": 2655, "control": 2054, "effects": 2186, "planning": 1765, "simulation": 1640,
     "exports": 1566, "comparison": 1191, "models": 1222, "filters": 997, "pipeline": 800, "dofs": 598, "top": 310,
     "guide": 261,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 44_389
+MAX_LINES_IN_ALL = 44_381
 MAX_FILES = 220
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

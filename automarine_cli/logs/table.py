@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs import columns as naming
@@ -90,10 +90,8 @@ def read_log(
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
         dof = naming.motion_of(raw.names, mapped)
     uses, notes = _assigned(raw, columns, source, naming.foreign(dof, motion))
-    made_of = {index for use in uses for name in use.rule.sources if (index := raw.place(name)) is not None}
-    used = {raw.names[index] for index in made_of | {use.index for use in uses}} | {
-        columns.source_of(name) for name in (RUN, BY)
-    }
+    used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
+    used |= {raw.names[index] for use in uses for name in use.rule.sources if (index := raw.place(name)) is not None}
     extras: dict[str, Floats] = {}
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
         if name and name not in used and raw.is_numeric(i):
@@ -106,26 +104,11 @@ def read_log(
         # nothing else turns it: the rudder is the command; in the plane it acts beside none
         values_of[dof.command] = values_of["rudder"] * (1.0 if motion is None else 0.0)
         units[dof.command] = STEERED if motion is None else dof.units.forces[1]
-    if dof.command not in held and (force := _of_thrusters(dof, values_of, columns)) is not None:
-        values_of[dof.command], units[dof.command] = force, dof.units.forces[1]
-        if motion is not None and SURGE.command not in held:
-            values_of[SURGE.command] = sum(values_of[name] for name in SURGE.thrusters)  # type: ignore[assignment]
     words = categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)})
     return LogTable(
         source, values_of, raw.rows, labels_of(raw, columns, source), units, extras, raw.names, (*raw.notes, *notes),
         raw.holds, raw.origin, words, dof=dof,
     )  # fmt: skip
-
-
-def _of_thrusters(dof: Dof, values_of: Mapping[str, Floats], columns: ColumnMap) -> Floats | None:
-    """The moment [N m] or force [N] of thrusters whose columns are forces (`unit = "N"`), which need no map. None for
-    other thrusters, and for a moment where the column map has no lever arm."""
-    rules = [columns.columns.get(name) for name in dof.thrusters]
-    arm = columns.defaults.get("arm_m") if dof.levered else 1.0
-    in_newtons = bool(rules) and all(rule is not None and rule.unit == "N" for rule in rules)
-    if arm is None or not in_newtons or not naming.driven(dof, values_of.keys()):
-        return None
-    return np.asarray(arm * sum(side * values_of[name] for side, name in zip(dof.sides, dof.thrusters)))
 
 
 def whole_log(file: LogFile, columns: ColumnMap) -> RawLog:

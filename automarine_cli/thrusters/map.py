@@ -270,8 +270,17 @@ def moment_maker(
     thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
 ) -> Callable[[Run], Run] | None:
     """What makes the moment or force of thruster commands, None without a map: see `map_and_arm`."""
-    drive = map_and_arm(thrusters, arm, columns, dof)
+    drive = map_and_arm(thrusters or _of_logged_forces(arm, columns, dof), arm, columns, dof)
     return None if drive is None else partial(drive_run_by_thrusters, thrusters=drive[0], arm=drive[1])
+
+
+def _of_logged_forces(arm: float | None, columns: ColumnMap, dof: Dof) -> Document | None:
+    """Return the map file of thrusters that the column map says are forces (`unit = "N"`); None for others, and where a
+    moment needs a lever arm that nobody gave."""
+    rules = [columns.columns.get(name) for name in dof.thrusters]
+    in_newtons = bool(rules) and all(rule is not None and rule.unit == "N" for rule in rules)
+    armed = not dof.levered or arm is not None or "arm_m" in columns.defaults
+    return ThrusterMap.of_newtons() if in_newtons and armed else None
 
 
 def map_and_arm(
@@ -305,7 +314,7 @@ def load_planar(
 ) -> LoadedRuns:  # fmt: skip
     """The runs of the logs, driven by forces ahead and abeam and a moment, which `thrusters` and `arm` [m] make of the
     commands of two. Raises LogError, RunError and SettingError as the fits of one motion do."""
-    drive = map_and_arm(thrusters, arm, columns, YAW)
+    drive = map_and_arm(thrusters or _of_logged_forces(arm, columns, YAW), arm, columns, YAW)
     campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, planar=True)
     good, aside = driven_by(campaign.runs, lambda run: driven(run if drive is None else by_two_thrusters(run, *drive)))
     aside = [*campaign.set_aside, *aside]

@@ -143,20 +143,6 @@ def test_sums_differences_and_products(tmp_path: Path) -> None:
     assert "moment" not in rule.columns and "names 'speed' for tau; the file has no such column" in rule.notes[0]
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_thrusters_logged_in_newtons_need_no_map(tmp_path: Path, way: float) -> None:
-    rows = "".join(f"{t / 10},{t},{way * 4},{way * -2}\n" for t in range(5))
-    content = f"time_s,heading_deg,left_N,right_N\n{rows}".encode()
-    forces = {"n_port": {"from": "left_N", "unit": "N"}, "n_stbd": {"from": "right_N", "unit": "N"}}
-    rules, arm = column_rules(forces, "columns.toml"), {"arm_m": 0.2}
-    table = read_log(log(tmp_path, content), ColumnMap(rules, arm), dof=YAW)
-    assert_close(table.columns["moment"], np.full(5, way * 0.2 * 6), "same arithmetic")
-    assert table.moment_unit == "N m"
-    assert "moment" not in read_log(log(tmp_path, content), ColumnMap(rules), dof=YAW).columns  # no arm
-    in_percent = {**rules, "n_port": ColumnRule("left_N", unit="%")}
-    assert "moment" not in read_log(log(tmp_path, content), ColumnMap(in_percent, arm), dof=YAW).columns
-
-
 def test_single_files_have_maps_of_their_own(tmp_path: Path) -> None:
     (tmp_path / "bench").mkdir()
     (tmp_path / "bench" / "a.csv").write_text("time,x,F\n0,1,2\n1000,2,3\n", encoding="utf-8")

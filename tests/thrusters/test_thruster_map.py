@@ -9,10 +9,11 @@ import pytest
 
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.planning.candidates import drive_of
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.curves import FORMS, PowerCurve
-from automarine_cli.thrusters.map import ThrusterMap, by_two_thrusters, drive_run_by_thrusters
+from automarine_cli.thrusters.map import ThrusterMap, by_two_thrusters, drive_run_by_thrusters, moment_maker
 
 MAP = ThrusterMap("square", PowerCurve(2.6165e-4), PowerCurve(0.6640e-4))
 RANGE = ThrusterMap("square", PowerCurve(2.0), PowerCurve(1.0), "us", (-300.0, 400.0))
@@ -94,3 +95,17 @@ def test_a_missing_direction_and_a_signal_that_is_not_finite_are_refused() -> No
         one_way.force(-1.0)
     with pytest.raises(ModelError, match="finite"):
         MAP.force(np.nan)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("given", ["option", "column map"])
+def test_thrusters_logged_in_newtons_need_no_map(way: float, given: str) -> None:
+    columns = {name: ColumnRule(name, unit="N") for name in YAW.thrusters}
+    arm, defaults = (0.2, {}) if given == "option" else (None, {"arm_m": 0.2})
+    forces = {"n_port": np.full(5, 4.0 * way), "n_stbd": np.full(5, -2.0 * way)}
+    run = Run("a", "a.csv", np.arange(5.0), np.zeros(5), None, "", forces, dof=YAW)
+    make = moment_maker(None, arm, ColumnMap(columns, defaults), YAW)
+    assert make is not None
+    assert make(run).command == pytest.approx(np.full(5, 0.2 * 6.0 * way)) and make(run).moment_unit == "N m"
+    assert moment_maker(None, None, ColumnMap(columns), YAW) is None
+    assert moment_maker(None, None, ColumnMap({**columns, "n_port": ColumnRule("n_port", unit="%")}), YAW) is None
