@@ -83,6 +83,6 @@ class Given:
 
     def known(self, place: str) -> Estimate:
         """The estimate. Raises ModelError with the `place` in the file where the interval is not known."""
-        if (found := self.estimate) is None:
+        if (estimate := self.estimate) is None:
             raise ModelError(f"{place}: found a number without stderr and ci95, expected an estimate")
-        return found
+        return estimate

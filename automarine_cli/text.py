@@ -26,9 +26,9 @@ def quoted(text: str) -> str:
 
 def listed(names: Iterable[str], most: int = MAX_SHOWN) -> str:
     """Names separated by commas; a long list ends with how many more there are."""
-    shown = [printable(name)[:MAX_NAME_LETTERS] for name in names]
-    more = len(shown) - most
-    return ", ".join(shown[:most]) + (f" and {more} more" if more > 0 else "")
+    words = [printable(name)[:MAX_NAME_LETTERS] for name in names]
+    more = len(words) - most
+    return ", ".join(words[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def plural(number: int, noun: str) -> str:

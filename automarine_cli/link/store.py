@@ -138,9 +138,11 @@ class Store:
         says = list[str]()
         for campaign in self.accepted():
             record = self._record(campaign)
-            left = 0 if record is None or record.why_stopped is not None else sum(mark in NEW for mark in record.marks)
-            if left:
-                goes_on = f"it goes on with the last {left} of its {len(campaign.runs)} runs"
+            pending = (
+                0 if record is None or record.why_stopped is not None else sum(mark in NEW for mark in record.marks)
+            )
+            if pending:
+                goes_on = f"it goes on with the last {pending} of its {len(campaign.runs)} runs"
                 says.append(f"campaign {campaign.id[: wire.ID_LETTERS]} was not over when serve started: {goes_on}")
         return tuple(says)
 
@@ -230,8 +232,8 @@ class Store:
         documented = {path.stem.rpartition("_")[2] for path in self._filed("*.json")}
         stopped = {path.stem for path in self._filed("*.stopped")}
         odd += [f"the document of campaign {name[: wire.ID_LETTERS]} is gone" for name in sorted(stopped - documented)]
-        gone = [place.name for place in (self.campaigns, self.runs) if not place.is_dir()]
-        odd += [f"{name}/ is gone, and nothing is driven; start `automarine serve` again" for name in gone]
+        absent = [place.name for place in (self.campaigns, self.runs) if not place.is_dir()]
+        odd += [f"{name}/ is gone, and nothing is driven; start `automarine serve` again" for name in absent]
         for name, is_file in sorted(names.items()):
             if name.endswith((".csv", ".part")) and not (is_file and wire.LOG_NAME.fullmatch(name)):
                 odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")

@@ -130,22 +130,26 @@ def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
     return frozenset((strangers | aside | set(PLACES)) - names)
 
 
-def motions_in(held: Set[str]) -> list[Dof]:
+def motions_in(quantities: Set[str]) -> list[Dof]:
     """List the motions of which a log with these quantities is whole, those with a command first; of roll or pitch
     alone it needs none."""
-    complete = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
-    if not any(dof.position in held for dof in DOFS.values() if not dof.restoring):  # a free decay has no command
-        complete = [dof for dof in DOFS.values() if dof.position in held]
+    complete = [
+        dof
+        for dof in DOFS.values()
+        if dof.position in quantities and (dof.command in quantities or driven(dof, quantities))
+    ]
+    if not any(dof.position in quantities for dof in DOFS.values() if not dof.restoring):  # a free decay has no command
+        complete = [dof for dof in DOFS.values() if dof.position in quantities]
     places = {dof.position: i for i, dof in reversed(list(enumerate(complete)))}
-    return sorted(complete, key=lambda dof: (places[dof.position], dof.command not in held))
+    return sorted(complete, key=lambda dof: (places[dof.position], dof.command not in quantities))
 
 
 def quantities_of(names: Iterable[str]) -> set[str]:
     return {CANONICAL[name].quantity for name in names if name in CANONICAL}
 
 
-def driven(dof: Dof, held: Set[str]) -> bool:
-    return bool(dof.thrusters) and held >= set(dof.thrusters)
+def driven(dof: Dof, quantities: Set[str]) -> bool:
+    return bool(dof.thrusters) and quantities >= set(dof.thrusters)
 
 
 def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Dof:
@@ -520,15 +524,15 @@ def _summed(codec: Codec, value: object, place: tuple[object, ...]) -> object:
     if not isinstance(sources, list):
         return table
     names = [name.strip() for name in codec.value(tuple[str, ...], sources, (*place, "from"))]
-    each: dict[str, Sequence[object]] = {"from": names}
+    lists: dict[str, Sequence[object]] = {"from": names}
     for key in ("scale", "subtract"):
         if key in table:
             numbers = table[key] if isinstance(table[key], list) else [table[key]] * len(names)
             if len(numbers) != len(names):
                 trouble = f"found {len(numbers)} numbers for {len(names)} columns; expected one each, or one for all"
                 raise codec.refusal((*place, key), trouble)
-            each[key] = numbers
-    rules = [dict(zip(each, values)) for values in zip(*each.values())]
+            lists[key] = numbers
+    rules = [dict(zip(lists, values)) for values in zip(*lists.values())]
     if not rules:
         raise codec.refusal((*place, "from"), "found no column, expected one or more names in quotes")
     return table | rules[0] | {"plus": rules[1:]}

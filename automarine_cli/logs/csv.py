@@ -105,9 +105,9 @@ def _unpacked(path: Path, name: str) -> bytes:
 def _text(path: Path, name: str) -> bytes:
     """Plain text with line feeds between its lines."""
     data = path.read_bytes() if not path.name.lower().endswith(".gz") else _unpacked(path, name)
-    for signature, what in SIGNATURES.items():
+    for signature, problem in SIGNATURES.items():
         if data.startswith(signature):
-            raise LogError(f"{name}: {what}")
+            raise LogError(f"{name}: {problem}")
     data = data.removeprefix(b"\xef\xbb\xbf")
     damaged = "The file is binary or was damaged while it was written; copy it again, or give the log as text"
     if (nul := data.find(b"\0")) >= 0:

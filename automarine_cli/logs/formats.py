@@ -103,10 +103,10 @@ def too_many_columns(where: str, count: int) -> LogError:
     return LogError(f"{where}: found {count} columns, expected at most {MAX_COLUMNS}; check separators and line ends")
 
 
-def refuse_empty(content: object, source: str, what: str) -> None:
+def refuse_empty(content: object, source: str, content_name: str) -> None:
     if not content:
         raise LogError(
-            f"{source}: found no {what}, expected some from its extension; copy the file again, or rename it"
+            f"{source}: found no {content_name}, expected some from its extension; copy the file again, or rename it"
         )
 
 

@@ -644,10 +644,10 @@ def _recognised(parts: Iterable[Layout | LogError], user_map: ColumnMap) -> list
     return [recognised(layout, alike(layout), user_map) if layout.is_recognised else layout for layout in layouts]
 
 
-def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
-    """Return folders, globs and files (relative, with forward slashes) that mean exactly `wanted` of all logs; never
+def places_of(files: Sequence[str], everywhere: Sequence[str]) -> list[str]:
+    """Return folders, globs and files (relative, with forward slashes) that mean exactly `files` of all logs; never
     the folder at the top, where results may be written."""
-    remaining, places = set(wanted), []
+    remaining, places = set(files), []
     folders = {parent.as_posix() for name in everywhere for parent in PurePosixPath(name).parents[:-1]}
     for folder in sorted(folders, key=lambda folder: (folder.count("/"), folder)):  # outer ones first
         inside = {name for name in everywhere if name.startswith(f"{folder}/")}
@@ -657,7 +657,7 @@ def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
     for glob in dict.fromkeys(glob for globs in zip(*map(_globs, sorted(remaining))) for glob in globs):
         folder = glob.rpartition("/")[0]
         meant = {name for name in everywhere if name.rpartition("/")[0] == folder and fnmatchcase(name, glob)}
-        if len(meant & remaining) > 1 and meant <= set(wanted):
+        if len(meant & remaining) > 1 and meant <= set(files):
             places.append(glob)
             remaining -= meant
     return sorted([*places, *remaining])

@@ -48,8 +48,8 @@ def _read_json_channels(path: Path, name: str, columns: ColumnMap) -> RawLog:
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
                 topic = channel.topic
                 counted[topic] += 1
-                wanted = channel.message_encoding == "json" and serves(_mavlink(topic) or topic, columns.sources)
-                if wanted and isinstance(data := json.loads(message.data), dict):
+                serves_here = channel.message_encoding == "json" and serves(_mavlink(topic) or topic, columns.sources)
+                if serves_here and isinstance(data := json.loads(message.data), dict):
                     rows.setdefault(topic, []).append((message.log_time / 1e9, data))
         except (EndOfFile, struct.error):  # the library unpacks what is left of a record
             if file.read(1):
@@ -251,9 +251,9 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
     if unstamped := [topic.name for topic in topics if np.isnan(topic.stamped).any() and topic.name in serving]:
         notes.append(f"without stamps of their own, at the time of recording: {listed(unstamped)}")
     if turning:
-        others = f", not of {listed(topic.name for topic in turning[1:])}" if len(turning) > 1 else ""
+        unused = f", not of {listed(topic.name for topic in turning[1:])}" if len(turning) > 1 else ""
         turned = "turned from ROS's east, north, up and forward, left, up to clockwise from north"
-        notes.insert(0, f"heading of {turning[0].name}{others}, {turned}")
+        notes.insert(0, f"heading of {turning[0].name}{unused}, {turned}")
     return streams.Recording(readings, holds, tuple(notes))
 
 

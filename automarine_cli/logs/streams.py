@@ -25,7 +25,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.text import listed, plural, printable
 
 
-def needed(module: str, extra: str, source: str, what: str) -> ModuleType:
+def needed(module: str, extra: str, source: str, content_name: str) -> ModuleType:
     """The module of a library that the extra `extra` brings. Raises LogError that says how to install it."""
     try:
         with warnings.catch_warnings():
@@ -33,13 +33,13 @@ def needed(module: str, extra: str, source: str, what: str) -> ModuleType:
             return importlib.import_module(module)
     except ImportError:
         raise LogError(
-            f"{source}: {what} are read by {module.partition('.')[0]}, which is not installed; "
+            f"{source}: {content_name} are read by {module.partition('.')[0]}, which is not installed; "
             f"say pip install 'automarine[{extra}]'"
         ) from None
 
 
 @contextlib.contextmanager
-def unsound_is_refused(source: str, what: str, mend: str = "copy the file again") -> Iterator[None]:
+def unsound_is_refused(source: str, content_name: str, mend: str = "copy the file again") -> Iterator[None]:
     """Whatever a library raises or prints over a damaged file becomes one LogError. An interrupt stays one."""
     try:
         quiet = io.StringIO()
@@ -51,7 +51,7 @@ def unsound_is_refused(source: str, what: str, mend: str = "copy the file again"
     except Exception as problem:
         if isinstance(problem, OSError) and problem.errno is not None:
             raise
-        raise LogError(f"{source}: the {what} data is damaged inside; {mend}") from None
+        raise LogError(f"{source}: the {content_name} data is damaged inside; {mend}") from None
 
 
 def yaw_of(w: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
@@ -158,7 +158,7 @@ def on_one_clock(recording: Recording, columns: ColumnMap, source: str) -> RawLo
     if bollard:  # nothing turns in it, though a compass may have been on
         headings = names_of("heading")
         plain = ({name: c for name, c in stream.columns.items() if name not in headings} for stream in streams)
-        streams = [replace(stream, columns=rest) for stream, rest in zip(streams, plain) if rest]
+        streams = [replace(stream, columns=remaining) for stream, remaining in zip(streams, plain) if remaining]
         also = {name: column for name, column in also.items() if column not in headings}
     master = _master(streams, also, columns, bollard)
     if master is None:
@@ -193,9 +193,9 @@ def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnM
 
 def _is_bollard(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap) -> bool:
     there = {name for stream in streams for name in stream.columns} | set(also)
-    named = quantities_of(name for name, rule in columns.columns.items() if rule.source in there)
+    quantities = quantities_of(name for name, rule in columns.columns.items() if rule.source in there)
     commands = {name for dof in DOFS.values() for name in (dof.command, *dof.thrusters)}
-    return named >= {"n", "force"} and not named & commands
+    return quantities >= {"n", "force"} and not quantities & commands
 
 
 def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
@@ -223,15 +223,15 @@ def _paused(time: Floats) -> Floats:
 
 
 def _brought(
-    stream: Stream, values: NDArray[Any], master: Stream, held: NDArray[np.int64], moves: bool
+    stream: Stream, values: NDArray[Any], master: Stream, latest: NDArray[np.int64], moves: bool
 ) -> pa.ChunkedArray:
     if values.dtype.kind == "f":
         if moves and np.all(np.diff(stream.time) >= 0):
             values = np.interp(master.time, stream.time, values)
-            return _array(np.where(held >= 0, values, np.nan))
-        return _array(np.where(held >= 0, values[held], np.nan))
+            return _array(np.where(latest >= 0, values, np.nan))
+        return _array(np.where(latest >= 0, values[latest], np.nan))
     words, code = np.unique(values.astype(str), return_inverse=True)
-    rows = pa.array(np.maximum(code[held], 0), mask=held < 0)
+    rows = pa.array(np.maximum(code[latest], 0), mask=latest < 0)
     return pa.chunked_array([pa.array([word.encode() for word in words]).take(rows)])
 
 
@@ -239,12 +239,12 @@ def _array(values: Floats) -> pa.ChunkedArray:
     return pa.chunked_array([pa.array(values, pa.float64())])
 
 
-def _age(stream: Stream, master: Stream, held: NDArray[np.int64], interpolated: bool) -> str:
-    name, valid = printable(stream.name), held >= 0
+def _age(stream: Stream, master: Stream, latest: NDArray[np.int64], interpolated: bool) -> str:
+    name, valid = printable(stream.name), latest >= 0
     if not valid.any():
         return f"{name} begins only after the last row"
-    age = np.abs(master.time[valid] - stream.time[held[valid]])
-    late = len(held) - int(np.count_nonzero(valid))
+    age = np.abs(master.time[valid] - stream.time[latest[valid]])
+    late = len(latest) - int(np.count_nonzero(valid))
     lacking = f", none in {plural(late, 'row')}" if late else ""
     how = ", interpolated" * interpolated
     return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{lacking}{how}"

@@ -99,8 +99,8 @@ def read_log(
             extras[printable(name)] = np.where(np.isinf(values), np.nan, values)
     values_of = {use.canonical.quantity: _values(raw, use, source, notes) for use in uses}
     units = {use.canonical.quantity: _unit(use, values_of[use.canonical.quantity]) for use in uses}
-    held = values_of.keys()
-    if dof is YAW and "rudder" in held and dof.command not in held and not naming.driven(dof, held):
+    quantities = values_of.keys()
+    if dof is YAW and "rudder" in quantities and dof.command not in quantities and not naming.driven(dof, quantities):
         # nothing else turns it: the rudder is the command; in the plane it acts beside none
         values_of[dof.command] = values_of["rudder"] * (1.0 if motion is None else 0.0)
         units[dof.command] = STEERED if motion is None else dof.units.forces[1]
@@ -181,8 +181,8 @@ def _clock(raw: RawLog, columns: ColumnMap, source: str) -> tuple[str, Floats]:
     return raw.names[use.index], _values(raw, use, source, [])
 
 
-def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[str]) -> tuple[list[_Use], list[str]]:
-    """Which column serves which quantity; rules of the map come before names of the file. `others` are not read."""
+def _assigned(raw: RawLog, columns: ColumnMap, source: str, foreign: frozenset[str]) -> tuple[list[_Use], list[str]]:
+    """Which column serves which quantity; rules of the map come before names of the file. `foreign` are not read."""
     mapped: dict[str, list[_Use]] = {}
     missing: dict[str, str] = {}
     for name, rule in columns.columns.items():
@@ -198,7 +198,7 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
             missing[canonical.quantity] = why
     by_name: dict[str, list[_Use]] = {}
     for name, canonical in CANONICAL.items():
-        if canonical.quantity in others or canonical.quantity in mapped or (place := raw.place(name)) is None:
+        if canonical.quantity in foreign or canonical.quantity in mapped or (place := raw.place(name)) is None:
             continue
         # a column `time` of plain numbers has no unit: it is not taken as the clock
         if name != "time" or not raw.is_numeric(place):
@@ -343,9 +343,9 @@ def labels_of(raw: RawLog, columns: ColumnMap, source: str) -> dict[str, Labels]
     return labels
 
 
-def categorical_columns(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
-    """Columns of words that may name runs or parts: MIN_ROWS rows a name, two to MAX_NAMES names; none in `taken`."""
-    columns = {} if raw.holds else {name: c for name, c in zip(raw.names, raw.arrays) if name and name not in taken}
+def categorical_columns(raw: RawLog, used: Container[str]) -> dict[str, Labels]:
+    """Columns of words that may name runs or parts: MIN_ROWS rows a name, two to MAX_NAMES names; none in `used`."""
+    columns = {} if raw.holds else {name: c for name, c in zip(raw.names, raw.arrays) if name and name not in used}
     return {
         printable(name): _labels(array)
         for name, array in columns.items()
@@ -414,13 +414,13 @@ def is_thruster_test(table: LogTable) -> bool:
     return means_thruster_test(table.columns.keys(), table.names, table.dof)
 
 
-def means_thruster_test(held: Set[str], names: Sequence[str], dof: Dof) -> bool:
+def means_thruster_test(quantities: Set[str], names: Sequence[str], dof: Dof) -> bool:
     """Tell whether a log of these quantities, in columns of these names, is or seems meant as a thruster test."""
-    commanded = dof.command in held or naming.driven(dof, held)
-    if dof.position in held or (dof.velocity in held and commanded):
+    commanded = dof.command in quantities or naming.driven(dof, quantities)
+    if dof.position in quantities or (dof.velocity in quantities and commanded):
         return False
     free = _free(names)
-    return "force" in held or (
+    return "force" in quantities or (
         naming.likely_column("force", free) is not None and naming.likely_column(dof.position, free) is None
     )
 

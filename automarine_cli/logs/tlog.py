@@ -59,12 +59,12 @@ def serves(kind: str, sources: Iterable[str]) -> bool:
 def _messages(data: bytes, sources: Iterable[str], dialect: Any) -> tuple[dict[str, Message], Counter[str], int]:
     """Fields of messages that serve, `received` [s] by the station's clock; counts of all kinds, and of damaged."""
     decode, kinds = dialect.MAVLink(None).decode, dialect.mavlink_map
-    wanted = {number for number, kind in kinds.items() if serves(kind.msgname, sources)}
+    serving = {number for number, kind in kinds.items() if serves(kind.msgname, sources)}
     rows: dict[int, list[tuple[float, Any]]] = {}
     counted, bad = Counter[int](), 0
     for at, after, number in _packets(data):
         counted[number] += 1
-        if number in wanted:
+        if number in serving:
             try:
                 message = decode(bytearray(data[at + STAMP_BYTES : after]))
             except dialect.MAVError:

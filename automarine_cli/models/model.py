@@ -264,7 +264,7 @@ class Model:
         """
         base = [term.effect.role for term in self.terms if term.base]
         main = "quadratic" if "quadratic" in base else "linear"
-        both = {term.name for term in self.terms} >= set(BASE_TERMS["2"])
+        has_both_drags = {term.name for term in self.terms} >= set(BASE_TERMS["2"])
         # a hull may turn by itself until its other drag holds it: ships are often unstable on their course
         steers = self.moment_unit == STEERED and any((term.effect.power or 0) > 1 for term in self.terms)
         dofs, entries = self.motion.dofs, list[Parameter]()
@@ -281,12 +281,12 @@ class Model:
                 step = 0.1 * size[term.dof]
                 entries.append(Parameter(names[0], term.values[0], step=step, unit=effect.unit))
                 continue
-            fixed = [term.name in dropped or held for held in effect.held(term.values)]
+            fixed = [term.name in dropped or constant for constant in effect.held(term.values)]
             for name, law, value, stays in zip(names, effect.parameters, term.values, fixed):
                 lower, upper = max(law.lower, least_delay if effect.shifts(term.values) else -np.inf), law.upper
                 if law.scan and effect.varies(term.values):
                     upper = min(upper, longest_period)
-                if effect.role == "linear" and ((signed_drag and both) or steers):
+                if effect.role == "linear" and ((signed_drag and has_both_drags) or steers):
                     lower = -np.inf
                 log = law.log or (log_drag and term.base and effect.role in (main, "restoring") and not stays)
                 step = max(law.scaled(law.start, size[term.dof]), 1e-6)

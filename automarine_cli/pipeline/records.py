@@ -174,7 +174,7 @@ class Codec:
             return
         free = [name for name in accepted if name not in data] if self.writer else accepted
         of_motions = (pair for words in DOFS.values() for pair in zip(_top_keys(record, words), top_keys))
-        meant = [ours for theirs, ours in of_motions if theirs == key and ours in free]
+        meant = [own_key for theirs, own_key in of_motions if theirs == key and own_key in free]
         close = meant or difflib.get_close_matches(str(key)[:MAX_NAME_LETTERS], free, 1, 0.8 if self.writer else 0.6)
         hint = f"did you mean {format_value(close[0])}?" if close else f"known are {', '.join(accepted)}"
         raise self.refusal(place, f"unknown key {format_value(key)}; {hint}")

@@ -142,8 +142,8 @@ class CanBus:
         except Exception as problem:  # each interface raises its own
             why = f"{str(problem).partition(chr(10))[0]}); look at the adapter and its settings"
             raise SettingError(f"the bus {self.place} cannot be opened ({why}") from None
-        with contextlib.closing(_Bus(f"the bus {self.place}", bus)) as named:
-            yield named
+        with contextlib.closing(_Bus(f"the bus {self.place}", bus)) as opened:
+            yield opened
 
 
 class _Bus:
@@ -165,11 +165,11 @@ class _Bus:
 
     def rest(self, neutral: Step, pause: float) -> None:
         """Send neutral several times; one that fails keeps no other from being sent. Raises what the last raises."""
-        for left in reversed(range(NEUTRAL_FRAMES)):
+        for remaining in reversed(range(NEUTRAL_FRAMES)):
             try:
                 self.send(neutral)
             except SettingError:
-                if not left or self._stuck:
+                if not remaining or self._stuck:
                     raise
             time.sleep(pause)
 

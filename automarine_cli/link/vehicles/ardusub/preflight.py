@@ -131,15 +131,15 @@ def preflight(
 
 def _complaints(heard: Heard, output: float, seconds: float) -> Iterator[str]:
     """Yield a sentence for each rule broken in so many seconds by a vehicle that has to reach an `output`."""
-    parameters, ours = heard.parameters, STATION_ID[0]
+    parameters, station = heard.parameters, STATION_ID[0]
     if heard.armed:
         yield "the vehicle is armed already, so somebody else drives it; make them disarm it"
     # one that takes sticks from other ground stations only would pass ours over in silence
     name = "MAV_GCS_SYSID" if "MAV_GCS_SYSID" in parameters else "SYSID_MYGCS"
     if name not in parameters:
         yield "the vehicle tells no parameters, without which it is not driven; check the link, and start it again"
-    elif not parameters[name] <= ours <= max(parameters[name], parameters.get("MAV_GCS_SYSID_HI", 0.0)):
-        yield f"{name} is {parameters[name]:g}, and sticks are taken from that system only; set it to {ours}, ours"
+    elif not parameters[name] <= station <= max(parameters[name], parameters.get("MAV_GCS_SYSID_HI", 0.0)):
+        yield f"{name} is {parameters[name]:g}, and sticks are taken from that system only; set it to {station}, ours"
     for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE"):
         if parameters.get(name) != DISARMS:
             value = f"{parameters[name]:g}" if name in parameters else "unknown"
