@@ -28,11 +28,38 @@ LENGTHS, SPEEDS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}, {"m/s": 1.0,
 VELOCITIES = ("surge", "sway", "heave")  # of the vehicle's body, which tests of every motion may log
 PLACES = ("north", "east", "lat", "lon")  # on the water, which logs of motion in the plane may hold
 ROTATIONS = tuple(dof for dof in DOFS.values() if dof.angular)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A logged quantity that effects read: the unit of each of its `columns`, SI factors of all `units`, the `words`
+    by which people call it. Tests make it from its `usual` value, how far it goes to both sides of that (`swing`) and
+    its `sign` in a mirrored run, -1 of what changes sides."""
+
+    columns: Mapping[str, str]
+    units: Mapping[str, float]
+    usual: float
+    swing: float
+    sign: int = 1
+    words: tuple[str, ...] = ()
+
+
+SIGNALS: Mapping[str, Signal] = {
+    "voltage": Signal(
+        {"voltage_V": "V"}, {"V": 1.0, "mV": 1e-3}, 12.0, 1.9,
+        words=("voltage", "volts", "battery_voltage", "vbat", "battery", "bat", "nominal_voltage_v"),
+    ),
+    "rudder": Signal(
+        {"rudder_deg": "deg", "rudder_rad": "rad"}, ANGLES, 0.0, 0.5, -1,
+        words=("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "fin", "elevator"),
+    ),
+    "surge": Signal({"surge_m_s": "m/s"}, SPEEDS, 0.0, 0.4),
+    "sway": Signal({"sway_m_s": "m/s"}, SPEEDS, 0.0, 0.2, -1),
+}  # fmt: skip
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},
-    "voltage": {"V": 1.0, "mV": 1e-3},
-    "rudder": ANGLES,
     "force": FORCES,
+    **{quantity: signal.units for quantity, signal in SIGNALS.items()},
     **dict.fromkeys(VELOCITIES, SPEEDS),
     **dict.fromkeys(PLACES[:2], LENGTHS),
     "lat": {"deg": DEGREE},
@@ -100,9 +127,7 @@ _ALL = (
     ("time_us", "time", "us"),
     ("time", "time", TIMESTAMP),
     *_of_motions([YAW], "position", "velocity", "command"),
-    ("voltage_V", "voltage", "V"),
-    ("rudder_deg", "rudder", "deg"),
-    ("rudder_rad", "rudder", "rad"),
+    *((name, quantity, unit) for quantity, signal in SIGNALS.items() for name, unit in signal.columns.items()),
     *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
     *_of_motions([dof for dof in DOFS.values() if not dof.angular], "velocity", "position", "command"),
     *_of_motions([dof for dof in ROTATIONS if dof is not YAW], "position", "velocity", "command"),
@@ -164,8 +189,7 @@ WORDS: Mapping[str, Sequence[str]] = {
     "time": ("t", "time", "timestamp", "seconds", "secs", "clock", "stamp", "millis", "zeit", "uhrzeit", "datetime"),
     "n": ("n", "cmd", "command", "n_rev_s", "effort", "throttle", "thruster_input", "pwm", "rpm", "esc", "pulse"),
     "force": ("force", "thrust", "load", "newtons", "pull", "mean_force", "total_force"),
-    "rudder": ("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "fin", "elevator"),
-    "voltage": ("voltage", "volts", "battery_voltage", "vbat", "battery", "bat", "nominal_voltage_v"),
+    **{quantity: signal.words for quantity, signal in SIGNALS.items()},
     **{
         quantity: [word for other in DOFS.values() for word in other.nicknames.get(quantity, ())]
         for dof in DOFS.values()

@@ -107,8 +107,7 @@ FORCE_WORDS = {
 SPEED_WORDS = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
 EXACT = {
     **{
-        quantity: {*naming.WORDS[quantity]} - {"battery", "bat"}
-        for quantity in ("time", "n", "force", "voltage", "rudder")
+        quantity: {*naming.WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", *naming.SIGNALS)
     },
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
@@ -405,7 +404,7 @@ def _signed_by(name: str, neutral: float) -> object:
 
 
 NEEDED = ("time", YAW.position, YAW.command)
-YAW_QUANTITIES = (*NEEDED, *YAW.thrusters, YAW.velocity, "rudder", "surge", "sway", "voltage")
+YAW_QUANTITIES = (*NEEDED, *YAW.thrusters, YAW.velocity, *naming.SIGNALS)
 BOLLARD = ("n", "force", "time", "voltage")
 MAX_LOOKED_INTO = 20  # bollard tests of one layout
 

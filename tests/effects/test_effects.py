@@ -40,8 +40,8 @@ from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import driven_problem, starts_near
+from automarine_cli.logs.columns import SIGNALS
 from automarine_cli.models.model import Model
-from automarine_cli.quantities import SIGNALS
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate

@@ -14,8 +14,9 @@ from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect
 from automarine_cli.effects.base import MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.logs.columns import SIGNALS
 from automarine_cli.models.model import Model
-from automarine_cli.quantities import SIGNALS, Floats
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
