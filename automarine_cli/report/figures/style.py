@@ -23,6 +23,8 @@ from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.quantities import Floats
+from automarine_cli.report.figures.readings import panels as described
+from automarine_cli.report.figures.readings import with_readings
 from automarine_cli.report.sections import Drawing, figure_file
 from automarine_cli.text import printable
 
@@ -80,12 +82,19 @@ def _file(kind: str, settings: dict[Any, Any], nameless: Sequence[str], figure: 
     return buffer.getvalue()
 
 
+def _svg(figure: Figure) -> bytes:
+    """Return the figure as an SVG with its readings: series have their ids before, panels their places after."""
+    described(figure)
+    settings = {"svg.hashsalt": "automarine", "svg.fonttype": "none"}  # text stays text
+    return with_readings(_file("svg", settings, ("Date", "Creator"), figure), figure)
+
+
 FIGURE_WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
     "png": partial(_file, "png", {}, ("Software",)),
-    "svg": partial(_file, "svg", {"svg.hashsalt": "automarine", "svg.fonttype": "none"}, ("Date", "Creator")),
+    "svg": _svg,
     "pdf": partial(_file, "pdf", {"pdf.fonttype": 42}, ("CreationDate", "Creator", "Producer")),
     "slides": partial(_file, "png", {}, ("Software",)),
-}  # text stays text, letters that other programs can edit
+}
 SLIDE_IN, SLIDE_PT, LABEL_PT = (13.33, 7.5), 18.0, 8.0
 
 
