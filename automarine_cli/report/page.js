@@ -139,6 +139,7 @@
     size = drawing ? [drawing.width, drawing.height] : [image.naturalWidth, image.naturalHeight];
     Object.assign(large, { src: image.src, alt: image.alt, draggable: false });
     caption.textContent = words;
+    stage.append(large);
     pointers.clear();
     dialog.showModal();
     reset();
@@ -152,7 +153,6 @@
     button("−", keys["-"], "Smaller"), button("+", keys["+"], "Larger"), button("Reset", reset, "Reset"),
     button("Close", () => dialog.close(), "Close"), caption,
   );
-  stage.append(large);
   dialog.append(bar, stage);
   dialog.onclose = hush;
   addEventListener("resize", () => { if (dialog.open) reset(); });
