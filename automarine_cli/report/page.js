@@ -155,7 +155,7 @@
   );
   dialog.append(bar, stage);
   dialog.onclose = hush;
-  addEventListener("resize", () => { if (dialog.open) reset(); });
+  addEventListener("resize", () => { hush(); if (dialog.open) reset(); });
   document.body.append(dialog);
   document.documentElement.classList.add("live");
 
