@@ -18,7 +18,7 @@ from matplotlib.container import BarContainer, ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedFormatter
+from matplotlib.ticker import FuncFormatter
 
 POINTS_PER_INCH = 72.0  # an SVG counts in points
 SAME_PLACE = 1e-3  # of a figure: panels whose edges differ by less stand in one row or column
@@ -55,8 +55,8 @@ def _axis(ax: Axes, side: str, figure: Figure) -> dict[str, Any]:
     told: dict[str, Any] = {"ends": ends, "label": _plain(next(filter(None, labels), side))}
     if axis.get_scale() == "log":
         told["log"] = True
-    if isinstance(words := axis.get_major_formatter(), FixedFormatter):
-        told["words"] = {f"{tick:g}": word for tick, word in zip(axis.get_ticklocs(), words.seq)}
+    if isinstance(axis.get_major_formatter(), FuncFormatter):  # which matplotlib sets where ticks are words
+        told["words"] = {f"{at:g}": tick.get_text() for at, tick in zip(axis.get_ticklocs(), axis.get_ticklabels())}
     return told
 
 
