@@ -86,14 +86,14 @@ def test_an_svg_tells_where_its_points_are() -> None:
     x, y = np.array([0.5, 2.0, 40.0]), np.array([-3.0, 0.25, 7.0])
     figure, ((top,), (bottom,)) = new_figure(2, 1, 4.0, 4.0)
     top.plot(x, y, "o", label="measured")
-    top.plot(x, y + 1.0, label=r"$k_{rr}$ <&>")
+    top.plot(x, y + 1.0, label=r"$k_{rr}$ <&> \run")
     top.set(xscale="log", xlabel="Time [s]", ylabel=r"Heading $\psi$ [deg]")
     bottom.barh([0, 1], [3.0, 5.0], label="named")
     bottom.set_yticks([0, 1], ["swirl", "drag"])
     root = ElementTree.fromstring(svg(figure))
     by_id = {element.get("id"): element for element in root.iter()}
     above, below = json.loads(by_id["readings"].text or "")
-    assert [series["name"] for series in above["series"]] == ["measured", "k_rr <&>"]
+    assert [series["name"] for series in above["series"]] == ["measured", r"k_rr <&> \run"]
     assert [above[side]["label"] for side in "xy"] == ["Time [s]", "Heading ψ [deg]"] and above["x"]["log"]
     marks = [(mark.get("x"), mark.get("y")) for mark in by_id[above["series"][0]["id"]].iter(f"{SVG}use")]
     (line,) = by_id[above["series"][1]["id"]].iter(f"{SVG}path")

@@ -110,5 +110,11 @@ def _legend(figure: Figure) -> dict[object, str]:
 
 def _plain(label: str) -> str:
     """Return a label with its formulas as text: ψ for $\\psi$, k_rr for $k_{rr}$."""
-    greek = re.sub(r"\\([a-z]+)", lambda match: unicodedata.lookup(f"GREEK SMALL LETTER {match[1].upper()}"), label)
-    return re.sub(r"[${}]", "", greek) if "$" in label else label
+    return re.sub(r"[${}]", "", re.sub(r"\\([a-z]+)", _greek, label)) if "$" in label else label
+
+
+def _greek(command: re.Match[str]) -> str:
+    try:
+        return unicodedata.lookup(f"GREEK SMALL LETTER {command[1].upper()}")
+    except KeyError:  # another command, or a name from a log
+        return command[0]
