@@ -59,10 +59,10 @@
     return [ax + share * (bx - ax), ay + share * (by - ay)];
   };
   const said = (axis, share) => {
-    const value = valueOf(axis, share), [, name, unit] = /^(.*?)(?: \[([^\]]*)\])?$/s.exec(axis.label);
+    const value = valueOf(axis, share), [, name, unit, more = ""] = /^(.*?)(?: \[([^\]]*)\](.*))?$/s.exec(axis.label);
     if (axis.words) return axis.words[Math.round(value)] || "";
     const digits = Math.min(Math.max(Math.ceil(3 - Math.log10(Math.abs(axis.ends[1] - axis.ends[0]))), 0), 8);
-    return `${name}: ${axis.log ? value.toPrecision(3) : value.toFixed(digits)} ${unit || ""}`.trim();
+    return `${name}${more.replace(/\s+/g, " ")}: ${axis.log ? value.toPrecision(3) : value.toFixed(digits)} ${unit || ""}`.trim();
   };
 
   const mark = make("i", "mark"), note = make("output", "note");

@@ -37,10 +37,7 @@ MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3":
 PREFERRED: dict[str, Any] = {"color": COLOURS["blue"], "lw": 1.8, "zorder": 4}
 MEASURED_COLOUR = COLOURS["grey"]
 
-TWO_LOOKS: tuple[dict[str, Any], ...] = (
-    {"color": COLOURS["vermilion"], "ms": 5.0},
-    {"color": COLOURS["blue"], "ms": 3.0},
-)
+TWO_LOOKS: tuple[dict[str, Any], ...] = ({"color": COLOURS["orange"], "ms": 5.0}, {"color": COLOURS["blue"], "ms": 3.0})
 
 PAGE_IN = 7.2  # width of a page [inch]
 MAX_RUNS_DRAWN, MAX_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
