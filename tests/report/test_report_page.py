@@ -257,6 +257,31 @@ def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
     assert "This is the model without water-swirl" in text.partition("## Yaw model")[2]
 
 
+@pytest.mark.parametrize(("after", "says"), [(9.0, "does not fall with water-swirl"), (7.0, "the model with it")])
+def test_an_effect_that_runs_not_fitted_do_not_bear_out_is_not_recommended(
+    tmp_path: Path, after: float, says: str
+) -> None:
+    """Of driven runs predictions count, whatever free runs do."""
+    write_model(tmp_path)
+    for place, ahead, free in (("validation", 8.0, 40.0), ("final_validation", after, 50.0 - after)):
+        runs = {"calm": ahead / 2, "rough": 2 * ahead}
+        write(tmp_path, f"{place}/validation.json", {
+            "schema": "automarine/validation/1", "best": "3", "models": {"3": {"heading_rmse_deg": free}},
+            "prediction": {"3": [
+                {"horizon_s": 5.0, "rmse_deg": ahead, "constant_rate_deg": 20.0, "constant_heading_deg": 16.0,
+                 "runs": runs}
+            ]},
+        })  # fmt: skip
+    write(tmp_path, "diagnosis/diagnosis.json", {
+        "schema": "automarine/diagnosis/1", "verdict": "named", "effects": [{"name": "water-swirl"}], "base": {},
+        "gap": {"fitted_runs": {"before_deg": 3.0, "after_deg": 1.0, "noise_floor_deg": 0.9}},
+    })  # fmt: skip
+    text = make_report(tmp_path).files["report.md"]
+    assert says in text.partition("- **Next:**")[2].partition("\n")[0]
+    assert f"- **Error:** the model with water-swirl: {after:.2f} deg 5 s ahead, " in text
+    assert f"| final, with water-swirl | {after:.2f} | " in text and "| a constant heading or rate | 16.0 | – |" in text
+
+
 def test_a_fit_that_asks_for_an_effect_says_so_where_nothing_was_diagnosed(tmp_path: Path) -> None:
     write_model(tmp_path, proposed={"input-delay": 879.0})
     box = make_report(tmp_path).files["report.md"].partition("## ")[0]
