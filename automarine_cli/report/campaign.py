@@ -4,6 +4,7 @@ What a step found stands as its command wrote it (Markdown, tables, figures); he
 what only all steps together tell.
 """
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli import effects
-from automarine_cli.comparison.validation import VALIDATION, ScoreEntry, ValidationFile
+from automarine_cli.comparison.validation import VALIDATION, ForecastEntry, ValidationFile
 from automarine_cli.control.tuning import TUNING
 from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING, SUSPECTED, UNEXPLAINED
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -35,14 +36,14 @@ from automarine_cli.pipeline.records import ResultKind, RunsUsed, Shown, to_mapp
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
 from automarine_cli.report.log_tables import CHECK, CheckFile, sensor_sentences
 from automarine_cli.report.page import page, plain
-from automarine_cli.report.sections import Content, Sections, bullets, document, sections
+from automarine_cli.report.sections import Content, Sections, bullets, document, file_stems, sections
 from automarine_cli.report.tables import MISSING, Table, escape, interval, number, with_band
 from automarine_cli.text import listed, plural
 from automarine_cli.thrusters.map import THRUSTER_MAP, ThrusterFile
 
 REPORT_FILES = ("report.html", "report.md")
 REPORT = "report"
-MAX_FIGURES, MAX_CAMPAIGNS_LISTED = 12, 12  # Of a step in the page, and at the end; all are in their folders
+MAX_FIGURES, MAX_CAMPAIGNS_LISTED = 24, 12  # Of a step in the page, and at the end; all are in their folders
 SAME_VOLTAGE = 1.03  # voltages that differ by less are one, as in the thruster fit
 MADE = (
     "The `manifest.json` of each folder holds the command, every setting, the seed and the SHA-256 of every input; "
@@ -61,15 +62,18 @@ CAPTIONS = {
     "planar_runs": "Whole runs, measured and predicted",
     "planar_tracks": "Tracks and speeds, measured and simulated by the commands alone",
     "residuals": "What the fit leaves, in units of the noise, and how the errors of its parameters hang together",
-    "validation": "Run {}: measured, and simulated by its commands alone",
     "tuning": "Loop with the present and the new gains: steps of the heading, and what a load does",
 }
 """Of figures that no page of a step shows, by their files."""
-AS_LOGGED = "Runs as logged: the usable part of steps in blue, manoeuvres in orange, the rest in grey"
+AS_LOGGED = "{}: the usable part of steps in blue, manoeuvres in orange, the rest in grey"
+OF_A_RUN = "Run {}, off by {}: measured, and simulated by its commands alone"
+USE_EXTENDED = "Use `{1}`, the model with it. {2}"
+NOT_BETTER = "On runs not fitted the error does not fall with {0}: confirm it with new runs before you use `{1}`. {2}"
 DIAGNOSE = "`automarine diagnose` says what the model lacks."
 USE = "`automarine tune` and `automarine export` use the model."
 MORE_RUNS = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
 PLAN_RUNS = "`automarine plan` plans the runs that tell what is missing."
+FREE, RESTARTED, AHEAD = "free run", "restarted", f"{JUDGED_HORIZON_S:g} s ahead"
 WORST = "The worst verdict decides. More: `automarine guide good-enough`."
 WITHOUT = "This is the model without {}, which the diagnosis added: the final numbers are at the top."
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
@@ -210,6 +214,11 @@ class MotionResults:
         self.added, self.base = "", dict[str, Moved]()
         if file is not None and file.verdict == NAMED and not file.of_thrusters:
             self.added, self.base = " and ".join(effect.name for effect in file.effects), dict(file.base)
+
+    @property
+    def hero(self) -> StepResult | None:
+        """The validation of the final model, which the page shows first; None where there is none."""
+        return self.final or (None if self.added else self.validation)
 
     @property
     def superseded(self) -> StepResult | None:
@@ -373,7 +382,8 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     grades = [{"motion": motion} | row if several else row for motion, rows in numbers.items() for row in rows]
     good_enough: list[Table | str] = ["## Is it good enough?", Table.of("", grades), WORST] if grades else []
     pages = [result for result in reversed(list(steps.values())) if result.step.section]
-    pages.sort(key=lambda result: SECTIONS.index(result.step.section))  # what is final or missing stands first in each
+    heroes = [MotionResults(steps, result.step.section).hero for result in pages]
+    pages.sort(key=lambda result: (SECTIONS.index(result.step.section), result not in heroes))
     manifests = [result.manifest for result in steps.values() if result.manifest]
     versions = {", ".join(map(" ".join, [("automarine", of.automarine), *of.libraries.items()])) for of in manifests}
     text = document(
@@ -383,7 +393,7 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
         _result_box(steps, ran, {motion: worst(rows) for motion, rows in numbers.items()}),
         bullets(escape(f"Caution: {line}") for line in ran.cautions),
         *good_enough,
-        *_set_aside(steps),
+        _set_aside(steps),
         *(block for result in pages for block in _page(result, MotionResults(steps, result.step.section))),
         *(_logs(steps["check"]) if "check" in steps else []),
         "## How this was made",
@@ -417,7 +427,10 @@ def _result_box(steps: Steps, ran: RunFile, verdict: Mapping[str, str]) -> str:
             advice = " ".join(effects.get(name).card(result.dof).better for name in there)
             after[motion] = advice or (USE if file.verdict == NOTHING else PLAN_RUNS)
             if file.verdict == NAMED:
-                after[motion] = f"Use `{result.step.folder}/extended_model.json`, the model with it. {after[motion]}"
+                place, says_use = f"{result.step.folder}/extended_model.json", USE_EXTENDED
+                if of_motion.added and _not_better(of_motion):
+                    says_use = NOT_BETTER
+                after[motion] = says_use.format(of_motion.added, place, after[motion])
         lines.setdefault(BOX_LABELS.get(result.step.kind.name, result.step.title), {})[motion] = text
     tested = ", ".join(filter(None, [ran.vehicle, says.get("check"), _dates(steps)]))
     lines |= {label: lines.pop(label, {}) for label in BOX_LABELS.values()}  # in this order, whatever was done first
@@ -496,14 +509,23 @@ def _widest(estimates: Mapping[str, Estimate | None]) -> tuple[str, str]:
     return f"± {number(100 * width, 2)} % ({name})", _graded(width, RELATIVE_HALF_WIDTHS)
 
 
+def _ahead(file: ValidationFile) -> ForecastEntry | None:
+    """What the filter predicts of driven runs, as far ahead as it is judged; None for other runs."""
+    entries = {entry.horizon_s: entry for entry in file.prediction.get(file.judged, ()) if entry.rmse is not None}
+    return entries.get(JUDGED_HORIZON_S)
+
+
+def _better_constant(ahead: ForecastEntry) -> float:
+    return min(size for size in (ahead.constant_rate, ahead.constant, math.inf) if size is not None)
+
+
 def _errors(file: ValidationFile) -> tuple[tuple[str, str], tuple[str, str]]:
     """Judge the restarted error, of driven runs that of predictions instead."""
-    model, unit = file.judged, file.dof.units.shown
-    score, ahead = file.models[model], {entry.horizon_s: entry for entry in file.prediction.get(model, ())}
-    if (entry := ahead.get(JUDGED_HORIZON_S)) is not None and entry.rmse is not None:
-        constant = min(size for size in (entry.constant_rate, entry.constant, float("inf")) if size is not None)
-        value = f"{number(entry.rmse, 3)} {unit}, the better constant's {number(constant, 3)} {unit}"
-        return ("driven runs", ""), (value, _graded(entry.rmse / max(constant, 1e-9), AHEAD_ERROR_RATIOS))
+    score, unit = file.models[file.judged], file.dof.units.shown
+    if (ahead := _ahead(file)) and ahead.rmse is not None:
+        constant = _better_constant(ahead)
+        value = f"{number(ahead.rmse, 3)} {unit}, the better constant's {number(constant, 3)} {unit}"
+        return ("driven runs", ""), (value, _graded(ahead.rmse / max(constant, 1e-9), AHEAD_ERROR_RATIOS))
     if score.restarted is None or not file.expected:
         return (MISSING if score.restarted is None else f"{number(score.restarted, 3)} {unit}", ""), (MISSING, "")
     ratio = score.restarted / file.expected
@@ -619,20 +641,33 @@ def _of_validation(file: ValidationFile, result: StepResult, of_motion: MotionRe
     name = ""
     if of_motion.added:
         name = f"the model with {of_motion.added}" if final else f"without {of_motion.added}"
-    errors = [f"{with_band(score.rmse, score.ci95)} {unit} free run", f"{number(score.restarted, 3)} {unit} restarted"]
-    if file.motion == PLANAR.name:
-        errors = ["heading " + errors[0]]
-    elif not final:
+    plane, sizes = file.motion == PLANAR.name, _sizes(file)
+    errors = [f"{number(size, 3)} {unit} {what}" for what, size in sizes.items() if not plane or what == FREE]
+    errors[[*sizes].index(FREE)] = f"{'heading ' if plane else ''}{with_band(score.rmse, score.ci95)} {unit} {FREE}"
+    if not plane and not final:
         name = ", ".join(filter(None, [name, named_model(file.judged)]))
     if final and of_motion.validation is not None:
-        former: ValidationFile = of_motion.validation.file
-        without = former.models[former.judged]
-        sizes = [without.rmse, without.restarted][: len(errors)]
-        errors[-1] += f" (without: {', '.join(number(size, 3) for size in sizes)})"
+        without = [number(size, 3) for size in _sizes(of_motion.validation.file).values()][: len(errors)]
+        errors[-1] += f" (without: {', '.join(without)})"
     if file.motion != PLANAR.name:
         errors.append(f"noise {number(file.noise_floor, 2)} {unit}")
     text = ", ".join([*errors, f"over {plural(file.runs.used, 'run')}{fitted}"])
     return f"{name}: {text}" if name else text
+
+
+def _sizes(file: ValidationFile) -> dict[str, float | None]:
+    """Give the errors of the model that counts, of driven runs first what its predictions miss."""
+    score, ahead = file.models[file.judged], _ahead(file)
+    return ({AHEAD: ahead.rmse} if ahead else {}) | {FREE: score.rmse, RESTARTED: score.restarted}
+
+
+def _not_better(of_motion: MotionResults) -> bool:
+    """Whether what a diagnosis named leaves the error that counts on runs not fitted as large as it was."""
+    if of_motion.final is None or of_motion.validation is None:
+        return False
+    counts = AHEAD if _ahead(of_motion.final.file) else FREE
+    after, before = (_sizes(result.file).get(counts) for result in (of_motion.final, of_motion.validation))
+    return after is None or (before is not None and after >= before)
 
 
 def _values(parameters: Mapping[str, Given]) -> str:
@@ -647,8 +682,25 @@ def _interval(value: Given) -> str:
 
 def _logs(result: StepResult) -> list[str]:
     """Every run as it was logged, and its row in the table of `check`."""
-    pictures = [result.picture(stem, AS_LOGGED) for stem in result.stems]
-    return ["## Logs", *pictures, _folded("Every run", result.markdown().strip())]
+    pages = {stem: stem.replace("_", " ").replace("runs ", "runs, page ").capitalize() for stem in result.stems}
+    pictures = [result.picture(stem, AS_LOGGED.format(page)) for stem, page in pages.items()]
+    return ["## Logs", "\n".join(pictures), _folded("Every run", result.markdown().strip())]
+
+
+def _runs(result: StepResult) -> str:
+    """Pictures of the runs of a validation, the worst first, in one block: the page shows one of them, which is
+    chosen by its name."""
+    score, ahead, unit = result.file.models[result.file.judged], _ahead(result.file), result.dof.units.shown
+    errors = {name: of_run.rmse for name, of_run in score.runs.items()} | (dict(ahead.runs) if ahead else {})
+    sizes = {name: math.inf if size is None else size for name, size in errors.items()}  # those that diverge
+    order = sorted(zip(sizes, file_stems(list(sizes))), key=lambda run: -sizes[run[0]])
+    after = f" {unit}" + (f" {AHEAD}" if ahead else "")
+    drawn = [
+        result.picture(f"validation_{stem}", OF_A_RUN.format(name, f"{sizes[name]:.3g}{after}")) for name, stem in order
+    ]
+    more = len(drawn) - MAX_FIGURES
+    tail = f"\n\nThe figures of {more} more runs are in the folder {result.step.folder}." if more > 0 else ""
+    return "\n".join(filter(None, drawn[:MAX_FIGURES])) + tail
 
 
 def _page(result: StepResult, of_motion: MotionResults) -> list[str]:
@@ -666,9 +718,7 @@ def _page(result: StepResult, of_motion: MotionResults) -> list[str]:
         begin, heading, tried = text.partition("### Where")
         text = begin + _folded("What was tried", heading + tried)
     words = {stem: CAPTIONS.get(stem) or CAPTIONS.get(stem.partition("_")[0], stem) for stem in apart}
-    pictures = [result.picture(stem, words[stem].replace("{}", stem.partition("_")[2])) for stem in apart[:MAX_FIGURES]]
-    if (more := len(apart) - MAX_FIGURES) > 0:
-        pictures.append(f"The figures of {more} more runs are in the folder {result.step.folder}.")
+    pictures = [result.picture(stem, words[stem]) for stem in apart]
     if isinstance(file, ModelFile):
         rejected = tuple(f"Model {number}" for number in file.models if number != file.preferred)
         used, buoyancy = sensor_sentences(file.channels, result.dof), str(file.buoyancy.get("says", ""))
@@ -679,23 +729,25 @@ def _page(result: StepResult, of_motion: MotionResults) -> list[str]:
         rows = [{"parameter": name, "value [95 % interval]": _interval(e)} for name, e in file.main_parameters()]
         table = Table.of(named_model(file.preferred).capitalize(), rows).to_markdown()
         return [title, *map(escape, lines), table, *pictures, _folded("Tables 1 and 2: all models", text)]
-    if result.step.final:
+    if isinstance(file, ValidationFile):
         table = _compared(result, of_motion).to_markdown()
-        return [title, table, *pictures, _folded("Every score and run", text)]
+        scores = text if file.motion == PLANAR.name else _folded("Every score and run", text)
+        return [title, escape(file.contradiction), _runs(result), table, scores]
     return [title, text, *pictures]
 
 
 def _compared(result: StepResult, of_motion: MotionResults) -> Table:
-    """The errors of the final model, of the one without what was named, and those that a right model would have."""
+    """Lay out the errors of the final model, of the one without what was named, and those to be compared with."""
     file, added, unit = result.file, of_motion.added, result.dof.units.shown
-    of = {f"final, with {added}": file.models[file.judged]}
-    if of_motion.validation is not None:
-        former: ValidationFile = of_motion.validation.file
-        of[f"without {added}"] = former.models[former.judged]
-    of["noise and unsteady thrust alone"] = ScoreEntry(restarted=file.expected)
+    of = {f"final, with {added}" if result.step.final else named_model(file.judged): _sizes(file)}
+    if result.step.final and of_motion.validation is not None:
+        of[f"without {added}"] = _sizes(of_motion.validation.file)
+    of["noise and unsteady thrust alone"] = {RESTARTED: file.expected}
+    if ahead := _ahead(file):
+        of[f"a constant {file.dof.words.position} or {file.dof.words.speed}"] = {AHEAD: _better_constant(ahead)}
     rows = [
-        {"model": name, f"free run [{unit}]": number(score.rmse, 3), f"restarted [{unit}]": number(score.restarted, 3)}
-        for name, score in of.items()
+        {"model": name} | {f"{what} [{unit}]": number(sizes.get(what), 3) for what in (AHEAD, FREE, RESTARTED)}
+        for name, sizes in of.items()
     ]
     note = f"Errors over {plural(file.runs.used, 'run')}."
     return Table.of("", rows, [note]).without_empty_rows().without_empty_columns()
@@ -705,7 +757,7 @@ def _folded(summary: str, text: str) -> str:
     return f"<details><summary>{summary}</summary>\n\n{text}\n\n</details>" if text else ""
 
 
-def _set_aside(steps: Steps) -> list[str]:
+def _set_aside(steps: Steps) -> str:
     folders: dict[ExcludedRun, list[str]] = {}
     for folder, result in steps.items():
         for run in result.file.runs.set_aside:
@@ -714,4 +766,4 @@ def _set_aside(steps: Steps) -> list[str]:
         {"log": run.file, "run": run.run, "why": run.why, "left out of": ", ".join(names)}
         for run, names in folders.items()
     ]
-    return ["## Runs set aside", Table.of("", rows).to_markdown()] if rows else []
+    return _folded(f"{plural(len(rows), 'run')} set aside", Table.of("", rows).to_markdown()) if rows else ""

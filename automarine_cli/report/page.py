@@ -1,6 +1,7 @@
-"""The page around a report: one file with its style and its figures, which asks nothing of the network."""
+"""The page around a report: one file with its style, its script and its figures, which asks nothing of the network."""
 
 import base64
+import hashlib
 import re
 from collections.abc import Callable, Sequence
 from html import escape, unescape
@@ -26,8 +27,8 @@ def to_html(text: str, picture: Picture) -> str:
 
 
 def _mark(line: str) -> object:
-    """What the lines of a table or of a list begin with; all others stand alone."""
-    return next((mark for mark in ("|", "- ") if line.startswith(mark)), object())
+    """What the lines of a table, of a list or of a choice of pictures begin with; all others stand alone."""
+    return next((mark for mark in ("|", "- ", "![") if line.startswith(mark)), object())
 
 
 def plain(text: str) -> str:
@@ -49,8 +50,9 @@ def _block(block: Sequence[str], picture: Picture, ids: set[str]) -> str:
         return f'<h{level} id="{name}">{words(match[2])} {anchor}</h{level}>'
     if match := FOLDS.fullmatch(line):
         return f"<details><summary>{words(match[1])}</summary>" if match[1] is not None else "</details>"
-    if match := PICTURE_LINE.fullmatch(line):
-        return picture(match[2], plain(match[1]))
+    if all(matches := [PICTURE_LINE.fullmatch(line) for line in block]):
+        figures = "".join(picture(match[2], plain(match[1])) for match in matches if match)
+        return f'<div class="choice">{figures}</div>' if len(block) > 1 else figures
     return f"<p>{words(line)}</p>"
 
 
@@ -100,12 +102,17 @@ def page(text: str, folder: Path, title: str) -> str:
     body = to_html(text, lambda place, alt: figure(folder, place, alt))
     headings = re.findall(r'^<h2 id="(.+?)">(.*) <a class="anchor"', body, flags=re.MULTILINE)
     links = (f'<a href="#{name}">{heading}</a>' for name, heading in headings)
-    style = files("automarine_cli.report").joinpath("page.css").read_text(encoding="utf-8").strip()
+    style, script = (
+        files("automarine_cli.report").joinpath(f"page.{kind}").read_text(encoding="utf-8").strip()
+        for kind in ("css", "js")
+    )
+    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()  # this script, and no other
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{allowed}'"
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
 <title>{escape(title)}</title>
@@ -117,6 +124,7 @@ def page(text: str, folder: Path, title: str) -> str:
 <main>
 {body}
 </main>
+<script>{script}</script>
 </body>
 </html>
 """

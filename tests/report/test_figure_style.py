@@ -1,7 +1,9 @@
 """The look of figures: the same bytes whatever the user's settings; those of a fit by their structure."""
 
+import json
 import re
 from collections.abc import Callable
+from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
@@ -14,6 +16,7 @@ from automarine_cli.report import fit_report  # noqa: F401  registers what a fit
 from automarine_cli.report.figures.style import FIGURE_WRITERS, house_style, model_look, new_figure
 from automarine_cli.report.sections import sections
 
+SVG = "{http://www.w3.org/2000/svg}"
 png, svg, pdf = (FIGURE_WRITERS[kind] for kind in ("png", "svg", "pdf"))
 pytestmark = pytest.mark.usefixtures("drawn_figures")
 
@@ -76,3 +79,29 @@ def test_figures_of_half_turns_are_complete(moments: list[float]) -> None:
     assert drawn.keys() >= {"half_turns", "drag", "inertia", "collapse", "residuals"}
     for figure in drawn.values():
         is_complete(figure)
+
+
+def test_an_svg_tells_where_its_points_are() -> None:
+    """Points, a line and bars, read back from the drawing as the page's script does, are the data; labels are words."""
+    x, y = np.array([0.5, 2.0, 40.0]), np.array([-3.0, 0.25, 7.0])
+    figure, ((top,), (bottom,)) = new_figure(2, 1, 4.0, 4.0)
+    top.plot(x, y, "o", label="measured")
+    top.plot(x, y + 1.0, label=r"$k_{rr}$ <&> \run")
+    top.set(xscale="log", xlabel="Time [s]", ylabel=r"Heading $\psi$ [deg]")
+    bottom.barh([0, 1], [3.0, 5.0], label="named")
+    bottom.set_yticks([0, 1], ["swirl", "drag"])
+    root = ElementTree.fromstring(svg(figure))
+    by_id = {element.get("id"): element for element in root.iter()}
+    above, below = json.loads(by_id["readings"].text or "")
+    assert [series["name"] for series in above["series"]] == ["measured", r"k_rr <&> \run"]
+    assert [above[side]["label"] for side in "xy"] == ["Time [s]", "Heading ψ [deg]"] and above["x"]["log"]
+    marks = [(mark.get("x"), mark.get("y")) for mark in by_id[above["series"][0]["id"]].iter(f"{SVG}use")]
+    (line,) = by_id[above["series"][1]["id"]].iter(f"{SVG}path")
+    for points, values in ((marks, y), (re.findall(r"[ML] (\S+) (\S+)", line.get("d", "")), y + 1.0)):
+        at = (np.array(points, dtype=float) - above["box"][:2]) / above["box"][2:]
+        low, high = np.log(above["x"]["ends"])
+        np.testing.assert_allclose(np.exp(low + at[:, 0] * (high - low)), x, rtol=1e-3)
+        low, high = above["y"]["ends"]
+        np.testing.assert_allclose(high - at[:, 1] * (high - low), values, atol=1e-3)
+    assert below["series"] == [{"name": "named", "at": [[3.0, 0.0], [5.0, 1.0]]}]
+    assert below["y"]["words"] == {"0": "swirl", "1": "drag"}

@@ -11,7 +11,9 @@ import subprocess
 from collections.abc import Callable
 from html import unescape
 from html.parser import HTMLParser
+from importlib.resources import files as resources
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -68,7 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     am.fit_thrusters(logs / "thrusters", thrusters_per_test=2, out=out / "thrusters", figure_formats=("png", "svg"))
     am.fit_yaw(logs / "steps", out=out / "yaw", figure_formats=svg)
     model, thrusters = out / "yaw" / "yaw_model.json", out / "thrusters" / "thrusters.json"
-    am.validate(logs / "validation", model=model, out=out / "validation", figure_formats=svg)
+    am.validate([logs / "validation", logs / "driving"], model=model, out=out / "validation", figure_formats=svg)
     am.diagnose(logs / "thrusters", model=thrusters, out=out / "diagnosis", figure_formats=("png", "svg"))
     return out
 
@@ -115,7 +117,9 @@ def test_the_same_bytes(folder: Path, files: dict[str, str], tmp_path: Path, mon
 
 
 def test_no_name_becomes_markup_and_nothing_is_fetched(files: dict[str, str], page: Elements) -> None:
-    assert page.all("script") == [] == page.all("svg")
+    assert len(page.all("script")) == 1 and page.all("svg") == []
+    script = re.search("<script>(.*?)</script>", files["report.html"], re.DOTALL)
+    assert script and script[1] == resources("automarine_cli.report").joinpath("page.js").read_text().strip()
     assert all(link["href"].startswith("data:") for link in page.all("link"))
     assert "url(" not in files["report.html"] and "@import" not in files["report.html"]
     assert [e for e in page.elements if any(key.startswith("on") for key in e[1])] == []
@@ -253,6 +257,31 @@ def test_the_first_numbers_are_those_of_the_final_model(tmp_path: Path) -> None:
     assert "This is the model without water-swirl" in text.partition("## Yaw model")[2]
 
 
+@pytest.mark.parametrize(("after", "says"), [(9.0, "does not fall with water-swirl"), (7.0, "the model with it")])
+def test_an_effect_that_runs_not_fitted_do_not_bear_out_is_not_recommended(
+    tmp_path: Path, after: float, says: str
+) -> None:
+    """Of driven runs predictions count, whatever free runs do."""
+    write_model(tmp_path)
+    for place, ahead, free in (("validation", 8.0, 40.0), ("final_validation", after, 50.0 - after)):
+        runs = {"calm": ahead / 2, "rough": 2 * ahead}
+        write(tmp_path, f"{place}/validation.json", {
+            "schema": "automarine/validation/1", "best": "3", "models": {"3": {"heading_rmse_deg": free}},
+            "prediction": {"3": [
+                {"horizon_s": 5.0, "rmse_deg": ahead, "constant_rate_deg": 20.0, "constant_heading_deg": 16.0,
+                 "runs": runs}
+            ]},
+        })  # fmt: skip
+    write(tmp_path, "diagnosis/diagnosis.json", {
+        "schema": "automarine/diagnosis/1", "verdict": "named", "effects": [{"name": "water-swirl"}], "base": {},
+        "gap": {"fitted_runs": {"before_deg": 3.0, "after_deg": 1.0, "noise_floor_deg": 0.9}},
+    })  # fmt: skip
+    text = make_report(tmp_path).files["report.md"]
+    assert says in text.partition("- **Next:**")[2].partition("\n")[0]
+    assert f"- **Error:** the model with water-swirl: {after:.2f} deg 5 s ahead, " in text
+    assert f"| final, with water-swirl | {after:.2f} | " in text and "| a constant heading or rate | 16.0 | – |" in text
+
+
 def test_a_fit_that_asks_for_an_effect_says_so_where_nothing_was_diagnosed(tmp_path: Path) -> None:
     write_model(tmp_path, proposed={"input-delay": 879.0})
     box = make_report(tmp_path).files["report.md"].partition("## ")[0]
@@ -360,18 +389,73 @@ BROWSER = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(("width", "dark"), [(1200, False), (390, True)])
-def test_a_browser_shows_it_and_asks_nobody(files: dict[str, str], tmp_path: Path, width: int, dark: bool) -> None:
+USE = """<iframe src="report.html" width="{width}" height="900" style="border: 0"></iframe><script>
+onload = () => {{
+  const frame = document.querySelector("iframe").contentWindow, page = frame.document, seen = {{}};
+  const group = page.querySelector(".choice"), list = group.querySelector("select");
+  const figures = [...group.querySelectorAll("figure")];
+  const shown = () => figures.filter(each => each.offsetHeight).map(each => each.innerText);
+  const send = (kind, target, what) => target.dispatchEvent(new frame[kind](what.type, {{ bubbles: true, ...what }}));
+  const told = target => {{  // under the pointer, from the top down, until there is something
+    const {{ left, top, width, height }} = target.getBoundingClientRect(), clientX = left + width / 2;
+    for (let y = top; y < top + height && !page.querySelector(".note"); y += 5)
+      send("PointerEvent", target, {{ type: "pointermove", pointerType: "mouse", clientX, clientY: y }});
+    return page.querySelector(".note")?.innerText;
+  }};
+  seen.runs = [...list.options].map(each => each.text);
+  seen.first = shown();
+  list.selectedIndex = 1;
+  send("Event", list, {{ type: "change" }});
+  seen.second = shown();
+  const image = group.querySelector("figure:not([hidden]) img");
+  seen.values = told(image);
+  image.click();
+  const stage = page.querySelector(".stage"), large = stage.querySelector("img");
+  const wide = () => large.getBoundingClientRect().width;
+  const press = key => (send("KeyboardEvent", stage, {{ type: "keydown", key }}), wide());
+  seen.open = page.querySelector("dialog").open;
+  seen.widths = [wide()];
+  send("WheelEvent", stage, {{ type: "wheel", deltaY: -500, clientX: 200, clientY: 300, cancelable: true }});
+  seen.widths.push(wide(), press("+"), press("-"));
+  send("MouseEvent", stage, {{ type: "dblclick" }});
+  seen.widths.push(wide());
+  seen.large = told(stage);
+  document.documentElement.textContent = JSON.stringify(seen);
+}}
+</script>"""
+
+
+def looked_at(place: Path, text: str, look: str, *flags: str) -> dict[str, Any]:
+    """What the script of a page that shows the report in a frame tells of it; skipped where no browser is."""
     program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if program is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    (tmp_path / "report.html").write_text(files["report.html"], encoding="utf-8")
-    (tmp_path / "look.html").write_text(LOOK.format(width=width))
-    scheme = f"--blink-settings=preferredColorScheme={1 - dark}"
-    command = [program, *BROWSER, scheme, f"--user-data-dir={tmp_path / 'profile'}", str(tmp_path / "look.html")]
+    (place / "report.html").write_text(text, encoding="utf-8")
+    (place / "look.html").write_text(look)
+    command = [program, *BROWSER, *flags, f"--user-data-dir={place / 'profile'}", str(place / "look.html")]
     shown = subprocess.run(command, capture_output=True, encoding="utf-8", check=True, timeout=600)
     assert "CONSOLE" not in shown.stderr  # not even that the page's own policy kept something out
-    seen = json.loads(unescape(re.sub("<[^>]*>", "", shown.stdout)))
+    seen: dict[str, Any] = json.loads(unescape(re.sub("<[^>]*>", "", shown.stdout)))
+    return seen
+
+
+@pytest.mark.parametrize("width", [1200, 400])
+def test_a_run_is_chosen_and_its_figure_answers(files: dict[str, str], tmp_path: Path, width: int) -> None:
+    seen = looked_at(tmp_path, files["report.html"], USE.format(width=width))
+    off = [float(re.search(r", off by ([\d.]+) deg$", name)[1]) for name in seen["runs"]]  # type: ignore[index]
+    assert len(off) > 1 and off == sorted(off, reverse=True)
+    assert [len(seen["first"]), len(seen["second"])] == [1, 1] and seen["first"] != seen["second"]
+    for values in (seen["values"], seen["large"]):
+        assert re.search(r"Time from the start of the run: -?[\d.]+ s\n.+: -?[\d.]+ (deg|nu)$", values), values
+    start, wheel, more, less, again = seen["widths"]
+    assert seen["open"] and wheel > 2 * start and more > wheel > start
+    assert less == pytest.approx(wheel) and again == start
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1200, False), (390, True)])
+def test_a_browser_shows_it_and_asks_nobody(files: dict[str, str], tmp_path: Path, width: int, dark: bool) -> None:
+    scheme = f"--blink-settings=preferredColorScheme={1 - dark}"
+    seen = looked_at(tmp_path, files["report.html"], LOOK.format(width=width), scheme)
     assert seen["asked"] == [] and seen["width"] <= width
     assert seen["broken"] == 0 and 0 < seen["box"] < FIRST_SCREEN
     for words in ("Thruster map", "Table 1. Identified yaw models: drag", "never moved", SHOWN[0], SHOWN[4]):

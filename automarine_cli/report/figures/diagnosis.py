@@ -45,7 +45,7 @@ def _bins(axes: Axes, variable: Variable) -> None:
     """Draw the most telling row of one variable; bins that stand out are shaded."""
     row, edges, out = variable.telling, variable.edges, variable.stands_out
     if out.any():
-        look: dict[str, Any] = {"color": style.COLOURS["yellow"], "alpha": 0.45, "label": "significant"}
+        look: dict[str, Any] = {"color": style.COLOURS["yellow"], "alpha": 0.45, "lw": 2.0, "label": "significant"}
         axes.bar(edges[:-1][out], 1.0, np.diff(edges)[out], align="edge", transform=axes.get_xaxis_transform(), **look)
     axes.axhline(0.0, color="0.3", lw=0.6)
     look = {"color": style.COLOURS["vermilion"], "capsize": 2.0, "label": "mean ± 2 standard errors"}

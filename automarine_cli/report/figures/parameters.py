@@ -84,7 +84,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
             low, high = sign * np.array([value.ci95 for value in values if isinstance(value, Estimate)]).T
             thrust.fill_between(sign * np.array(curve.n[1:]), low, high, color=COLOURS["blue"], alpha=0.25, lw=0)
     error = number(pooled.percent(pooled.chosen.error), 2)
-    title = f"{chosen.capitalize()}{law}: R² {pooled.r2(pooled.chosen):.4f}, error {error} % of full scale{where}"
+    title = f"{chosen.capitalize()}{law}: error {error} % of full scale{where}, R² {pooled.r2(pooled.chosen):.4f}"
     thrust.set_title(title, loc="left")
     thrust.legend(loc="upper left")
     return figure
@@ -113,7 +113,7 @@ def residuals_figure(
         alike = autocorrelation([values for _, values in residuals], len(lags))
         band = 1.96 / np.sqrt(len(left))
         lagged.axhspan(-band, band, color="0.88", lw=0, zorder=0, label="95 % of white noise")
-        lagged.vlines(lags * interval_s, 0.0, alike, color=COLOURS["blue"], lw=1.2)
+        lagged.vlines(lags * interval_s, 0.0, alike, color=COLOURS["blue"], lw=1.2, label="residuals")
         lagged.axhline(0.0, color="0.4", lw=0.6)
         lagged.set_ylim(min(-0.3, 1.1 * float(alike.min())), max(0.5, 1.1 * float(alike.max())))
         lagged.legend(loc="upper right")

@@ -23,6 +23,8 @@ from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.parallel import Each
 from automarine_cli.pipeline.results_folder import ResultFolder
 from automarine_cli.quantities import Floats
+from automarine_cli.report.figures.readings import panels as described
+from automarine_cli.report.figures.readings import with_readings
 from automarine_cli.report.sections import Drawing, figure_file
 from automarine_cli.text import printable
 
@@ -35,10 +37,7 @@ MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3":
 PREFERRED: dict[str, Any] = {"color": COLOURS["blue"], "lw": 1.8, "zorder": 4}
 MEASURED_COLOUR = COLOURS["grey"]
 
-TWO_LOOKS: tuple[dict[str, Any], ...] = (
-    {"color": COLOURS["vermilion"], "ms": 5.0},
-    {"color": COLOURS["blue"], "ms": 3.0},
-)
+TWO_LOOKS: tuple[dict[str, Any], ...] = ({"color": COLOURS["orange"], "ms": 5.0}, {"color": COLOURS["blue"], "ms": 3.0})
 
 PAGE_IN = 7.2  # width of a page [inch]
 MAX_RUNS_DRAWN, MAX_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
@@ -80,12 +79,19 @@ def _file(kind: str, settings: dict[Any, Any], nameless: Sequence[str], figure: 
     return buffer.getvalue()
 
 
+def _svg(figure: Figure) -> bytes:
+    """Return the figure as an SVG with its readings: series have their ids before, panels their places after."""
+    described(figure)
+    settings = {"svg.hashsalt": "automarine", "svg.fonttype": "none"}  # text stays text
+    return with_readings(_file("svg", settings, ("Date", "Creator"), figure), figure)
+
+
 FIGURE_WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
     "png": partial(_file, "png", {}, ("Software",)),
-    "svg": partial(_file, "svg", {"svg.hashsalt": "automarine", "svg.fonttype": "none"}, ("Date", "Creator")),
+    "svg": _svg,
     "pdf": partial(_file, "pdf", {"pdf.fonttype": 42}, ("CreationDate", "Creator", "Producer")),
     "slides": partial(_file, "png", {}, ("Software",)),
-}  # text stays text, letters that other programs can edit
+}
 SLIDE_IN, SLIDE_PT, LABEL_PT = (13.33, 7.5), 18.0, 8.0
 
 
