@@ -44,6 +44,10 @@ class ByMotion(click.ParamType):
 )  # fmt: skip
 @option("--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, with its error.")
 @option("--n-max", type=options.POSITIVE, metavar="VALUE", help="thrusters: the largest control signal.")
+@option(
+    "--arm", type=options.POSITIVE, metavar="METRES",
+    help="How far off the centre line the two thrusters of a vehicle push ahead.",
+)  # fmt: skip
 @option("--lag", type=options.POSITIVE, metavar="SECONDS", help="thrusters: time constant of the propeller's speed.")
 @option("--allow-partial", is_flag=True, help="Leave out what the target cannot represent, and say so.")
 @option(

@@ -32,13 +32,15 @@ class Settings:
 
     `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] its mass;
     `newton_metres_per_nu` the size of the logs' normalised moment unit, both of these by motion where a file has
-    several; `n_max` the largest control signal; `lag` [s] a propeller's time constant."""
+    several; `n_max` the largest control signal; `arm` [m] how far off the centre line two thrusters push ahead; `lag`
+    [s] a propeller's time constant."""
 
     rigid_inertia: Any = None
     rigid_mass: float | None = None
     newton_metres_per_nu: Any = None
     symmetrise: bool = False
     n_max: float | None = None
+    arm: float | None = None
     lag: float | None = None
     allow_partial: bool = False
 
@@ -149,6 +151,17 @@ class MapSubject(Subject):
     map: ThrusterMap
     full_scale: float | None = None
 
+    @property
+    def places(self) -> tuple[float, ...]:
+        """How far to the positive side [m] of the frame the port and the starboard thruster are; none if not told."""
+        arm, side = self.settings.arm, -1.0 if self.frame == "NED" else 1.0
+        return () if arm is None else (side * arm, -side * arm)
+
+    def about_places(self) -> str:
+        if not self.places:
+            return "where they are was not told (give --arm METRES of two that push ahead)"
+        return f"port at y = {number(self.places[0])} m, starboard at y = {number(self.places[1])} m"
+
 
 @dataclass(frozen=True)
 class Written:
@@ -159,11 +172,12 @@ class Written:
 @dataclass(frozen=True)
 class Several:
     """What a target makes of several motions together: forms with endings, the effects that it then carries (none: as
-    of one), and whether it `couples` them, as a planar model does."""
+    of one), and whether it `couples` them, as a planar model does, and has `thrusters`."""
 
     forms: Mapping[str, str]
     carries: frozenset[str] = frozenset()
     couples: bool = False
+    thrusters: bool = False
 
 
 @dataclass(frozen=True)

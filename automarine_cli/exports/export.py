@@ -42,6 +42,7 @@ PLACE_WHY = {
     "moment": "the target's equation has no such term",
     "water": "the target's water has no state of its own",
 }
+OF_THRUSTERS = "this file has no place for their map: write it by itself with --to thrusters"
 GRAVITY_M_S2 = 9.80665
 IN_NEWTONS = "{} is in {} already; --newton-metres-per-nu is for the unit nu, so leave it out"
 Values = tuple[float, ...]
@@ -146,6 +147,8 @@ def export_model(
     _refuse_unused(target, chosen)
     files = [ModelSource(source, read_plain(source, "JSON", ModelError)) for source in model]
     takes, several = _taking(target, files)
+    if chosen.arm is not None and not (several and any(file.of_thrusters for file in files)):
+        raise SettingError("--arm is of the thrusters of a vehicle: give their thrusters.json beside its models")
     ending = "" if out is None else out.suffix.lower()
     usual = next((name for name, suffix in takes.forms.items() if suffix == ending), next(iter(takes.forms)))
     form = _one_of(takes.forms, form or usual, f"--form of {target.name}")
@@ -299,7 +302,7 @@ def _vehicle(
         takes = f"--to {target.name} takes a yaw model, as --to thrusters takes a map"
         raise SettingError(f"{files[0].origin.file} is a thruster map; {takes}")
     numbers = _of_motions("--number", number, motions)
-    parts = sorted((p for file in files for p in _parts(file, numbers)), key=lambda part: part.dof.number)
+    parts = sorted((p for file in files if file.dofs for p in _parts(file, numbers)), key=lambda part: part.dof.number)
     foreign = [part.dof.name for part in parts if not several or part.model.moment_unit != part.dof.units.forces[1]]
     if settings.newton_metres_per_nu is not None and not foreign:
         raise SettingError(IN_NEWTONS.format(listed(file.origin.file for file in files), "newtons"))
@@ -341,8 +344,12 @@ def _vehicle(
             if stored.command_delay > 0.0:
                 why = f"no entry of the matrices holds its {stored.command_delay:.3g} s"
                 left_out = (*left_out, Unsupported(DELAY, why))
-    origins = {axis.origin: axis.origin for axis in axes}
-    return Vehicle(tuple(origins), frame, form, settings, left_out, tuple(axes), several, **coupled)
+        if file.of_thrusters:
+            coupled["thrusters"] = subject = _map_subject(file, form, frame, settings)
+            if not target.several or not target.several.thrusters:
+                left_out = (*left_out, Unsupported("thrusters", f"{OF_THRUSTERS}; {subject.about_places()}"))
+    origins = tuple(dict.fromkeys([*(axis.origin for axis in axes), *(f.origin for f in files if f.of_thrusters)]))
+    return Vehicle(origins, frame, form, settings, left_out, tuple(axes), several, **coupled)
 
 
 def _of_vehicle(effect: Unsupported, model: Model, frame: str, mass: float | None) -> Unsupported:

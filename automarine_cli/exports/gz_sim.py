@@ -89,7 +89,7 @@ TARGET = Target(
     forms={FLUID: ".sdf", DERIVATIVE: ".sdf"},
     frames=("ENU", "NED"),
     carries=frozenset({*DRAGS, "drag-asymmetry"}),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
     several=Several({FLUID: ".sdf"}, couples=True),
 )

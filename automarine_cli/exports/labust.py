@@ -34,7 +34,7 @@ TARGET = Target(
     says="LABUST's simulator and controllers: model YAML, positive coefficients",
     forms={"model": ".yaml"},
     frames=("NED",),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
     several=Several({"model": ".yaml"}),
 )

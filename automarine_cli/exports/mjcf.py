@@ -40,6 +40,7 @@ FIXED = (
     "Joints along the axes do not turn with the hull, and added mass makes no Coriolis or Munk force: exact for one "
     "motion at a time, near enough for small angles."
 )
+THRUSTS = "The controls of thrusters are thrusts in N: the map makes them of signals."
 HELD = "A motion without a joint is not identified and is held: merge joints and actuators with your model."
 HEAVY = "Gravity is 0: weight and buoyancy are not part of the model."
 MJCF_EFFECTS = (
@@ -63,6 +64,7 @@ def write(subject: Vehicle) -> Written:
     ordered = joints[:slides] + joints[slides:][::-1]  # yaw turns what pitches and rolls
     if subject.several:
         notes = [*subject.about_own("the rest of M is armature"), FIXED, HELD, VERSION, *warnings]
+        notes += [THRUSTS] * bool(subject.thrusters)
         lines = subject.head(*notes, coupled=False)
     else:
         axis = subject.axis
@@ -70,6 +72,9 @@ def write(subject: Vehicle) -> Written:
         equation = f"({axis.dof.words.inertia} + armature) {v}' = {axis.dof.symbols.force} - {drag.format(v)}"
         notes = [axis.about_inertia(), FREE.format(axis.dof.name), VERSION, *warnings]
         lines = head(axis, equation, notes)
+    places = subject.thrusters.places if subject.thrusters else ()
+    up = -1.0 if subject.frame == "NED" else 1.0  # MuJoCo's y is to port
+    sites = dict(zip(("thruster_port", "thruster_stbd"), (number(up * y) for y in places)))
     fields = {
         "head": comment(lines), "step": number(TIMESTEP_S), "mass": number(subject.mass),
         "moments": row(subject.moments),
@@ -77,7 +82,8 @@ def write(subject: Vehicle) -> Written:
         "actuators": "".join(
             f'    <general name="{axis.force if subject.several else axis.dof.words.force}" joint="{axis.dof.name}"'
             f"{_attributes(_actuator(axis))}/>\n" for axis in axes
-        ),
+        ) + "".join(f'    <general name="{name}" site="{name}" gear="1 0 0 0 0 0"/>\n' for name in sites),
+        "sites": "".join(f'      <site name="{name}" pos="0 {place} 0"/>\n' for name, place in sites.items()),
         "sensors": "".join(
             f'    <joint{kind} name="{f"{axis.dof.name}_{kind}" if subject.several else name.replace(" ", "_")}" '
             f'joint="{axis.dof.name}"/>\n'
@@ -137,7 +143,7 @@ TARGET = Target(
     frames=("ENU", "NED"),
     carries=frozenset(MJCF_EFFECTS),
     lacks=frozenset(LACKS),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
-    several=Several({"joint": ".xml"}),
+    several=Several({"joint": ".xml"}, thrusters=True),
 )

@@ -92,7 +92,7 @@ TARGET = Target(
     frames=("NED",),
     carries=MATRIX_EFFECTS,
     si=False,
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
     several=Several({"matlab": ".m"}, couples=True),
 )

@@ -30,6 +30,7 @@ from automarine_cli.exports.base import (
     plain,
     row,
 )
+from automarine_cli.exports.thrusters import largest_signal, table
 from automarine_cli.exports.vehicle import MATRIX_EFFECTS, VELOCITIES, Vehicle
 from automarine_cli.models.model import CONSTANT, RESTORING, Term
 from automarine_cli.quantities import STEERED
@@ -194,8 +195,13 @@ def _vehicle(subject: Vehicle) -> Written:
             constants.append(f"{name} = {number(value)}  # {meaning}")
     lines = [f"[{row(line, ', ')}]" for line in subject.inertia[places][:, places]]
     rudder = any("rudder" in term for terms in forces for term in terms)
+    thrusters = ""
+    if subject.thrusters is not None:
+        n, thrust = table(subject.thrusters.map, largest_signal(subject.thrusters))
+        fields = {"n": row(n, ", "), "thrust": row(thrust, ", "), "places": f"({row(subject.thrusters.places, ', ')})"}
+        thrusters = filled("python_thrusters", fields)
     text = {
-        "inertia": (", " if in_plane else ",\n    ").join(lines),
+        "thrusters": thrusters, "inertia": (", " if in_plane else ",\n    ").join(lines),
         "current": f"({row(water, ', ')})",
         "constants": "\n".join(constants) + "\n" * bool(constants),
         "drags": "\n".join(f"            {' + '.join(forces[i]).replace('+ - ', '- ') or '0.0'}," for i in places),
@@ -232,7 +238,7 @@ TARGET = Target(
     forms={"simulate": ".py"},
     carries=frozenset({*PYTHON_EFFECTS, *STEERING, PREFIX}),
     si=False,
-    uses=frozenset({"newton_metres_per_nu"}),
+    uses=frozenset({"newton_metres_per_nu", "arm", "n_max"}),
     write=write,
-    several=Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING, couples=True),
+    several=Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING, couples=True, thrusters=True),
 )

@@ -43,7 +43,7 @@ TARGET = Target(
     says="uuv_simulator and its forks: URDF for the plugin, YAML for the controllers",
     forms=FORMS,
     frames=("ENU", "NED"),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
     several=Several(FORMS),
 )

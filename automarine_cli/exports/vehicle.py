@@ -137,7 +137,8 @@ class Vehicle(Subject):
 
     def about_lacking(self) -> tuple[str, ...]:
         """The sentence on what no file was of, where the vehicle was put together from files."""
-        return (f"Not identified: {', '.join(self.not_identified)}.",) if len(self.origins) > 1 else ()
+        thrusters = [f"Thrusters: {self.thrusters.about_places()}."] if self.thrusters else []
+        return (f"Not identified: {', '.join(self.not_identified)}.", *thrusters) if len(self.origins) > 1 else ()
 
     def about_own(self, rest: str) -> tuple[str, ...]:
         """Sentences on what of M is the vehicle's own, and where the `rest` of it stands."""

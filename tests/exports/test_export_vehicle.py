@@ -2,6 +2,7 @@
 
 import json
 import types
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,8 @@ from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-from automarine_cli.thrusters.map import load_planar
+from automarine_cli.thrusters.curves import PowerCurve
+from automarine_cli.thrusters.map import ThrusterMap, load_planar
 
 Floats = NDArray[np.float64]
 NU_NM = 1.5  # N m of one normalised unit of the yaw files
@@ -223,6 +225,27 @@ def test_the_command_takes_several_files_and_values_by_motion(tmp_path: Path, ru
     text = am.export([str(file) for file in files], to="gz-sim", **OWN | {"rigid_inertia": {"yaw": 0.9}}).text
     assert out.read_text() == text and "surge_model.json, model 3" in text and "yaw_model.json, model 3" in text
     assert run("export", *files, *options, "--rigid-inertia", "yaw=-1").exit_code == 2
+
+
+@pytest.mark.parametrize(("frame", "side"), [("NED", -1.0), ("ENU", 1.0)])
+def test_thrusters_stand_where_their_arm_says(tmp_path: Path, frame: str, side: float) -> None:
+    """Port ahead turns to starboard; without an arm the file says that the places were not told."""
+    map_ = ThrusterMap("square", PowerCurve(2.6e-4), PowerCurve(0.7e-4), n_range=(-150.0, 150.0))
+    path = tmp_path / "thrusters.json"
+    path.write_text(json.dumps(map_.to_json()))
+    files = [*model_files(tmp_path, "sway", "yaw"), path]
+    text = export(files, to="python", frame=frame, newton_metres_per_nu=NU_NM, arm=0.2, n_max=150.0).text
+    force = module_of(text).thruster_forces(100.0, -50.0)
+    ahead, astern = 2.6e-4 * 1e4, -0.7e-4 * 2.5e3
+    assert force == pytest.approx([ahead + astern, 0, 0, 0, 0, -side * 0.2 * (ahead - astern)], abs=0.01)
+    root = ET.fromstring(export(files, to="mjcf", frame=frame, arm=0.2, **OWN | {"rigid_inertia": 0.9}).text)
+    assert [site.attrib["pos"] for site in root.iter("site")] == ["0 0.2 0", "0 -0.2 0"]  # y is to port
+    told = export(files, to="gz-sim", frame=frame, arm=0.2, **OWN | {"rigid_inertia": 0.9})
+    place = f"port at y = {side * 0.2:g} m, starboard at y = {-side * 0.2:g} m"
+    assert place in told.text and told.left_out[-1].name == "thrusters"
+    assert "(give --arm METRES" in export(files, to="mss", newton_metres_per_nu=NU_NM).text
+    with pytest.raises(SettingError, match="--arm is of the thrusters of a vehicle"):
+        export(files[:2], to="mss", newton_metres_per_nu=NU_NM, arm=0.2)
 
 
 # A boat with a rudder
