@@ -58,7 +58,7 @@ class ByMotion(click.ParamType):
 @options.as_json
 @options.verbosity
 def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: Any) -> Any:
-    """Write a model or a thruster map for another program.
+    """Write a model or a thruster map for another program, or several models as one vehicle.
 
     Signs, units and frame become those of the target and are stated in the file. The command stops if the target
     cannot represent an effect; --allow-partial leaves it out.

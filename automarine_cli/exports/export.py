@@ -26,7 +26,7 @@ from automarine_cli.exports.base import (
 )
 from automarine_cli.exports.vehicle import DAMPING, Vehicle, planar_couplings
 from automarine_cli.models.model import CONSTANT, DELAY, RESTORING, Model, Term
-from automarine_cli.models.store import PLANAR_MODEL, ModelFile, file_and_models, models_of, motion_of
+from automarine_cli.models.store import PLANAR_MODEL, file_and_models, models_of, motion_of
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.results_folder import manifest_of, refuse_existing, sha256, write_whole
 from automarine_cli.quantities import STEERED
@@ -99,7 +99,8 @@ def _(result: Exported) -> Sections:
     if result.place is None:
         return Sections(())  # the text itself is printed
     summary = f"{result.target}, form {result.form}, frame {result.frame}: {listed(result.carried)}."
-    return Sections((summary, *map(str, result.left_out), *result.written.notes))
+    lacking = [f"Not identified: {', '.join(result.not_identified)}."] * (len(result.origins) > 1)
+    return Sections((summary, *map(str, result.left_out), *lacking, *result.written.notes))
 
 
 @dataclass(frozen=True)
@@ -203,10 +204,8 @@ def _taking(target: Target, files: Sequence[ModelSource]) -> tuple[Target, bool]
     takers = [name for name in targets.names() if (other := targets.get(name).several) and other.couples]
     for file in files:
         if file.in_plane and (several is None or not several.couples):
-            wrong = (
-                f"{file.origin.file} is a model of surge, sway and yaw together; --to {target.name} takes one motion"
-            )
-            raise SettingError(f"{wrong}: take --to {' or '.join(takers)}, or a model of one motion")
+            wrong = f"{file.origin.file} is a model of surge, sway and yaw together; --to {target.name}"
+            raise SettingError(f"{wrong} takes one motion: take --to {' or '.join(takers)}, or a model of one motion")
     if len(files) > 1 and several is None:
         raise SettingError(f"--to {target.name} takes one file, found {len(files)}: export each by itself")
     by_motion = dict[str, str]()
@@ -260,36 +259,24 @@ def _of_motions(option: str, value: Any, motions: Sequence[str]) -> Mapping[str,
     return value
 
 
-@dataclass(frozen=True)
-class Part:
-    """A motion of a file: its model, the effects that may be left out of it, and what a card tells of it."""
-
-    origin: Origin
-    model: Model
-    lenient: frozenset[str]
-    file: ModelFile | None = None
-    logs: tuple[tuple[str, str], ...] | None = None
-
-    @property
-    def dof(self) -> Dof:
-        return self.model.dof
-
-
-def _parts(file: ModelSource, numbers: Mapping[str, Any]) -> list[Part]:
-    """The motions of a file; of commands that a logger shows late a simulator needs none."""
+def _axes(file: ModelSource, frame: str, form: str, settings: Settings, number: str | None) -> list[MotionSubject]:
+    """The motions of a file as they stand in it, but for commands that its logger showed late."""
     name, origin = file.origin.file, file.origin
     if file.in_plane:
         model = models_of(file.data, name).undelayed
-        direct = [term for term in model.terms if not term.is_cross]
-        terms = [tuple(replace(term, dof=0) for term in direct if term.dof == i) for i in range(len(PLANAR.dofs))]
-        each = zip(PLANAR.dofs, model.masses, terms)
-        models = [Model(alone(dof), (mass,), of_dof, dof.units.forces[1]) for dof, mass, of_dof in each]
-        return [Part(origin, model, frozenset()) for model in models]
+        axes = []
+        for i, (dof, mass) in enumerate(zip(PLANAR.dofs, model.masses)):
+            terms = tuple(replace(term, dof=0) for term in model.terms if term.dof == i and not term.is_cross)
+            axis = Model(alone(dof), (mass,), terms, dof.units.forces[1])
+            axes.append(MotionSubject((origin,), frame, form, settings, (), axis))
+        return axes
     content, stored = file_and_models(file.data, name)
-    which = _one_of(stored.models, numbers.get(stored.dof.name) or stored.preferred, "--number")
-    model = stored.models[which].delayed(-min(stored.command_delay, 0.0))
-    lenient = frozenset({DELAY} - {*stored.effects})
-    return [Part(replace(origin, number=which), model, lenient, content, _logs_behind(file.source, origin.sha256))]
+    which = _one_of(stored.models, number or stored.preferred, "--number")
+    model, logs = (
+        stored.models[which].delayed(-min(stored.command_delay, 0.0)),
+        _logs_behind(file.source, origin.sha256),
+    )
+    return [MotionSubject((replace(origin, number=which),), frame, form, settings, (), model, content, logs)]
 
 
 def _vehicle(
@@ -302,54 +289,54 @@ def _vehicle(
         takes = f"--to {target.name} takes a yaw model, as --to thrusters takes a map"
         raise SettingError(f"{files[0].origin.file} is a thruster map; {takes}")
     numbers = _of_motions("--number", number, motions)
-    parts = sorted((p for file in files if file.dofs for p in _parts(file, numbers)), key=lambda part: part.dof.number)
-    foreign = [part.dof.name for part in parts if not several or part.model.moment_unit != part.dof.units.forces[1]]
+    fitted = [file for file in files if file.dofs]
+    axes = [a for f in fitted for a in _axes(f, frame, form, settings, numbers.get(f.dofs[-1].name))]
+    axes.sort(key=lambda axis: axis.dof.number)
+    foreign = [axis.dof.name for axis in axes if not several or axis.model.moment_unit != axis.dof.units.forces[1]]
     if settings.newton_metres_per_nu is not None and not foreign:
         raise SettingError(IN_NEWTONS.format(listed(file.origin.file for file in files), "newtons"))
     sizes = _of_motions("--newton-metres-per-nu", settings.newton_metres_per_nu, foreign)
-    turning = [part.dof.name for part in parts if part.dof.angular or not several]
+    turning = [axis.dof.name for axis in axes if axis.dof.angular or not several]
     rigid = _of_motions("--rigid-inertia", settings.rigid_inertia, turning)
-    axes, refused = list[MotionSubject](), list[tuple[str, Unsupported]]()
-    for part in parts:
-        name, turns = part.dof.name, part.dof.angular
-        inertia = rigid.get(name) if turns else rigid.get(name) or settings.rigid_mass
-        each = replace(settings, newton_metres_per_nu=sizes.get(name), rigid_inertia=inertia)
-        model = in_unit(target, part.model, each, part.origin, several)
-        foreign_flow = frozenset[str]() if part.model.moment_unit == STEERED or not several else {"rudder-inflow"}
-        terms, lacking = split(replace(target, carries=target.carries - foreign_flow), model)
-        lenient = part.lenient
-        if several:
-            lenient |= {RESTORING, CONSTANT} if part.dof.biased else set()
-            lacking = tuple(_of_vehicle(effect, model, frame, settings.rigid_mass) for effect in lacking)
-        refused += [(part.origin.file, e) for e in lacking if e.name.removeprefix(f"{name}.") not in lenient]
-        model = replace(model, terms=terms)
-        axes.append(MotionSubject((part.origin,), frame, form, each, lacking, model, part.file, part.logs))
-    if refused and not settings.allow_partial:
-        missing = "; ".join(f"{effect.name} ({effect.why})" for _, effect in refused)
-        hint = ", or take --to python, which has nearly every effect" * (target.name != "python" and not several)
-        remedy = f"give --allow-partial to write the file without{hint}"
-        raise SettingError(f"{refused[0][0]}: {target.name} cannot represent {missing}; {remedy}")
+    refused = list[Unsupported]()
     for i, axis in enumerate(axes):
-        model = in_enu(axis.model) if frame == "ENU" else axis.model
-        refuse_inertia(target, axis.settings.rigid_inertia, model, axis.origin, several)
+        dof, name = axis.dof, axis.dof.name
+        inertia = rigid.get(name) or (None if dof.angular else settings.rigid_mass)
+        each = replace(settings, newton_metres_per_nu=sizes.get(name), rigid_inertia=inertia)
+        model = in_unit(target, axis.model, each, axis.origin, several)
+        steered = not several or axis.model.moment_unit == STEERED
+        carries = target.carries if steered else target.carries - {"rudder-inflow"}
+        terms, lacking = split(replace(target, carries=carries), model)
+        lenient = {DELAY} - {effect.name for effect in axis.file.effects} if axis.file else set[str]()
+        lenient |= {RESTORING, CONSTANT} if several and dof.biased else set()
+        called = [_of_vehicle(e, model, frame, settings.rigid_mass) if several else e for e in lacking]
+        refused += [new for old, new in zip(lacking, called) if old.name not in lenient]
+        axes[i] = replace(axis, settings=each, left_out=tuple(called), model=replace(model, terms=terms))
+    if refused and not settings.allow_partial:
+        missing = "; ".join(f"{effect.name} ({effect.why})" for effect in refused)
+        hint = ", or take --to python, which has nearly every effect" * (target.name != "python" and not several)
+        where = listed(file.origin.file for file in fitted)
+        remedy = f"give --allow-partial to write the file without{hint}"
+        raise SettingError(f"{where}: {target.name} cannot represent {missing}; {remedy}")
+    for i, axis in enumerate(axes):
+        axes[i] = axis = replace(axis, model=in_enu(axis.model) if frame == "ENU" else axis.model)
+        refuse_inertia(target, axis.settings.rigid_inertia, axis.model, axis.origin, several)
         if target.si and axis.file is not None:
-            _refuse_driving(model, target, axis.origin)
-        axes[i] = replace(axis, model=model)
-    left_out = tuple(effect for axis in axes for effect in axis.left_out)
+            _refuse_driving(axis.model, target, axis.origin)
+    left_out = [effect for axis in axes for effect in axis.left_out]
     coupled: dict[str, Any] = {}
     for file in files:
         if file.in_plane:
             stored = models_of(file.data, file.origin.file)
-            coupled = planar_couplings(stored.model, frame) | {"water": stored.model.water}
+            coupled |= planar_couplings(stored.model, frame) | {"water": stored.model.water}
             if stored.command_delay > 0.0:
-                why = f"no entry of the matrices holds its {stored.command_delay:.3g} s"
-                left_out = (*left_out, Unsupported(DELAY, why))
-        if file.of_thrusters:
-            coupled["thrusters"] = subject = _map_subject(file, form, frame, settings)
+                left_out.append(Unsupported(DELAY, f"no entry of the matrices holds its {stored.command_delay:.3g} s"))
+        elif file.of_thrusters:
+            coupled["thrusters"] = thrusters = _map_subject(file, form, frame, settings)
             if not target.several or not target.several.thrusters:
-                left_out = (*left_out, Unsupported("thrusters", f"{OF_THRUSTERS}; {subject.about_places()}"))
+                left_out.append(Unsupported("thrusters", f"{OF_THRUSTERS}; {thrusters.about_places()}"))
     origins = tuple(dict.fromkeys([*(axis.origin for axis in axes), *(f.origin for f in files if f.of_thrusters)]))
-    return Vehicle(origins, frame, form, settings, left_out, tuple(axes), several, **coupled)
+    return Vehicle(origins, frame, form, settings, tuple(left_out), tuple(axes), several, **coupled)
 
 
 def _of_vehicle(effect: Unsupported, model: Model, frame: str, mass: float | None) -> Unsupported:

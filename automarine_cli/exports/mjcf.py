@@ -57,10 +57,8 @@ LACKS = {
 def write(subject: Vehicle) -> Written:
     axes, joints = subject.axes, [_joint(axis) for axis in subject.axes]
     warnings = [STICKY] * any("frictionloss" in joint for joint in joints)
-    warnings += [HEAVY] * any(not axis.dof.angular for axis in axes) + [UPRIGHT] * bool(
-        subject.diagonal(RESTORING).any()
-    )
     slides = sum(not axis.dof.angular for axis in axes)
+    warnings += [HEAVY] * bool(slides) + [UPRIGHT] * bool(subject.diagonal(RESTORING).any())
     ordered = joints[:slides] + joints[slides:][::-1]  # yaw turns what pitches and rolls
     if subject.several:
         notes = [*subject.about_own("the rest of M is armature"), FIXED, HELD, VERSION, *warnings]
