@@ -358,7 +358,10 @@ def _converted(ctx: click.Context, param: Any, value: object) -> Any:
 
         return as_logs(value, name)
     if param.reads == "file":
-        return _document(value, name)
+        if param.nargs == 1:
+            return _document(value, name)
+        parts: Sequence[object] = value if isinstance(value, tuple | list) else () if value is None else (value,)
+        return tuple(_document(part, name) for part in parts)
     if param.reads in ("files", "folders"):
         many = [value] if isinstance(value, str | Path) else value
         return tuple(Path(place) for place in many)  # type: ignore[attr-defined]

@@ -10,24 +10,44 @@ from automarine_cli.commands.command import OUTPUT, argument, command, option
 from automarine_cli.commands.terminal import verbosity_level
 
 
+class ByMotion(click.ParamType):
+    """A value, or several by their motions: yaw=1.5,roll=2."""
+
+    def __init__(self, type: click.ParamType = click.STRING) -> None:
+        self.type, self.name = type, type.name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if "=" not in str(value):
+            return self.type.convert(value, param, ctx)
+        pairs = [part.partition("=") for part in value.split(",")]
+        return {name.strip(): self.type.convert(number.strip(), param, ctx) for name, _, number in pairs}
+
+
 @command("export", report="sections", saves=False)
-@argument("model", metavar="[MODEL.json]", required=False, type=options.FILE, reads="file")
+@argument("model", metavar="[MODEL.json]...", nargs=-1, type=options.FILE, reads="file")
 @option("--to", metavar="NAME", help="The target: see --list.")
 @option("--list", "show_list", is_flag=True, help="List the targets, their forms and frames, and exit.")
 @option("--form", metavar="NAME", help="Form of the target.  [default: by FILE's extension]")
-@option("--number", metavar="N", help="Number of the yaw model in the file.  [default: the preferred one]")
+@option(
+    "--number", type=ByMotion(), metavar="N",
+    help="Number of the model in the file; of several yaw=N,roll=N.  [default: the preferred one]",
+)  # fmt: skip
 @option("--frame", metavar="NAME", help="ENU or NED.  [default: the target's own]")
 @option(
-    "--rigid-inertia", type=options.POSITIVE, metavar="VALUE",
-    help="The vehicle's own part of I_r, or its mass; the rest becomes added inertia.",
+    "--rigid-inertia", type=ByMotion(options.POSITIVE), metavar="VALUE",
+    help="The vehicle's own part of I_r, or its mass; the rest becomes added inertia. Of several yaw=VALUE,roll=VALUE.",
 )  # fmt: skip
-@option("--rigid-mass", type=options.POSITIVE, metavar="KG", help="The vehicle's own mass (gz-sim, planar model).")
+@option("--rigid-mass", type=options.POSITIVE, metavar="KG", help="The vehicle's own mass in air.")
 @option(
-    "--newton-metres-per-nu", type=options.POSITIVE, metavar="VALUE",
-    help="The moment in N m that one normalised unit stands for.",
+    "--newton-metres-per-nu", type=ByMotion(options.POSITIVE), metavar="VALUE",
+    help="The moment in N m that one normalised unit stands for. Of several yaw=VALUE,surge=VALUE.",
 )  # fmt: skip
 @option("--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, with its error.")
 @option("--n-max", type=options.POSITIVE, metavar="VALUE", help="thrusters: the largest control signal.")
+@option(
+    "--arm", type=options.POSITIVE, metavar="METRES",
+    help="How far off the centre line the two thrusters of a vehicle push ahead.",
+)  # fmt: skip
 @option("--lag", type=options.POSITIVE, metavar="SECONDS", help="thrusters: time constant of the propeller's speed.")
 @option("--allow-partial", is_flag=True, help="Leave out what the target cannot represent, and say so.")
 @option(
@@ -38,7 +58,7 @@ from automarine_cli.commands.terminal import verbosity_level
 @options.as_json
 @options.verbosity
 def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: Any) -> Any:
-    """Write a model or a thruster map for another program.
+    """Write a model or a thruster map for another program, or several models as one vehicle.
 
     Signs, units and frame become those of the target and are stated in the file. The command stops if the target
     cannot represent an effect; --allow-partial leaves it out.
@@ -55,7 +75,7 @@ def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: An
 
 
 def _refuse_nothing(settings: dict[str, Any]) -> dict[str, Any]:
-    if not settings["show_list"] and (settings["model"] is None or settings["to"] is None):
+    if not settings["show_list"] and (not settings["model"] or settings["to"] is None):
         raise click.UsageError("give MODEL.json and --to NAME, or --list for the targets")
     return settings
 

@@ -4,7 +4,7 @@ Ours: I_r r' = tau - k_r r - k_rr |r| r with both coefficients positive, I_r the
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
@@ -23,19 +23,24 @@ FORCE_LETTERS = "XYZKMN"
 """Of the six motions: the letter of force or moment (SNAME 1950)."""
 
 
+MATRICES = "Entries of motions that are not identified are placeholders: merge with your model, and add its buoyancy."
+
+
 @dataclass(frozen=True)
 class Settings:
     """The user's numbers; each target says in `uses` which of them mean something to it.
 
-    `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] of a planar model its mass;
-    `newton_metres_per_nu` the size of the logs' normalised moment unit; `n_max` the largest control signal; `lag` [s] a
-    propeller's time constant."""
+    `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] its mass;
+    `newton_metres_per_nu` the size of the logs' normalised moment unit, both of these by motion where a file has
+    several; `n_max` the largest control signal; `arm` [m] how far off the centre line two thrusters push ahead; `lag`
+    [s] a propeller's time constant."""
 
-    rigid_inertia: float | None = None
+    rigid_inertia: Any = None
     rigid_mass: float | None = None
-    newton_metres_per_nu: float | None = None
+    newton_metres_per_nu: Any = None
     symmetrise: bool = False
     n_max: float | None = None
+    arm: float | None = None
     lag: float | None = None
     allow_partial: bool = False
 
@@ -66,20 +71,24 @@ class Origin:
 class Subject:
     """What is to be written in a `frame` and a `form`, and what of it the target does not carry."""
 
-    origin: Origin
+    origins: tuple[Origin, ...]
     frame: str
     form: str
     settings: Settings
     left_out: tuple[Unsupported, ...]
 
+    @property
+    def origin(self) -> Origin:
+        return self.origins[0]
+
     def headed(self, lines: Iterable[str]) -> list[str]:
         """Lines below the one that says where the file came from, in letters of ASCII alone."""
-        every = (f"Written by automarine {__version__} from {self.origin}.", *lines)
+        every = (f"Written by automarine {__version__} from {', '.join(map(str, self.origins))}.", *lines)
         return [line.encode("ascii", "backslashreplace").decode("ascii") for line in every]
 
 
 @dataclass(frozen=True)
-class YawSubject(Subject):
+class MotionSubject(Subject):
     """A model of one motion: already in the file's frame and moment unit, with what the target carries alone.
 
     `file` is what the model file holds, for a card; `logs` are name and hash of the logs it was fitted to, None where
@@ -142,6 +151,17 @@ class MapSubject(Subject):
     map: ThrusterMap
     full_scale: float | None = None
 
+    @property
+    def places(self) -> tuple[float, ...]:
+        """How far to the positive side [m] of the frame the port and the starboard thruster are; none if not told."""
+        arm, side = self.settings.arm, -1.0 if self.frame == "NED" else 1.0
+        return () if arm is None else (side * arm, -side * arm)
+
+    def about_places(self) -> str:
+        if not self.places:
+            return "where they are was not told (give --arm METRES of two that push ahead)"
+        return f"port at y = {number(self.places[0])} m, starboard at y = {number(self.places[1])} m"
+
 
 @dataclass(frozen=True)
 class Written:
@@ -150,12 +170,14 @@ class Written:
 
 
 @dataclass(frozen=True)
-class Planar:
-    """What a target makes of surge, sway and yaw together: forms with endings, frames, writer of a `PlanarSubject`."""
+class Several:
+    """What a target makes of several motions together: forms with endings, the effects that it then carries (none: as
+    of one), and whether it `couples` them, as a planar model does, and has `thrusters`."""
 
     forms: Mapping[str, str]
-    frames: tuple[str, ...]
-    write: Callable[[Any], Written]
+    carries: frozenset[str] = frozenset()
+    couples: bool = False
+    thrusters: bool = False
 
 
 @dataclass(frozen=True)
@@ -165,7 +187,7 @@ class Target:
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
     effects it has terms for, `lacks` the laws of them that it has none for; `varying` whether also effects that differ
     from run to run. `si` whether moments must be newton metres; `uses` the settings that mean something; `motions`
-    those whose models it takes (none: thruster maps), `planar` how it takes surge, sway and yaw together."""
+    those whose models it takes (none: thruster maps), `several` how it takes motions together (None: not at all)."""
 
     name: str
     says: str
@@ -178,7 +200,7 @@ class Target:
     uses: frozenset[str] = frozenset()
     varying: bool = False
     motions: tuple[str, ...] = tuple(DOFS)
-    planar: Planar | None = None
+    several: Several | None = None
 
 
 def refuse_part(option: str, value: float, total: float, origin: Origin) -> None:
@@ -188,6 +210,11 @@ def refuse_part(option: str, value: float, total: float, origin: Origin) -> None
             f"{option}: found {value:g}, expected more than 0 and no more than {total:.6g}, the total of rigid and "
             f"added inertia in {origin.file}; check unit and axis"
         )
+
+
+def joined(names: Sequence[str]) -> str:
+    """Names in a row, the last after "and"."""
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)
 
 
 def plain(text: str) -> str:
@@ -203,11 +230,6 @@ def row(values: Iterable[float], between: str = " ") -> str:
     return between.join(number(value) for value in values)
 
 
-def at_place(value: float, index: int) -> list[float]:
-    """Six numbers, of the six motions, of which only the one at `index` is known."""
-    return [value if i == index else 0.0 for i in range(6)]
-
-
 def frame_in_words(frame: str, dof: Dof) -> str:
     """A frame, and which way the motion is positive in it."""
     to = dof.words.to_ways[mirrored(dof) and frame == "ENU"]
@@ -219,11 +241,11 @@ def mirrored(dof: Dof) -> bool:
     return dof.number % 3 != 0
 
 
-def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) -> list[str]:
+def head(subject: MotionSubject | MapSubject, equation: str, notes: Iterable[str]) -> list[str]:
     """What every file begins with: where it came from, equation, frame, units, notes; letters of ASCII only."""
-    dof = subject.dof if isinstance(subject, YawSubject) else YAW
+    dof = subject.dof if isinstance(subject, MotionSubject) else YAW
     lines = [f"Equation: {equation}", f"Frame: {frame_in_words(subject.frame, dof)}."]
-    if isinstance(subject, YawSubject):
+    if isinstance(subject, MotionSubject):
         unit, words = subject.model.moment_unit, subject.dof.words
         units = f"{words.force} {unit}, {words.speed} {subject.rate_unit}, {words.inertia} {subject.unit}"
         lines += [f"Units: {units}.", *map(str, subject.left_out)]

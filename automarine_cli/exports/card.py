@@ -9,8 +9,9 @@ from dataclasses import replace
 from automarine_cli import __version__, effects
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.estimate import Given
-from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
+from automarine_cli.exports.base import MotionSubject, Target, Written, frame_in_words, mirrored
 from automarine_cli.exports.export import in_enu, in_newton_metres
+from automarine_cli.exports.vehicle import Vehicle
 from automarine_cli.models.model import Term
 from automarine_cli.models.store import AddedEffect, ModelEntry, ModelFile
 from automarine_cli.report.tables import MISSING, Table, number
@@ -21,7 +22,8 @@ NO_RANGE = "The file does not tell which {forces} were fitted; fit again with th
 NO_LOGS = "Not known: there is no manifest.json beside the model file that is of this file."
 
 
-def write(subject: YawSubject) -> Written:
+def write(vehicle: Vehicle) -> Written:
+    subject = vehicle.axis
     file = subject.file
     assert file is not None, "the card is written of a file"
     entry = file.models[subject.origin.number] or ModelEntry()
@@ -45,7 +47,7 @@ def write(subject: YawSubject) -> Written:
     return Written("\n".join(parts))
 
 
-def _signs(subject: YawSubject) -> str:
+def _signs(subject: MotionSubject) -> str:
     symbols, words, r = subject.dof.symbols, subject.dof.words, subject.dof.symbols.velocity
     return (
         f"Signs: {symbols.inertia} {r}' = {subject.force} + the {words.force}s of the effects; drag "
@@ -54,7 +56,7 @@ def _signs(subject: YawSubject) -> str:
     )
 
 
-def _rows(subject: YawSubject, entry: ModelEntry, added: Sequence[AddedEffect]) -> Iterator[tuple[str, ...]]:
+def _rows(subject: MotionSubject, entry: ModelEntry, added: Sequence[AddedEffect]) -> Iterator[tuple[str, ...]]:
     """One row a parameter; uncertainties turn with the frame and the unit as the values do."""
     factor, dof = subject.settings.newton_metres_per_nu or 1.0, subject.dof
     inertia = [x * factor for x in _told(entry.inertia)]
@@ -77,7 +79,7 @@ def _rows(subject: YawSubject, entry: ModelEntry, added: Sequence[AddedEffect]) 
             yield _row(f"{term.name} {told_of.name}", told_of.meaning + law, [value, spread, *ends], told_of.unit)
 
 
-def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
+def _turned(subject: MotionSubject, term: Term, column: list[float]) -> tuple[float, ...]:
     model = replace(subject.model, terms=(replace(term, values=tuple(column)),))
     if subject.settings.newton_metres_per_nu is not None:
         model = in_newton_metres(model, subject.settings.newton_metres_per_nu)
@@ -97,7 +99,7 @@ def _row(name: str, meaning: str, figures: list[float], unit: str) -> tuple[str,
     return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
 
 
-def _range(subject: YawSubject, file: ModelFile) -> str:
+def _range(subject: MotionSubject, file: ModelFile) -> str:
     dof, words = subject.dof, subject.dof.words
     if file.force_range is None:
         return f"{dof.fill(NO_RANGE)}\n"
@@ -112,14 +114,14 @@ def _range(subject: YawSubject, file: ModelFile) -> str:
     return f"{lines}\nBeyond it the model was never compared with a vehicle.\n"
 
 
-def _effects(subject: YawSubject) -> str:
+def _effects(subject: MotionSubject) -> str:
     descriptions = {name: effects.get(name).card(subject.dof).says for name in subject.values}
     lines = [f"- {name}: {_code(subject.equation_of(name))}. {says}" for name, says in descriptions.items()]
     lines += [f"- left out: {effect.name}: {effect.why}" for effect in subject.left_out]
     return "\n".join(lines) + "\n"
 
 
-def _logs(subject: YawSubject, file: ModelFile) -> str:
+def _logs(subject: MotionSubject, file: ModelFile) -> str:
     grew = f"Grew from {_code(file.parent_file)}, SHA-256 {_code(file.parent_sha256)}.\n\n" if file.parent_file else ""
     if subject.logs is None:
         return f"{grew}{NO_LOGS}\n"

@@ -1,6 +1,6 @@
 """`export`: a model written for a simulator or a paper; what the target cannot represent is listed, and refused."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,17 +8,28 @@ from typing import Any
 from automarine_cli import effects
 from automarine_cli import exports as targets
 from automarine_cli.dofs import Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs.motion import PLANAR, alone
 from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
-from automarine_cli.exports.base import DRAGS, MapSubject, Origin, Settings, Target, Unsupported, Written, YawSubject
-from automarine_cli.exports.planar import PlanarSubject, planar_subject
-from automarine_cli.models.model import DELAY, RESTORING, Model, Term
+from automarine_cli.exports.base import (
+    DRAGS,
+    MapSubject,
+    MotionSubject,
+    Origin,
+    Settings,
+    Target,
+    Unsupported,
+    Written,
+    plain,
+)
+from automarine_cli.exports.vehicle import DAMPING, Vehicle, planar_couplings
+from automarine_cli.models.model import CONSTANT, DELAY, RESTORING, Model, Term
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, models_of, motion_of
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.pipeline.results_folder import manifest_of, refuse_existing, sha256, write_whole
+from automarine_cli.quantities import STEERED
 from automarine_cli.report.sections import Sections, sections
 from automarine_cli.report.tables import Table
 from automarine_cli.text import listed, printable
@@ -31,6 +42,8 @@ PLACE_WHY = {
     "moment": "the target's equation has no such term",
     "water": "the target's water has no state of its own",
 }
+OF_THRUSTERS = "this file has no place for their map: write it by itself with --to thrusters"
+GRAVITY_M_S2 = 9.80665
 IN_NEWTONS = "{} is in {} already; --newton-metres-per-nu is for the unit nu, so leave it out"
 Values = tuple[float, ...]
 MIRROR_OF_MIXED: dict[str, Callable[[Values], Values]] = {
@@ -52,11 +65,12 @@ class Exported:
     target: str
     form: str
     frame: str
-    origin: Origin
+    origins: tuple[Origin, ...]
     moment_unit: str | None
     carried: tuple[str, ...]
     left_out: tuple[Unsupported, ...]
     written: Written
+    not_identified: tuple[str, ...] = ()
     place: Path | None = None
 
     @property
@@ -70,11 +84,12 @@ class Exported:
         return (*map(str, self.left_out), *notes)
 
     def to_json(self) -> dict[str, Any]:
-        source = {"file": self.origin.file, "sha256": self.origin.sha256, "model": self.origin.number or None}
+        sources = [{"file": o.file, "sha256": o.sha256, "model": o.number or None} for o in self.origins]
         return {
             "schema": "automarine/export/1", "target": self.target, "form": self.form, "frame": self.frame,
-            "moment_unit": self.moment_unit, "source": source, "carried": list(self.carried),
-            "left_out": [vars(effect) for effect in self.left_out], "notes": list(self.written.notes),
+            "moment_unit": self.moment_unit, "source": sources[0], "sources": sources, "carried": list(self.carried),
+            "not_identified": list(self.not_identified), "left_out": [vars(effect) for effect in self.left_out],
+            "notes": list(self.written.notes),
             "text": self.text,
         }  # fmt: skip
 
@@ -84,7 +99,8 @@ def _(result: Exported) -> Sections:
     if result.place is None:
         return Sections(())  # the text itself is printed
     summary = f"{result.target}, form {result.form}, frame {result.frame}: {listed(result.carried)}."
-    return Sections((summary, *map(str, result.left_out), *result.written.notes))
+    lacking = [f"Not identified: {', '.join(result.not_identified)}."] * (len(result.origins) > 1)
+    return Sections((summary, *map(str, result.left_out), *lacking, *result.written.notes))
 
 
 @dataclass(frozen=True)
@@ -112,7 +128,7 @@ def _(result: Targets) -> Sections:
 
 
 def _motions(target: Target) -> list[str]:
-    return [*target.motions, *[PLANAR.name] * (target.planar is not None)]
+    return [*target.motions, *[PLANAR.name] * (target.several is not None and target.several.couples)]
 
 
 def export_targets() -> Targets:
@@ -120,53 +136,97 @@ def export_targets() -> Targets:
 
 
 def export_model(
-    model: Source, to: str, *, form: str | None = None, number: str | None = None, frame: str | None = None,
+    model: Sequence[Source], to: str, *, form: str | None = None, number: str | None = None, frame: str | None = None,
     out: Path | None = None, overwrite: bool = False, **settings: Any,
 ) -> Exported:  # fmt: skip
-    """Write the model in a file `model` for the target `to`, into the file `out` if that is given.
+    """Write the models of one vehicle in the files `model` for the target `to`, into the file `out` if that is given.
 
-    `number` is which of the file's models (by default the preferred one), `frame` ENU or NED (by default the target's
+    `number` is which of a file's models (by default the preferred one), `frame` ENU or NED (by default the target's
     own); the other settings are those of `exports.base.Settings`. Raises ModelError, SettingError or OutputError, for
     an effect too that the target cannot represent, unless `allow_partial`."""
     target, chosen = targets.get(to), Settings(**settings)
     _refuse_unused(target, chosen)
-    data = read_plain(model, "JSON", ModelError)
-    origin, kind = Origin(printable(model.name), sha256(model)), data.get("schema")
-    if kind == PLANAR_MODEL.schema and target.planar is None:
-        takers = " or ".join(name for name in targets.names() if targets.get(name).planar is not None)
-        wrong = f"{origin.file} is a model of surge, sway and yaw together; --to {target.name} takes one motion"
-        raise SettingError(f"{wrong}: take --to {takers}, or a model of one motion")
-    takes = target.planar if kind == PLANAR_MODEL.schema and target.planar else target
-    ending = "" if out is None or takes is not target else out.suffix.lower()
+    files = [ModelSource(source, read_plain(source, "JSON", ModelError)) for source in model]
+    takes, several = _taking(target, files)
+    if chosen.arm is not None and not (several and any(file.of_thrusters for file in files)):
+        raise SettingError("--arm is of the thrusters of a vehicle: give their thrusters.json beside its models")
+    ending = "" if out is None else out.suffix.lower()
     usual = next((name for name, suffix in takes.forms.items() if suffix == ending), next(iter(takes.forms)))
     form = _one_of(takes.forms, form or usual, f"--form of {target.name}")
     frame = _one_of(takes.frames, (frame or takes.frames[0]).upper(), f"--frame of {target.name}")
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
-    unit: str | None = None
-    subject: PlanarSubject | MapSubject | YawSubject
-    if takes is not target:
-        if chosen.newton_metres_per_nu is not None:
-            raise SettingError(IN_NEWTONS.format(origin.file, "newtons"))
-        planar = models_of(data, origin.file)
-        subject = planar_subject(planar, origin, frame, form, chosen, target.name)
-        unit, carried = "N m", ("inertia", *(name for name, _, _ in subject.drags()))
-    elif not target.motions:
-        if kind != MAP.schema and "models" in data:
-            wrong = f"{origin.file} is a {motion_of(data).name} model"
-            raise SettingError(f"{wrong}; --to {target.name} takes the thrusters.json of a fit")
-        full_scale = MAP.of(data, origin.file).full_scale_N
-        subject = MapSubject(origin, frame, form, chosen, (), ThrusterMap.from_json(data, origin.file), full_scale)
-        carried = ("thruster map",)
+    subject: MapSubject | Vehicle
+    unit, lacking = None, list[str]()
+    if target.motions:
+        subject = _vehicle(takes, files, form, frame, chosen, number, several)
+        carried = tuple(_carried(subject))
+        unit = "N m" if subject.several else subject.axis.model.moment_unit
+        lacking = subject.not_identified
     else:
-        logs = _logs_behind(model, origin.sha256)
-        subject = _yaw_subject(target, data, origin, number, form, frame, chosen, logs)
-        unit = subject.model.moment_unit
-        carried = ("inertia", *(term.name for term in subject.model.terms))
+        subject, carried = _map_subject(files[0], form, frame, chosen), ("thruster map",)
     written = takes.write(subject)
     if out is not None:
         write_whole(out, written.text)
-    return Exported(target.name, form, frame, subject.origin, unit, carried, subject.left_out, written, out)
+    return Exported(
+        target.name, form, frame, subject.origins, unit, carried, subject.left_out, written, tuple(lacking), out
+    )
+
+
+@dataclass(frozen=True)
+class ModelSource:
+    """A file and its content."""
+
+    source: Source
+    data: Mapping[str, object]
+
+    @property
+    def origin(self) -> Origin:
+        return Origin(printable(self.source.name), sha256(self.source))
+
+    @property
+    def in_plane(self) -> bool:
+        return self.data.get("schema") == PLANAR_MODEL.schema
+
+    @property
+    def of_thrusters(self) -> bool:
+        return self.data.get("schema") == MAP.schema
+
+    @property
+    def dofs(self) -> tuple[Dof, ...]:
+        return PLANAR.dofs if self.in_plane else () if self.of_thrusters else (motion_of(self.data),)
+
+
+def _taking(target: Target, files: Sequence[ModelSource]) -> tuple[Target, bool]:
+    """The target as it takes these files, and whether as several motions. Raises SettingError where it does not, or
+    where two of them are of one motion."""
+    several = target.several
+    takers = [name for name in targets.names() if (other := targets.get(name).several) and other.couples]
+    for file in files:
+        if file.in_plane and (several is None or not several.couples):
+            wrong = f"{file.origin.file} is a model of surge, sway and yaw together; --to {target.name}"
+            raise SettingError(f"{wrong} takes one motion: take --to {' or '.join(takers)}, or a model of one motion")
+    if len(files) > 1 and several is None:
+        raise SettingError(f"--to {target.name} takes one file, found {len(files)}: export each by itself")
+    by_motion = dict[str, str]()
+    for file in files:
+        for name in [dof.name for dof in file.dofs] or ["thrusters"]:
+            if name in by_motion:
+                both = f"{by_motion[name]} and {file.origin.file} are both of {name}"
+                raise SettingError(f"{both}; a vehicle has one model of each motion, give one of them")
+            by_motion[name] = file.origin.file
+    if several is None or (len(files) == 1 and not files[0].in_plane):
+        return target, False
+    return replace(target, forms=several.forms, carries=several.carries or target.carries), True
+
+
+def _map_subject(file: ModelSource, form: str, frame: str, settings: Settings) -> MapSubject:
+    name = file.origin.file
+    if not file.of_thrusters and "models" in file.data:
+        wrong = f"{name} is a {motion_of(file.data).name} model"
+        raise SettingError(f"{wrong}; --to thrusters takes the thrusters.json of a fit")
+    full_scale = MAP.of(file.data, name).full_scale_N
+    return MapSubject((file.origin,), frame, form, settings, (), ThrusterMap.from_json(file.data, name), full_scale)
 
 
 def _one_of(choices: Iterable[str], value: str, option: str) -> str:
@@ -175,45 +235,136 @@ def _one_of(choices: Iterable[str], value: str, option: str) -> str:
     return value
 
 
-def _yaw_subject(
-    target: Target, data: Mapping[str, object], origin: Origin, number: str | None, form: str, frame: str,
-    settings: Settings, logs: tuple[tuple[str, str], ...] | None,
-) -> YawSubject:  # fmt: skip
-    """A model of one motion with what the target carries, in its frame and unit. Raises SettingError, ModelError."""
-    if data.get("schema") == MAP.schema:
-        takes = f"--to {target.name} takes a yaw model, as --to thrusters takes a map"
-        raise SettingError(f"{origin.file} is a thruster map; {takes}")
-    file, stored = file_and_models(data, origin.file)
+def _carried(subject: Vehicle) -> Iterator[str]:
+    """What the file holds: of one motion the names of its terms, of several their symbols."""
+    yield "inertia"
+    if subject.several:
+        yield from (drag.name for drag in subject.drags)
+        names = (f"{axis.dof.name}.{term.name}" for axis in subject.axes for term in axis.model.terms)
+        yield from (name for name in names if name.partition(".")[2] not in DAMPING)
+    else:
+        yield from (term.name for term in subject.axis.model.terms)
+
+
+def _of_motions(option: str, value: Any, motions: Sequence[str]) -> Mapping[str, Any]:
+    """The value of each of the motions that an option is of. Raises SettingError for one value of several motions, and
+    for a motion of no file."""
+    if not isinstance(value, Mapping):
+        if value is not None and len(motions) > 1:
+            each = ",".join(f"{name}=..." for name in motions)
+            raise SettingError(f"{option}: found {value}, which may be of {' or '.join(motions)}; give {option} {each}")
+        return dict.fromkeys(motions, value)
+    for name in value:
+        _one_of(motions, name, option)
+    return value
+
+
+def _axes(file: ModelSource, frame: str, form: str, settings: Settings, number: str | None) -> list[MotionSubject]:
+    """The motions of a file as they stand in it, but for commands that its logger showed late."""
+    name, origin = file.origin.file, file.origin
+    if file.in_plane:
+        model = models_of(file.data, name).undelayed
+        axes = []
+        for i, (dof, mass) in enumerate(zip(PLANAR.dofs, model.masses)):
+            terms = tuple(replace(term, dof=0) for term in model.terms if term.dof == i and not term.is_cross)
+            axis = Model(alone(dof), (mass,), terms, dof.units.forces[1])
+            axes.append(MotionSubject((origin,), frame, form, settings, (), axis))
+        return axes
+    content, stored = file_and_models(file.data, name)
     which = _one_of(stored.models, number or stored.preferred, "--number")
-    origin = replace(origin, number=which)
-    logger = min(stored.command_delay, 0.0)  # commands that a logger shows late are none to a simulator
-    model = in_unit(target, stored.models[which].delayed(-logger), settings, origin)
-    terms, left_out = split(target, model)
-    refused = [effect for effect in left_out if effect.name != DELAY or DELAY in stored.effects]
+    model, logs = (
+        stored.models[which].delayed(-min(stored.command_delay, 0.0)),
+        _logs_behind(file.source, origin.sha256),
+    )
+    return [MotionSubject((replace(origin, number=which),), frame, form, settings, (), model, content, logs)]
+
+
+def _vehicle(
+    target: Target, files: Sequence[ModelSource], form: str, frame: str, settings: Settings, number: str | None,
+    several: bool,
+) -> Vehicle:  # fmt: skip
+    """The models of the files with what the target carries, in its frame and unit. Raises SettingError, ModelError."""
+    motions = [dof.name for file in files for dof in file.dofs]
+    if not motions:
+        takes = f"--to {target.name} takes a yaw model, as --to thrusters takes a map"
+        raise SettingError(f"{files[0].origin.file} is a thruster map; {takes}")
+    numbers = _of_motions("--number", number, motions)
+    fitted = [file for file in files if file.dofs]
+    axes = [a for f in fitted for a in _axes(f, frame, form, settings, numbers.get(f.dofs[-1].name))]
+    axes.sort(key=lambda axis: axis.dof.number)
+    foreign = [axis.dof.name for axis in axes if not several or axis.model.moment_unit != axis.dof.units.forces[1]]
+    if settings.newton_metres_per_nu is not None and not foreign:
+        raise SettingError(IN_NEWTONS.format(listed(file.origin.file for file in files), "newtons"))
+    sizes = _of_motions("--newton-metres-per-nu", settings.newton_metres_per_nu, foreign)
+    turning = [axis.dof.name for axis in axes if axis.dof.angular or not several]
+    rigid = _of_motions("--rigid-inertia", settings.rigid_inertia, turning)
+    refused = list[Unsupported]()
+    for i, axis in enumerate(axes):
+        dof, name = axis.dof, axis.dof.name
+        inertia = rigid.get(name) or (None if dof.angular else settings.rigid_mass)
+        each = replace(settings, newton_metres_per_nu=sizes.get(name), rigid_inertia=inertia)
+        model = in_unit(target, axis.model, each, axis.origin, several)
+        steered = not several or axis.model.moment_unit == STEERED
+        carries = target.carries if steered else target.carries - {"rudder-inflow"}
+        terms, lacking = split(replace(target, carries=carries), model)
+        lenient = {DELAY} - {effect.name for effect in axis.file.effects} if axis.file else set[str]()
+        lenient |= {RESTORING, CONSTANT} if several and dof.biased else set()
+        called = [_of_vehicle(e, model, frame, settings.rigid_mass) if several else e for e in lacking]
+        refused += [new for old, new in zip(lacking, called) if old.name not in lenient]
+        axes[i] = replace(axis, settings=each, left_out=tuple(called), model=replace(model, terms=terms))
     if refused and not settings.allow_partial:
         missing = "; ".join(f"{effect.name} ({effect.why})" for effect in refused)
-        hint = ", or take --to python, which has nearly every effect" * (target.name != "python")
+        hint = ", or take --to python, which has nearly every effect" * (target.name != "python" and not several)
+        where = listed(file.origin.file for file in fitted)
         remedy = f"give --allow-partial to write the file without{hint}"
-        raise SettingError(f"{origin.file}: {target.name} cannot represent {missing}; {remedy}")
-    model = replace(model, terms=terms)
-    model = in_enu(model) if frame == "ENU" else model
-    refuse_inertia(target, settings.rigid_inertia, model, origin)
-    if target.si:
-        _refuse_driving(model, target, origin)
-    return YawSubject(origin, frame, form, settings, left_out, model, file, logs)
+        raise SettingError(f"{where}: {target.name} cannot represent {missing}; {remedy}")
+    for i, axis in enumerate(axes):
+        axes[i] = axis = replace(axis, model=in_enu(axis.model) if frame == "ENU" else axis.model)
+        refuse_inertia(target, axis.settings.rigid_inertia, axis.model, axis.origin, several)
+        if target.si and axis.file is not None:
+            _refuse_driving(axis.model, target, axis.origin)
+    left_out = [effect for axis in axes for effect in axis.left_out]
+    coupled: dict[str, Any] = {}
+    for file in files:
+        if file.in_plane:
+            stored = models_of(file.data, file.origin.file)
+            coupled |= planar_couplings(stored.model, frame) | {"water": stored.model.water}
+            if stored.command_delay > 0.0:
+                left_out.append(Unsupported(DELAY, f"no entry of the matrices holds its {stored.command_delay:.3g} s"))
+        elif file.of_thrusters:
+            coupled["thrusters"] = thrusters = _map_subject(file, form, frame, settings)
+            if not target.several or not target.several.thrusters:
+                left_out.append(Unsupported("thrusters", f"{OF_THRUSTERS}; {thrusters.about_places()}"))
+    origins = tuple(dict.fromkeys([*(axis.origin for axis in axes), *(f.origin for f in files if f.of_thrusters)]))
+    return Vehicle(origins, frame, form, settings, tuple(left_out), tuple(axes), several, **coupled)
 
 
-def in_unit(target: Target, model: Model, settings: Settings, origin: Origin) -> Model:
+def _of_vehicle(effect: Unsupported, model: Model, frame: str, mass: float | None) -> Unsupported:
+    """An effect that is left out, called by its motion; of a constant force or moment its size too, in the frame."""
+    name, size = f"{model.dof.name}.{effect.name}", ""
+    if effect.name in (CONSTANT, RESTORING):
+        alone_here = replace(model, terms=tuple(term for term in model.terms if term.name == effect.name))
+        value = (in_enu(alone_here) if frame == "ENU" else alone_here).terms[0].values[0]
+        size = f": {base.number(value)} {plain(model.moment_unit)}"
+        if effect.name == RESTORING and mass is not None:
+            size += f", GM {value / (GRAVITY_M_S2 * mass):.4g} m"
+    return Unsupported(name, effect.why + size)
+
+
+def in_unit(target: Target, model: Model, settings: Settings, origin: Origin, several: bool) -> Model:
     """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
     dof, factor = model.dof, settings.newton_metres_per_nu
     unit, force = dof.units.forces[1], dof.words.force
     full = "newton metres" if dof.angular else "newtons"
     if model.moment_unit == unit and factor is not None:
         raise SettingError(IN_NEWTONS.format(origin.file, full))
-    if model.moment_unit == "nu" and target.si and factor is None:
+    if model.moment_unit != unit and (target.si or several) and factor is None:
+        theirs = "angles of the rudder (rad)" if model.moment_unit == STEERED else "normalised (nu)"
+        needs = "a vehicle of several motions" if several else target.name
         raise SettingError(
-            f"{origin.file}: its {force}s are normalised (nu) and {target.name} needs {full}; give "
-            f"--newton-metres-per-nu with the {force} [{unit}] that one nu stands for, as a bollard test "
+            f"{origin.file}: its {force}s are {theirs} and {needs} needs {full}; give "
+            f"--newton-metres-per-nu{f' {dof.name}=VALUE' * several} with the {force} [{unit}] that one "
+            f"{model.moment_unit} stands for, as a bollard test "
             f"{'and the thrusters' + chr(39) + ' arm tell' if dof.levered else 'tells'} it"
         )
     return model if factor is None else in_newton_metres(model, factor)
@@ -259,15 +410,16 @@ def _matters(term: Term) -> bool:
     return any(value != off for value, off, shape in zip(term.values, effect.off, effect.shapes) if not shape)
 
 
-def refuse_inertia(target: Target, rigid: float | None, model: Model, origin: Origin) -> None:
+def refuse_inertia(target: Target, rigid: float | None, model: Model, origin: Origin, several: bool) -> None:
     """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
+    option = "--rigid-mass" if several and not model.dof.angular else "--rigid-inertia"
     if rigid is None and target.si and not model.dof.angular:
         raise SettingError(
             f"{origin.file}: the identified {model.dof.words.inertia}, {model.inertia:.4g}, holds the water that moves "
-            "along; as a link's mass it would weigh on the vehicle: give the vehicle's own with --rigid-inertia"
+            f"along; as a link's mass it would weigh on the vehicle: give the vehicle's own with {option}"
         )
     if rigid is not None:
-        base.refuse_part("--rigid-inertia", rigid, model.inertia, origin)
+        base.refuse_part(option, rigid, model.inertia, origin)
 
 
 def _refuse_driving(model: Model, target: Target, origin: Origin) -> None:

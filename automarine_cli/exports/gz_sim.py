@@ -14,83 +14,73 @@ In the plane the system adds the forces sum_j (iJ + sum_k iJabsK |nu_k|) nu_j, i
 engine makes the Coriolis and Munk forces of the fluid's inertia itself.
 """
 
-from collections.abc import Mapping
-
-import numpy as np
-
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import DRAGS, Planar, Target, Written, YawSubject, comment, filled, head, number
-from automarine_cli.exports.planar import PlanarSubject, rigid_of
-from automarine_cli.models.model import FORCES, VELOCITIES
+from automarine_cli.exports.base import DRAGS, Several, Target, Written, comment, filled, head, joined, number
+from automarine_cli.exports.vehicle import MOTIONS, VELOCITIES, Vehicle
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
-AXIS_LETTERS, RIGID_ENTRIES = "xyzpqr", ("mass", "mass", "mass", "ixx", "iyy", "izz")
-"""Of the six motions: the letters of the fluid's entries, and where their own inertia stands."""
+AXIS_LETTERS, FORCES = "xyzpqr", "xyzkmn"
+RIGID_ENTRIES = ("mass", "mass", "mass", "ixx", "iyy", "izz")
+"""Of the six motions: the letters of the fluid's entries and of the forces, and where their own inertia stands."""
+ENGINE = "the rest of M is fluid_added_mass, which needs the DART engine"
 
 
-def write(subject: YawSubject) -> Written:
+def write(subject: Vehicle) -> Written:
     """The SDF text. Raises SettingError where the added inertia would make the simulation unstable."""
-    rigid, added = subject.inertias
-    dof, r = subject.dof, subject.dof.symbols.velocity
-    letter, rate, rigid_entry = subject.force.lower(), r.upper(), RIGID_ENTRIES[dof.number]
-    linear, dot, entry = f"{letter}{rate}", f"{letter}Dot{rate}", 2 * AXIS_LETTERS[dof.number]
-    if subject.form == DERIVATIVE and added >= rigid:
+    added, derivatives = subject.added, dict[str, float]()
+    for drag in subject.drags:
+        size = "abs" * drag.factor.startswith("abs") + drag.factor.strip("abs()").upper()
+        derivatives[f"{FORCES[drag.places[0]]}{VELOCITIES[drag.places[-1]].upper()}{size}"] = -drag.value
+    off = {"disable_added_mass": "true"}
+    if subject.several:
+        lacking = [dof.name for dof in MOTIONS if dof.number not in subject.places]
+        merge = "merge with the values of your model, and add its buoyancy."
+        notes = (
+            *subject.about_own(ENGINE),
+            f"{joined(lacking).capitalize()} {'are' if lacking[1:] else 'is'} not identified: {merge}"
+            if lacking
+            else merge.capitalize(),
+            *subject.about_water(),
+        )
+        lines, off = subject.head(*notes), off | {"disable_coriolis": "true"}
+    else:
+        axis = subject.axis
+        i, v = axis.dof.number, axis.dof.symbols.velocity
+        linear, dot, entry = f"{FORCES[i]}{v.upper()}", f"{FORCES[i]}Dot{v.upper()}", 2 * AXIS_LETTERS[i]
+        absolute, square = f"{linear}abs{v.upper()}", f"{linear}{v.upper()}"
+        derivatives = {linear: 0.0, absolute: 0.0} | derivatives
+        if subject.form == DERIVATIVE and added[i, i]:
+            _refuse_unstable(axis.inertias, dot, axis.dof.words.inertia)
+            derivatives[dot], off, added = -added[i, i], {"disable_added_mass": "false"}, 0.0 * added
+        notes = (
+            axis.about_inertia(),
+            f"No axis but {axis.dof.name} is identified: the other entries are placeholders; merge with the values of "
+            f"your model. Needs a gz-sim that reads {absolute} (since 2023) and, for fluid_added_mass, the DART "
+            "engine.",
+        )
+        forces = f"{linear} {v} + {absolute} |{v}| {v} + {square} {v}^2 + {dot} {v}'"
+        lines = head(axis, f"({RIGID_ENTRIES[i]} + {entry}) {v}' = {axis.force} + {forces}", notes)
+    pairs = [(i, j) for i in range(6) for j in range(i, 6) if added[i, j]]
+    entries = "".join(
+        f"          <{(t := AXIS_LETTERS[i] + AXIS_LETTERS[j])}>{number(added[i, j])}</{t}>\n" for i, j in pairs
+    )
+    settings = off | {tag: number(value) for tag, value in derivatives.items()}
+    fields = {
+        "head": comment(lines), "mass": number(subject.mass),
+        **dict(zip(("ixx", "iyy", "izz"), map(number, subject.moments))),
+        "added": f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" * bool(pairs),
+        "told": "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in settings.items()),
+    }  # fmt: skip
+    return Written(filled("gz-sim", fields), notes)
+
+
+def _refuse_unstable(inertias: tuple[float, float], dot: str, word: str) -> None:
+    rigid, added = inertias
+    if added >= rigid:
         raise SettingError(
             f"gz-sim takes <{dot}> from the last step's acceleration, which grows without bound where the added "
-            f"{dof.words.inertia} ({number(added)}) is not below the rigid one ({number(rigid)}); give --form {FLUID}"
+            f"{word} ({number(added)}) is not below the rigid one ({number(rigid)}); give --form {FLUID}"
         )
-    tags = {
-        linear: -subject.value("linear-drag"),
-        f"{linear}abs{rate}": -subject.value("quadratic-drag"),
-        f"{linear}{rate}": -subject.value("drag-asymmetry"),
-        dot: -added if subject.form == DERIVATIVE else 0.0,
-    }
-    notes = (
-        subject.about_inertia(),
-        f"No axis but {dof.name} is identified: the other entries are placeholders; merge with the values of "
-        f"your model. Needs a gz-sim that reads {linear}abs{rate} (since 2023) and, for fluid_added_mass, the DART "
-        "engine.",
-    )
-    drag = f"{linear} {r} + {linear}abs{rate} |{r}| {r} + {linear}{rate} {r}^2 + {dot} {r}'"
-    equation = f"({rigid_entry} + {entry}) {r}' = {subject.force} + {drag}"
-    mass, moment = (1.0, rigid) if dof.angular else (rigid, 1.0)
-    fluid = {entry: added} if added and subject.form == FLUID else {}
-    system = {"disable_added_mass": "false" if tags[dot] else "true"}
-    system |= {tag: number(value) for i, (tag, value) in enumerate(tags.items()) if value or i < 2}
-    return Written(_sdf(head(subject, equation, notes), mass, moment, fluid, system), notes)
-
-
-def _sdf(lines: list[str], mass: float, moment: float, fluid: Mapping[str, float], system: Mapping[str, str]) -> str:
-    """The file: the link's own inertia, that of the fluid with it, and what the system is told."""
-    entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in fluid.items())
-    added = f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" if fluid else ""
-    settings = "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in system.items())
-    fields = {"head": comment(lines), "mass": number(mass), "moment": number(moment), "added": added, "told": settings}
-    return filled("gz-sim", fields)
-
-
-ENTRIES = (("xx", 0, 0), ("xy", 0, 1), ("xr", 0, 2), ("yy", 1, 1), ("yr", 1, 2), ("rr", 2, 2))
-
-
-def write_planar(subject: PlanarSubject) -> Written:
-    """The SDF text. Raises SettingError where the vehicle's own mass is not given, or a force always acts."""
-    if subject.constant.any():
-        wrong = "gz-sim cannot represent a force that always acts; take --to python, which can"
-        raise SettingError(f"{subject.origin.file}: {wrong}")
-    mass, turning = rigid_of(subject)
-    added = subject.inertia - np.diag([mass, mass, turning])
-    fluid = {tag: added[i, j] for tag, i, j in ENTRIES if added[i, j]}
-    system = {"disable_added_mass": "true", "disable_coriolis": "true"}
-    for _, (force, *letters), value in subject.drags():
-        size = "".join(f"abs{VELOCITIES[place].upper()}" for place in letters[:-1])
-        system[f"{FORCES[force].lower()}{VELOCITIES[letters[-1]].upper()}{size}"] = number(-value)
-    notes = (
-        f"Mass: {number(mass)} kg and yaw inertia {number(turning)} kg m^2 are the vehicle's own (given); the "
-        "rest of M is fluid_added_mass, which needs the DART engine.",
-        "Heave, roll and pitch are not identified: merge with the values of your model, and add its buoyancy.",
-        *subject.about_water(),
-    )
-    return Written(_sdf([*subject.head(), *notes], mass, turning, fluid, system), notes)
 
 
 TARGET = Target(
@@ -99,7 +89,7 @@ TARGET = Target(
     forms={FLUID: ".sdf", DERIVATIVE: ".sdf"},
     frames=("ENU", "NED"),
     carries=frozenset({*DRAGS, "drag-asymmetry"}),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
-    planar=Planar({FLUID: ".sdf"}, ("ENU", "NED"), write_planar),
+    several=Several({FLUID: ".sdf"}, couples=True),
 )

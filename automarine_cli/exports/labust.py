@@ -4,24 +4,29 @@ The uncoupled model steps (Io + Ma) r' = tau - (linear_damping + quadratic_dampi
 labust_sim/config/model_example.yaml and labust_sim/src/labust_sim/RBModel.cpp of that package.
 """
 
-from automarine_cli.exports.base import Target, Written, YawSubject, at_place, comment, head, number, row
+from automarine_cli.exports.base import MATRICES, Several, Target, Written, comment, head, number, row
+from automarine_cli.exports.vehicle import Vehicle
 
 
-def write(subject: YawSubject) -> Written:
-    index, turns, r = subject.dof.number, subject.dof.angular, subject.dof.symbols.velocity
-    notes = (subject.about_inertia(), subject.about_entries())
-    rigid, added = subject.inertias
-    linear, quadratic = subject.value("linear-drag"), subject.value("quadratic-drag")
-    rigid_entry = "inertia_matrix" if turns else "mass"
-    equation = f"({rigid_entry} + added_mass) {r}' = {subject.force} - linear_damping {r} - quadratic_damping |{r}| {r}"
-    first = f"inertia_matrix: [{row([1.0, 1.0, rigid], ', ')}]" if turns else f"mass: {number(rigid)}"
-    text = f"""{first}
-added_mass: [{row(at_place(added, index), ", ")}]
-linear_damping: [{row(at_place(linear, index), ", ")}]
-quadratic_damping: [{row(at_place(quadratic, index), ", ")}]
+def write(subject: Vehicle) -> Written:
+    if subject.several:
+        notes = (*subject.about_own("the rest of M is added_mass"), MATRICES)
+        lines = subject.head(*notes, coupled=False)
+    else:
+        axis, r = subject.axis, subject.axis.dof.symbols.velocity
+        notes = (axis.about_inertia(), axis.about_entries())
+        rigid_entry = "inertia_matrix" if axis.dof.angular else "mass"
+        drag = f"linear_damping {r} - quadratic_damping |{r}| {r}"
+        lines = head(axis, f"({rigid_entry} + added_mass) {r}' = {axis.force} - {drag}", notes)
+    turns = {axis.dof.angular for axis in subject.axes}
+    mass = f"mass: {number(subject.mass)}\n" * (False in turns)
+    moments = f"inertia_matrix: [{row((x or 1.0 for x in subject.rigid[3:]), ', ')}]\n" * (True in turns)
+    text = f"""{mass}{moments}added_mass: [{row(subject.added.diagonal(), ", ")}]
+linear_damping: [{row(subject.diagonal("linear-drag"), ", ")}]
+quadratic_damping: [{row(subject.diagonal("quadratic-drag"), ", ")}]
 coupled: false
 """
-    return Written(comment(head(subject, equation, notes), "#") + text, notes)
+    return Written(comment(lines, "#") + text, notes)
 
 
 TARGET = Target(
@@ -29,6 +34,7 @@ TARGET = Target(
     says="LABUST's simulator and controllers: model YAML, positive coefficients",
     forms={"model": ".yaml"},
     frames=("NED",),
-    uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
+    several=Several({"model": ".yaml"}),
 )

@@ -1,6 +1,6 @@
-"""MuJoCo: an MJCF model of the vehicle on one joint, with the water's drag as the joint's damping.
+"""MuJoCo: an MJCF model of the vehicle on a joint for each motion, with the water's drag as the joint's damping.
 
-The joint is (I + armature) r' = tau - (d0 + d1 |r| + d2 r^2) r - frictionloss sgn(r) - (s0 + s2 x^2) x. The force of
+A joint is (I + armature) r' = tau - (d0 + d1 |r| + d2 r^2) r - frictionloss sgn(r) - (s0 + s2 x^2) x. The force of
 its actuator is the control, clamped to ctrlrange, late by `delay` and filtered by `filterexact` with one time constant
 (T f' = f_c - f, solved exactly), plus the constant of its bias. No fluid model acts: `density` and `viscosity` stay 0.
 Sources: mujoco.readthedocs.io, "XML Reference" (joint: damping, stiffness, frictionloss, armature; actuator/general:
@@ -12,7 +12,21 @@ import math
 from collections.abc import Mapping
 
 from automarine_cli.effects.coulomb_drag import CREEP
-from automarine_cli.exports.base import DRAGS, Target, Written, YawSubject, comment, filled, head, mirrored, number, row
+from automarine_cli.exports.base import (
+    DRAGS,
+    MotionSubject,
+    Several,
+    Target,
+    Written,
+    comment,
+    filled,
+    head,
+    mirrored,
+    number,
+    row,
+)
+from automarine_cli.exports.vehicle import Vehicle
+from automarine_cli.models.model import RESTORING
 
 TIMESTEP_S = 0.001  # s; at 50 degrees/s a semi-implicit step is late by a twentieth of a degree
 JOINT_AXES = ("1 0 0", "0 1 0", "0 0 1")
@@ -22,6 +36,12 @@ VERSION = "Needs MuJoCo 3.7 or newer, which reads damping and stiffness of highe
 FREE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
 STICKY = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
 UPRIGHT = "Stiffness is the restoring moment as G (x - x^3/6): within 0.4 % of G sin(x) up to 45 degrees."
+FIXED = (
+    "Joints along the axes do not turn with the hull, and added mass makes no Coriolis or Munk force: exact for one "
+    "motion at a time, near enough for small angles."
+)
+THRUSTS = "The controls of thrusters are thrusts in N: the map makes them of signals."
+HELD = "A motion without a joint is not identified and is held: merge joints and actuators with your model."
 HEAVY = "Gravity is 0: weight and buoyancy are not part of the model."
 MJCF_EFFECTS = (
     *DRAGS, "cubic-drag", "coulomb-drag", "tether-spring", "bias-moment", "thruster-lag", "input-delay", "saturation",
@@ -34,34 +54,60 @@ LACKS = {
 """Laws of effects that it has no counterpart for."""
 
 
-def write(subject: YawSubject) -> Written:
+def write(subject: Vehicle) -> Written:
+    axes, joints = subject.axes, [_joint(axis) for axis in subject.axes]
+    warnings = [STICKY] * any("frictionloss" in joint for joint in joints)
+    slides = sum(not axis.dof.angular for axis in axes)
+    warnings += [HEAVY] * bool(slides) + [UPRIGHT] * bool(subject.diagonal(RESTORING).any())
+    ordered = joints[:slides] + joints[slides:][::-1]  # yaw turns what pitches and rolls
+    if subject.several:
+        notes = [*subject.about_own("the rest of M is armature"), FIXED, HELD, VERSION, *warnings]
+        notes += [THRUSTS] * bool(subject.thrusters)
+        lines = subject.head(*notes, coupled=False)
+    else:
+        axis = subject.axis
+        v, drag = axis.dof.symbols.velocity, "(d0 + d1 |{0}| + d2 {0}^2) {0}, d of damping"
+        equation = f"({axis.dof.words.inertia} + armature) {v}' = {axis.dof.symbols.force} - {drag.format(v)}"
+        notes = [axis.about_inertia(), FREE.format(axis.dof.name), VERSION, *warnings]
+        lines = head(axis, equation, notes)
+    places = subject.thrusters.places if subject.thrusters else ()
+    up = -1.0 if subject.frame == "NED" else 1.0  # MuJoCo's y is to port
+    sites = dict(zip(("thruster_port", "thruster_stbd"), (number(up * y) for y in places)))
+    fields = {
+        "head": comment(lines), "step": number(TIMESTEP_S), "mass": number(subject.mass),
+        "moments": row(subject.moments),
+        "joints": "".join(f"      <joint{_attributes(joint)}/>\n" for joint in ordered),
+        "actuators": "".join(
+            f'    <general name="{axis.force if subject.several else axis.dof.words.force}" joint="{axis.dof.name}"'
+            f"{_attributes(_actuator(axis))}/>\n" for axis in axes
+        ) + "".join(f'    <general name="{name}" site="{name}" gear="1 0 0 0 0 0"/>\n' for name in sites),
+        "sites": "".join(f'      <site name="{name}" pos="0 {place} 0"/>\n' for name, place in sites.items()),
+        "sensors": "".join(
+            f'    <joint{kind} name="{f"{axis.dof.name}_{kind}" if subject.several else name.replace(" ", "_")}" '
+            f'joint="{axis.dof.name}"/>\n'
+            for axis in axes for kind, name in (("pos", axis.dof.words.position), ("vel", axis.dof.words.rate))
+        ),
+    }  # fmt: skip
+    return Written(filled("mjcf", fields), tuple(notes))
+
+
+def _joint(subject: MotionSubject) -> dict[str, str]:
     dof = subject.dof
-    rigid, added = subject.inertias
-    kind = "hinge" if dof.angular else "slide"
     turned = subject.frame == "NED" and mirrored(dof)  # MuJoCo's z is up, its y to port
     axis = JOINT_AXES[dof.number % 3].replace("1", "-1") if turned else JOINT_AXES[dof.number % 3]
     damping = [subject.value(name) for name in (*DRAGS, "cubic-drag")]
     spring = subject.values.get("tether-spring", (0.0, 0.0, 0.0, 0.0))
     upright = subject.value("restoring-moment")
     stiffness = [spring[0] + upright, 0.0, (spring[3] if spring[1] == HARDENING else 0.0) - upright / 6.0]
-    joint = {"damping": row(damping), "armature": number(added) if added else "", **_friction(subject),
-             "stiffness": row(stiffness) if any(stiffness) else ""}  # fmt: skip
-    v, drag = dof.symbols.velocity, "(d0 + d1 |{0}| + d2 {0}^2) {0}, d of damping"
-    equation = f"({dof.words.inertia} + armature) {v}' = {dof.symbols.force} - {drag.format(v)}"
-    notes = [subject.about_inertia(), FREE.format(dof.name), VERSION]
-    notes += [STICKY] * ("frictionloss" in joint) + [HEAVY] * (not dof.angular)
-    notes += [UPRIGHT] * (upright > 0.0)
-    mass, moment = (1.0, rigid) if dof.angular else (rigid, 1.0)
-    fields = {
-        "head": comment(head(subject, equation, notes)), "step": number(TIMESTEP_S), "mass": number(mass),
-        "moments": row([moment] * 3), "name": dof.name, "kind": kind, "axis": axis, "joint": _attributes(joint),
-        "force": dof.words.force, "actuator": _attributes(_actuator(subject)), "position": dof.words.position,
-        "rate": dof.words.rate.replace(" ", "_"),
+    added = subject.inertias[1]
+    return {
+        "name": dof.name, "type": "hinge" if dof.angular else "slide", "axis": axis, "damping": row(damping),
+        "armature": number(added) if added else "", **_friction(subject),
+        "stiffness": row(stiffness) if any(stiffness) else "",
     }  # fmt: skip
-    return Written(filled("mjcf", fields), tuple(notes))
 
 
-def _friction(subject: YawSubject) -> dict[str, str]:
+def _friction(subject: MotionSubject) -> dict[str, str]:
     """Dry friction as a constraint that is soft: its force rises with the speed as our smoothed sign does, to the same
     way of stopping, integral of v coth(v/CREEP): a straight line to pi/sqrt(6) CREEP. The impedance is MuJoCo's least,
     so that the constraint answers the speed and not what pushes."""
@@ -73,7 +119,7 @@ def _friction(subject: YawSubject) -> dict[str, str]:
     return {"frictionloss": number(size), **soft}
 
 
-def _actuator(subject: YawSubject) -> dict[str, str]:
+def _actuator(subject: MotionSubject) -> dict[str, str]:
     lag, delay = subject.value("thruster-lag"), subject.value("input-delay")
     most, constant = subject.values.get("saturation", (math.inf,))[0], subject.value("bias-moment")
     attributes = {"dyntype": "filterexact", "dynprm": number(lag), "actearly": "true"} if lag else {}
@@ -95,6 +141,7 @@ TARGET = Target(
     frames=("ENU", "NED"),
     carries=frozenset(MJCF_EFFECTS),
     lacks=frozenset(LACKS),
-    uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
+    several=Several({"joint": ".xml"}, thrusters=True),
 )

@@ -5,20 +5,36 @@ hydrodynamic moment, so damping and added inertia are negative. Sources: Fossen 
 Hydrodynamics and Motion Control, sections 6.3 and 6.4; MSS, CRAFT/USV/models/otter.m (Nr, Nrdot); Norrbin (1971) for
 N_rrr.
 
-In the plane a MATLAB function with M, C and D, as vessels of the toolbox have them (section 6.5 of the Handbook):
-M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau.
+Several motions are a MATLAB function with M, C and D, as the toolbox's vessels have them (section 6.5 of the Handbook):
+M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r + g = tau.
 """
 
 from automarine_cli import effects
-from automarine_cli.exports.base import DRAGS, Planar, Target, Written, YawSubject, comment, filled, head, number, plain
-from automarine_cli.exports.planar import PlanarSubject
-from automarine_cli.models.model import VELOCITIES
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.exports.base import (
+    DRAGS,
+    MotionSubject,
+    Several,
+    Target,
+    Written,
+    comment,
+    filled,
+    head,
+    number,
+    plain,
+    row,
+)
+from automarine_cli.exports.vehicle import MATRIX_EFFECTS, Vehicle
+from automarine_cli.models.model import CONSTANT, RESTORING
 
-MSS_EFFECTS = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment", "restoring-moment")
 AXES = "xyzxyz"  # along or about which the six motions are
 
 
-def write(subject: YawSubject) -> Written:
+def write(subject: Vehicle) -> Written:
+    return _function(subject) if subject.several else _constants(subject.axis)
+
+
+def _constants(subject: MotionSubject) -> Written:
     force, r, words = subject.force, subject.dof.symbols.velocity, subject.dof.words
     rigid, added = subject.inertias
     rigid_symbol = f"I_{AXES[subject.dof.number]}" if subject.dof.angular else "m"
@@ -49,21 +65,24 @@ def write(subject: YawSubject) -> Written:
     return Written(comment(head(subject, equation, notes), sign) + lines, notes)
 
 
-def write_planar(subject: PlanarSubject) -> Written:
+def _function(subject: Vehicle) -> Written:
+    """M, C and D of the plane as three by three, of all else as six by six."""
+    places = [dof.number for dof in PLANAR.dofs]
+    in_plane = subject.places == places and len(subject.origins) == 1
+    places = places if in_plane else list(range(6))
     lines = []
-    for name, places, value in subject.drags():
-        i, j = places[0], places[-1]
-        size = f" * abs({VELOCITIES[places[1]]})" if len(places) == 3 else ""
-        entry = f"D({i + 1},{j + 1})"
-        lines.append(f"{entry} = {entry} + {number(value)}{size};  % {name}, positive where it resists\n")
-    rows = "; ".join(" ".join(number(value) for value in line) for line in subject.inertia)
+    for drag in subject.drags:
+        entry = f"D({places.index(drag.places[0]) + 1},{places.index(drag.places[-1]) + 1})"
+        size = f" * {drag.factor}" * bool(drag.factor)
+        meaning = "positive where it resists" if drag.rank < 2 else drag.meaning
+        lines.append(f"{entry} = {entry} + {number(drag.value)}{size};  % {drag.name}, {meaning}\n")
     text = {
+        "inertia": "; ".join(row(line) for line in subject.inertia[places][:, places]),
+        "drag": "".join(lines), "constant": row(subject.diagonal(CONSTANT)[places]),
+        "restoring": row(subject.diagonal(RESTORING)[3:5]), "axes": " ".join(str(i + 1) for i in subject.places),
         "head": comment(subject.head(), "%"),
-        "inertia": rows,
-        "drag": "".join(lines),
-        "constant": " ".join(number(value) for value in subject.constant),
-    }
-    return Written(filled("mss_planar", text), subject.about_water())
+    }  # fmt: skip
+    return Written(filled("mss_planar" if in_plane else "mss_vehicle", text), subject.about_water())
 
 
 TARGET = Target(
@@ -71,9 +90,9 @@ TARGET = Target(
     says="Fossen's MSS and its Python twin: constants N_r, N_rr with their signs",
     forms={"python": ".py", "matlab": ".m"},
     frames=("NED",),
-    carries=frozenset({*DRAGS, *MSS_EFFECTS}),
+    carries=MATRIX_EFFECTS,
     si=False,
-    uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
-    planar=Planar({"matlab": ".m"}, ("NED",), write_planar),
+    several=Several({"matlab": ".m"}, couples=True),
 )

@@ -8,26 +8,48 @@ command as logged.
 import ast
 import inspect
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from types import ModuleType
 
 from automarine_cli import effects
+from automarine_cli.dofs import HEAVE
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.effects import base
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
-from automarine_cli.exports.base import Planar, Target, Written, YawSubject, comment, filled, head, number, plain
-from automarine_cli.exports.planar import PlanarSubject
-from automarine_cli.models.model import VELOCITIES, Term
+from automarine_cli.exports.base import (
+    FORCE_LETTERS,
+    MotionSubject,
+    Several,
+    Target,
+    Written,
+    comment,
+    filled,
+    head,
+    number,
+    plain,
+    row,
+)
+from automarine_cli.exports.thrusters import largest_signal, table
+from automarine_cli.exports.vehicle import MATRIX_EFFECTS, VELOCITIES, Vehicle
+from automarine_cli.models.model import CONSTANT, RESTORING, Term
+from automarine_cli.quantities import STEERED
 
 MAX_STEP_S = 0.02  # s: the longest step of the integrator
 METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember", "states"}
 """What of an effect acts; all else describes it."""
 _LIBRARY = map(effects.get, effects.built_in())
+STEERING = frozenset({"rudder", "rudder-drag", "rudder-inflow", "cross-coupling"})
 PYTHON_EFFECTS = [effect.name for effect in _LIBRARY if not (effect.columns or effect.reads_force)]
 """Effects that need no logged column."""
+RUDDER = " `rudder` is its angle as logged{0} [rad]."
 
 
-def write(subject: YawSubject) -> Written:
+def write(subject: Vehicle) -> Written:
+    return _vehicle(subject) if subject.several else _motion(subject.axis)
+
+
+def _motion(subject: MotionSubject) -> Written:
     terms, dof, symbols = subject.model.terms, subject.dof, subject.dof.symbols
     inertia = symbols.inertia.upper()  # I_R, M_U, M_W
     logged = [name for term in terms for name in effects.get(term.name).needs]
@@ -101,7 +123,7 @@ def maker(effect: Effect) -> str:
     return f'type("Curve", (Learned,), {{"name": "", "variable": {variable}}})()'
 
 
-def constants(subject: YawSubject, term: Term) -> str:
+def constants(subject: MotionSubject, term: Term) -> str:
     effect = effects.get(term.name)
     cards = effect.card(subject.dof, subject.model.moment_unit).parameters
     return "".join(
@@ -111,7 +133,7 @@ def constants(subject: YawSubject, term: Term) -> str:
     )
 
 
-def names(subject: YawSubject, term: Term) -> list[str]:
+def names(subject: MotionSubject, term: Term) -> list[str]:
     """The constant of each parameter: K_RR of the drags, THRUST_LOSS_B of others; empty for one that stands as a number
     among the values: a choice of law, and what counts under no such law, or makes a learned curve."""
     effect, result = effects.get(term.name), []
@@ -122,12 +144,13 @@ def names(subject: YawSubject, term: Term) -> list[str]:
     return result
 
 
-def arguments(subject: YawSubject, term: Term) -> str:
+def arguments(subject: MotionSubject, term: Term) -> str:
     """The values of a term as a tuple; an effect that may differ from run to run gets none of a run's own."""
     values = [name or number(value) for name, value in zip(names(subject, term), term.values)]
     return f"({', '.join([*values, *['0.0'] * effects.get(term.name).per_run])},)"
 
 
+PLANES = [dof.number for dof in PLANAR.dofs]
 AXIS_SENSES = {
     "NED": "u ahead, v to starboard, r clockwise; psi clockwise from north.",
     "ENU": "u ahead, v to port, r anticlockwise; psi anticlockwise from east.",
@@ -143,44 +166,79 @@ MOVED = {
 """Rates of north and east by the velocities in the vehicle's axes."""
 
 
-def write_planar(subject: PlanarSubject) -> Written:
-    rows = [", ".join(number(value) for value in line) for line in subject.inertia]
-    sums: list[list[str]] = [[], [], []]
-    constants = []
-    for name, places, value in subject.drags():
-        along = VELOCITIES[places[-1]]
-        size = f" * abs({VELOCITIES[places[1]]})" if len(places) == 3 else ""
-        meaning = "coupling" if {*places} != {places[0]} else "linear drag" if len(places) == 2 else "quadratic drag"
-        sums[places[0]].append(f"{name.upper()}{size} * {along}")
-        constants.append(f"{name.upper()} = {number(value)}  # {meaning}")
-    for i, value in enumerate(subject.constant.tolist()):
-        if value:
-            sums[i].append(f"- {'XYN'[i]}_0")
-            constants.append(f"{'XYN'[i]}_0 = {number(value)}  # always acts")
-    # some terms bring their sign along
-    drags = "\n".join(f"            {' + '.join(terms).replace('+ - ', '- ') or '0.0'}," for terms in sums)
+def _vehicle(subject: Vehicle) -> Written:
+    """One file of the plane, which has simulate() alone, and one of all else."""
+    in_plane, enu = subject.places == PLANES and len(subject.origins) == 1, subject.frame == "ENU"
     north, east = subject.water or (0.0, 0.0)
+    water = (north, east) if in_plane else (east, north, 0.0) if enu else (north, east, 0.0)
+    places = PLANES if in_plane else list(range(6))
+    forces: list[list[str]] = [[] for _ in range(6)]
+    constants = []
+    for drag in subject.drags:
+        size = f" * {drag.factor}" * bool(drag.factor)
+        forces[drag.places[0]].append(f"{drag.name.upper()}{size} * {VELOCITIES[drag.places[-1]]}")
+        constants.append(f"{drag.name.upper()} = {number(drag.value)}  # {drag.meaning}")
+    for i, value in enumerate(subject.diagonal(CONSTANT).tolist()):
+        if value:
+            # some terms bring their sign along
+            name, weighs = f"{FORCE_LETTERS[i]}_0", i == HEAVE.number
+            forces[i] += [] if weighs else [f"- {name}"]
+            constants.append(f"{name} = {number(value)}  # {'weight less buoyancy' if weighs else 'always acts'}")
+    for axis in subject.axes:
+        i, leans = axis.dof.number, {"roll": "cos(theta) * sin(phi)", "pitch": "sin(theta)"}
+        if value := axis.value(RESTORING):
+            name = f"{axis.force}_{axis.dof.symbols.position}".upper()
+            forces[i].append(f"{name} * {leans[axis.dof.name]}")
+            constants.append(f"{name} = {number(value)}  # m g GM")
+        for name, value, factor, meaning in _steering(axis):
+            forces[i].append(f"- {name} * {factor}")
+            constants.append(f"{name} = {number(value)}  # {meaning}")
+    lines = [f"[{row(line, ', ')}]" for line in subject.inertia[places][:, places]]
+    rudder = any("rudder" in term for terms in forces for term in terms)
+    thrusters = ""
+    if subject.thrusters is not None:
+        n, thrust = table(subject.thrusters.map, largest_signal(subject.thrusters))
+        fields = {"n": row(n, ", "), "thrust": row(thrust, ", "), "places": f"({row(subject.thrusters.places, ', ')})"}
+        thrusters = filled("python_thrusters", fields)
     text = {
-        "head": comment(subject.head(), "#"),
-        "inertia": ", ".join(f"[{row}]" for row in rows),
-        "current": f"({number(north)}, {number(east)})",
+        "thrusters": thrusters, "inertia": (", " if in_plane else ",\n    ").join(lines),
+        "current": f"({row(water, ', ')})",
         "constants": "\n".join(constants) + "\n" * bool(constants),
-        "drags": drags,
-        "step": number(MAX_STEP_S),
-        "axes": AXIS_SENSES[subject.frame],
-        "water": WATER[subject.frame],
-        "moved": MOVED[subject.frame],
-    }
-    return Written(filled("python_planar", text), subject.about_water())
+        "drags": "\n".join(f"            {' + '.join(forces[i]).replace('+ - ', '- ') or '0.0'}," for i in places),
+        "step": number(MAX_STEP_S), "axes": AXIS_SENSES[subject.frame], "water": WATER[subject.frame],
+        "moved": MOVED[subject.frame], "places": subject.places,
+        "arguments": ", rudder=0.0" * rudder, "more": RUDDER.format(" with the other sign" * enu) * rudder,
+        "weight": f"{FORCE_LETTERS[HEAVE.number]}_0" if subject.diagonal(CONSTANT)[HEAVE.number] else "0.0",
+        "head": comment(subject.head(), "#"),
+    }  # fmt: skip
+    return Written(filled("python_planar" if in_plane else "python_vehicle", text), subject.about_water())
+
+
+def _steering(axis: MotionSubject) -> Iterator[tuple[str, float, str, str]]:
+    """Name, value, factor and meaning of what rudder and speed ahead do to a motion."""
+    force, values = axis.force, axis.values
+    squared, size = "u * abs(u)", axis.settings.newton_metres_per_nu
+    if axis.file is not None and axis.file.force_unit == STEERED and size is not None:
+        race, usual = values.get("rudder-inflow", (1.0, 1.0))
+        inflow = f" * ({number(race)} + {number((1.0 - race) / usual**2)} * {squared})" * (race != 1.0)
+        yield f"{force}_DELTA", size, f"rudder{inflow}", "by the angle of the rudder"
+    if "rudder" in values:
+        value, law, race = values["rudder"]
+        inflow = {0: f" * {squared}", 1: f" * ({squared} + {number(race)})"}.get(round(law), "")
+        yield f"{force}_DELTA", value, f"rudder{inflow}", "by the angle of the rudder"
+    if "rudder-drag" in values:
+        yield f"{force}_DELTADELTA", -values["rudder-drag"][0], f"rudder**2 * {squared}", "drag of the rudder"
+    if "cross-coupling" in values:
+        yield f"{force}_UR", values["cross-coupling"][0], "u * r", "coupling with the speed ahead"
 
 
 TARGET = Target(
     name="python",
     says="one file of Python and numpy with simulate()",
     forms={"simulate": ".py"},
-    carries=frozenset({*PYTHON_EFFECTS, PREFIX}),
+    carries=frozenset({*PYTHON_EFFECTS, *STEERING, PREFIX}),
     si=False,
-    uses=frozenset({"newton_metres_per_nu"}),
+    uses=frozenset({"newton_metres_per_nu", "arm", "n_max"}),
     write=write,
-    planar=Planar({"simulate": ".py"}, ("NED", "ENU"), write_planar),
+    several=Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING, couples=True, thrusters=True),
 )

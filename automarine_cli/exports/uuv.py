@@ -6,40 +6,44 @@ gazebo::HMFossen; uuv_gazebo_plugins/src/HydrodynamicModel.cc. Controllers: (izz
 quad_damping |r| r (uuv_control_interfaces/vehicle.py, which turns Gazebo's rates into SNAME's; odd drag is the same).
 """
 
-from automarine_cli.exports.base import Target, Written, YawSubject, at_place, comment, filled, head, number, row
+from automarine_cli.exports.base import MATRICES, Several, Target, Written, comment, filled, head, number, row
+from automarine_cli.exports.vehicle import Vehicle
 
 
-def write(subject: YawSubject) -> Written:
-    index, turns, r = subject.dof.number, subject.dof.angular, subject.dof.symbols.velocity
-    notes = (subject.about_inertia(), subject.about_entries())
-    rigid, added = subject.inertias
-    linear = at_place(-subject.value("linear-drag"), index)
-    quadratic = at_place(-subject.value("quadratic-drag"), index)
-    matrix = [at_place(added if line == index else 0.0, index) for line in range(6)]
-    rigid_entry = "izz" if turns else "mass"
-    equation = f"({rigid_entry} + Ma) {r}' = {subject.force} + linear_damping {r} + quadratic_damping |{r}| {r}"
-    lines = head(subject, equation, notes)
-    inertia, mass = number(rigid if turns else 1.0), number(1.0 if turns else rigid)
-    fields = {"inertia": inertia, "mass": mass}
+def write(subject: Vehicle) -> Written:
+    if subject.several:
+        notes = (*subject.about_own("the rest of M is added mass"), MATRICES)
+        lines = subject.head(*notes)
+    else:
+        axis, r = subject.axis, subject.axis.dof.symbols.velocity
+        notes = (axis.about_inertia(), axis.about_entries())
+        rigid_entry = "izz" if axis.dof.angular else "mass"
+        equation = f"({rigid_entry} + Ma) {r}' = {axis.force} + linear_damping {r} + quadratic_damping |{r}| {r}"
+        lines = head(axis, equation, notes)
+    linear, quadratic = -subject.diagonal("linear-drag"), -subject.diagonal("quadratic-drag")
+    fields = {"mass": number(subject.mass), **dict(zip(("ixx", "iyy", "izz"), map(number, subject.moments)))}
     if subject.form == "controller":
+        slides = any(not axis.dof.angular for axis in subject.axes)
         fields |= {
-            "head": comment(lines, "#") + ("" if turns else f"mass: {mass}\n"),
-            "entries": "".join(f"- [{row(line, ', ')}]\n" for line in matrix),
+            "head": comment(lines, "#") + f"mass: {number(subject.mass)}\n" * slides,
+            "entries": "".join(f"- [{row(line, ', ')}]\n" for line in subject.added),
             "linear": row(linear, ", "), "quadratic": row(quadratic, ", "),
         }  # fmt: skip
     else:
         fields |= {
-            "head": comment(lines), "entries": "\n".join(f"            {row(line)}" for line in matrix),
+            "head": comment(lines), "entries": "\n".join(f"            {row(line)}" for line in subject.added),
             "linear": row(linear), "quadratic": row(quadratic),
         }  # fmt: skip
     return Written(filled(f"uuv_{subject.form}", fields), notes)
 
 
+FORMS = {"urdf": ".urdf", "controller": ".yaml"}
 TARGET = Target(
     name="uuv",
     says="uuv_simulator and its forks: URDF for the plugin, YAML for the controllers",
-    forms={"urdf": ".urdf", "controller": ".yaml"},
+    forms=FORMS,
     frames=("ENU", "NED"),
-    uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
     write=write,
+    several=Several(FORMS),
 )

@@ -18,8 +18,9 @@ from automarine_cli.commands.export import export
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import alone
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import Origin, Settings, Written, YawSubject
+from automarine_cli.exports.base import MotionSubject, Origin, Settings, Written
 from automarine_cli.exports.export import in_enu
+from automarine_cli.exports.vehicle import Vehicle
 from automarine_cli.models.model import Model, steady_rate
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
@@ -27,16 +28,17 @@ AXES = {"surge": (0, "X", "u", "x"), "sway": (1, "Y", "v", "y"), "heave": (2, "Z
 """Place among six axes, and the letters of force, velocity and position."""
 
 
-def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
+def subject(motion: str, target: str, form: str, **change: Any) -> MotionSubject:
     """A model with both drags and an asymmetry, in newtons."""
     dof = DOFS[motion]
     model = replace(Model.base("2", MASS, [QUADRATIC, LINEAR], dof.units.forces[1], YAW), motion=alone(dof))
     frame, origin = targets.get(target).frames[0], Origin("model.json", "0" * 64, "2")
-    return replace(YawSubject(origin, frame, form, Settings(rigid_inertia=OWN), (), model), **change)
+    return replace(MotionSubject((origin,), frame, form, Settings(rigid_inertia=OWN), (), model), **change)
 
 
 def written(motion: str, target: str, form: str, **change: Any) -> Written:
-    file = targets.get(target).write(subject(motion, target, form, **change))
+    axis = subject(motion, target, form, **change)
+    file = targets.get(target).write(Vehicle(axis.origins, axis.frame, form, axis.settings, (), (axis,)))
     assert isinstance(file, Written)
     return file
 

@@ -130,12 +130,12 @@ def test_gazebo_has_our_accelerations(tmp_path: Path, frame: str, nu: Three, tau
 @pytest.mark.parametrize(
     ("target", "model", "settings", "says"),
     [
-        ("python", FULL, {}, "python cannot represent yaw.input-delay (no entry of the matrices holds it); give"),
+        ("python", FULL, {}, "represent yaw.input-delay (it acts in the thrusters, before the moment); give"),
         ("uuv", MODEL, {}, "one motion: take --to gz-sim or mss or python, or a model of one"),
-        ("gz-sim", DRAGS, {}, "give the vehicle's with --rigid-mass and --rigid-inertia"),
+        ("gz-sim", DRAGS, {}, "give the vehicle's own with --rigid-mass"),
         ("gz-sim", DRAGS, {"rigid_mass": 25.0, "rigid_inertia": 1.0}, "found 25, expected more than 0"),
         ("gz-sim", DRAGS, {"rigid_mass": 5.0, "rigid_inertia": 3.0}, "--rigid-inertia: found 3, expected more than 0"),
-        ("gz-sim", MODEL, {"rigid_mass": 5.0, "rigid_inertia": 1.0}, "cannot represent a force that always acts"),
+        ("gz-sim", MODEL, {"rigid_mass": 5.0, "rigid_inertia": 1.0}, "yaw.bias-moment (the target's equation has no"),
         ("python", MODEL, {"newton_metres_per_nu": 2.0}, "is in newtons already"),
         ("mss", MODEL, {"form": "python"}, "--form of mss: found python, expected matlab"),
     ],

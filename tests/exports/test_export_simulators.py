@@ -11,6 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from test_export import model_file
 from test_export_motions import LINEAR, MASS, OWN, QUADRATIC, written
+from test_export_vehicle import OWN as VEHICLE
+from test_export_vehicle import model_files
 
 from automarine_cli.commands.export import export
 from automarine_cli.dofs import YAW
@@ -92,3 +94,29 @@ def test_mujoco_slides_along_the_motions_axis(motion: str, axis: str, frame: str
     way = np.array([float(x) for x in axis.split()]) * (-1 if turned else 1)
     np.testing.assert_allclose(data.xpos[1] / np.linalg.norm(data.xpos[1]), way, atol=1e-9)
     assert model.body_mass[1] == OWN and model.dof_armature[0] == pytest.approx(MASS - OWN)
+
+
+@pytest.mark.parametrize("frame", ["ENU", "NED"])
+def test_mujoco_moves_a_vehicle_of_several_motions(tmp_path: Path, frame: str) -> None:
+    """Each motion by its own actuator reaches its steady speed, roll swings with its period and lists as it should."""
+    mujoco = pytest.importorskip("mujoco", minversion="3.7")
+    files = model_files(tmp_path, "sway", "roll", "yaw")
+    model = mujoco.MjModel.from_xml_string(export(files, to="mjcf", frame=frame, **VEHICLE).text)
+    names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, i) for i in range(model.njnt)]
+    assert names == ["sway", "yaw", "roll"] and model.body_mass[1] == 11.0
+    for control, place, force, k_r, k_rr in ((0, 0, 5.0, 0.0, 58.0), (2, 1, 1.5, 0.0, 1.5 * 1.257)):
+        data = mujoco.MjData(model)
+        data.ctrl[control] = force
+        mujoco.mj_step(model, data, nstep=20_000)
+        assert data.qvel[place] == pytest.approx(float(steady_rate(force, k_r, k_rr)), rel=1e-3)
+    np.testing.assert_allclose(data.xmat[1].reshape(3, 3)[2, 2], np.cos(data.qpos[2]), atol=1e-9)
+    data = mujoco.MjData(model)
+    data.qpos[2] = 0.1
+    angles = []
+    for _ in range(60_000):
+        mujoco.mj_step(model, data)
+        angles.append(float(data.qpos[2]))
+    rest = np.arcsin(0.2 / 12.0)
+    assert np.mean(angles[-12_500:]) == pytest.approx(rest, rel=0.01)  # over five periods
+    crossings = np.flatnonzero(np.diff(np.sign(np.array(angles[:20_000]) - rest)) > 0)
+    assert float(np.mean(np.diff(crossings))) / 1000 == pytest.approx(2 * np.pi * np.sqrt(1.9 / 12.0), rel=0.01)

@@ -147,6 +147,119 @@ def fall_time(time: Floats, rate: Floats) -> float:
     return float(np.interp(-np.exp(-1.0), -rate / rate[0], time))
 
 
+# Vehicles: text and velocities (6,) -> accelerations (6,) without commands, upright; zero where nothing is identified
+
+LETTERS = "uvwpqr"
+
+
+def accelerations(inertia: Floats, force: Floats, nu: Floats, coupled: bool = True) -> Floats:
+    """Of M nu' + C(nu) nu = force, of the motions that have an inertia."""
+    p, places = inertia @ nu, np.flatnonzero(inertia.diagonal())
+    c_nu = np.append(np.cross(nu[3:], p[:3]), np.cross(nu[3:], p[3:]) + np.cross(nu[:3], p[:3]))
+    result = np.zeros(6)
+    part = inertia[np.ix_(places, places)]
+    result[places] = np.linalg.solve(part, (force - coupled * c_nu)[places])
+    return result
+
+
+def own_and_added(added: Floats, mass: float, moments: list[float], linear: Floats, quadratic: Floats) -> Floats:
+    """M, where a motion without any entry of the fluid's is a placeholder."""
+    there = (np.abs(added).sum(axis=0) + np.abs(linear) + np.abs(quadratic)) > 0
+    return added + np.diag(np.array([mass] * 3 + moments) * there)
+
+
+def gz_vehicle(text: str, nu: Floats) -> Floats:
+    root, linear, quadratic, force = ET.fromstring(text), np.zeros(6), np.zeros(6), np.zeros(6)
+    plugin, link = root.find(".//plugin"), root.find(".//inertial")
+    assert plugin is not None and link is not None and plugin.findtext("disable_added_mass") == "true"
+    added = np.zeros((6, 6))
+    for entry in link.find("fluid_added_mass") or ():
+        i, j = ("xyzpqr".index(letter) for letter in entry.tag)
+        added[i, j] = added[j, i] = float(str(entry.text))
+    for entry in plugin:
+        if match := re.fullmatch(r"([xyzkmn])([UVWPQR])(abs)?([UVWPQR])?", entry.tag):
+            value, place, along = float(str(entry.text)), "xyzkmn".index(match[1]), "UVWPQR".index(match[2])
+            size = 1.0 if match[4] is None else nu["UVWPQR".index(match[4])]
+            force[place] += value * (abs(size) if match[3] else size) * nu[along]
+            (quadratic if match[3] else linear)[place] = value
+    moments = [number_in(link, f"inertia/i{i}{i}") for i in "xyz"]
+    return accelerations(own_and_added(added, number_in(link, "mass"), moments, linear, quadratic), force, nu)
+
+
+def mss_vehicle(text: str, nu: Floats) -> Floats:
+    (rows,) = re.findall(r"^M = \[(.*)\];$", text, re.MULTILINE)
+    inertia, force = np.array([[float(x) for x in line.split()] for line in rows.split(";")]), np.zeros(6)
+    entries = re.findall(r"^D\((\d),(\d)\) = D\(\1,\2\) \+ (\S+?)(?: \* (abs\()?(\w)\)?)?;", text, re.MULTILINE)
+    assert entries and text.startswith("function [nu_dot, M, C, D, g] = vehicle6(nu, tau, eta, nu_c)")
+    for i, j, value, absolute, along in entries:
+        size = nu[LETTERS.index(along)] if along else 1.0
+        force[int(i) - 1] -= float(value) * (abs(size) if absolute else size) * nu[int(j) - 1]
+    return accelerations(inertia, force, nu)
+
+
+def damped(inertia: Floats, linear: Floats, quadratic: Floats, nu: Floats, coupled: bool) -> Floats:
+    return accelerations(inertia, -(linear + quadratic * np.abs(nu)) * nu, nu, coupled)
+
+
+def uuv_vehicle(text: str, nu: Floats) -> Floats:
+    root = ET.fromstring(text)
+    model, own, mass = root.find(".//hydrodynamic_model"), root.find("link/inertial/inertia"), root.find(".//mass")
+    assert model is not None and own is not None and mass is not None
+    added, linear, quadratic = (
+        np.array(str(model.findtext(tag)).split(), float)
+        for tag in ("added_mass", "linear_damping", "quadratic_damping")
+    )
+    moments = [float(own.attrib[f"i{i}{i}"]) for i in "xyz"]
+    inertia = own_and_added(added.reshape(6, 6), float(mass.attrib["value"]), moments, linear, quadratic)
+    return damped(inertia, -linear, -quadratic, nu, True)
+
+
+def controller_vehicle(text: str, nu: Floats) -> Floats:
+    data = yaml.safe_load(text)
+    linear, quadratic = np.array(data["linear_damping"], float), np.array(data["quad_damping"], float)
+    moments = [data["inertial"][f"i{i}{i}"] for i in "xyz"]
+    inertia = own_and_added(np.array(data["Ma"], float), data["mass"], moments, linear, quadratic)
+    return damped(inertia, -linear, -quadratic, nu, True)
+
+
+def labust_vehicle(text: str, nu: Floats) -> Floats:
+    data = yaml.safe_load(text)
+    linear, quadratic = np.array(data["linear_damping"], float), np.array(data["quadratic_damping"], float)
+    added = np.diag(np.array(data["added_mass"], float))
+    inertia = own_and_added(added, data["mass"], data["inertia_matrix"], linear, quadratic)
+    return damped(inertia, linear, quadratic, nu, data["coupled"])
+
+
+def mjcf_vehicle(text: str, nu: Floats) -> Floats:
+    root, linear, quadratic, inertia = ET.fromstring(text), np.zeros(6), np.zeros(6), np.zeros((6, 6))
+    own = root.find("worldbody/body/inertial")
+    assert own is not None
+    moments = [float(x) for x in own.attrib["diaginertia"].split()]
+    for joint in root.findall("worldbody/body/joint"):
+        axis = np.abs([float(x) for x in joint.attrib["axis"].split()]).argmax()
+        place = int(axis) + 3 * (joint.attrib["type"] == "hinge")
+        linear[place], quadratic[place], _ = (float(x) for x in joint.attrib["damping"].split())
+        inertia[place, place] = [*[float(own.attrib["mass"])] * 3, *moments][place] + float(joint.get("armature", "0"))
+    return damped(inertia, linear, quadratic, nu, False)
+
+
+def python_vehicle(text: str, nu: Floats) -> Floats:
+    space: dict[str, Callable[..., Floats]] = {}
+    exec(text.replace("Z_0 =", "Z_0 = 0 *").replace("K_0 =", "K_0 = 0 *"), space)
+    return space["derivatives"](np.append(np.zeros(6), nu), np.zeros(6))[6:]
+
+
+VEHICLES: dict[tuple[str, str], Callable[[str, Floats], Floats]] = {
+    ("gz-sim", "fluid-added-mass"): gz_vehicle,
+    ("mss", "matlab"): mss_vehicle,
+    ("uuv", "urdf"): uuv_vehicle,
+    ("uuv", "controller"): controller_vehicle,
+    ("labust", "model"): labust_vehicle,
+    ("mjcf", "joint"): mjcf_vehicle,
+    ("python", "simulate"): python_vehicle,
+}
+
+
 # Thrusters: control signal -> thrust, from each file
 
 
