@@ -37,7 +37,7 @@ def predict(
     """Predict where commands take the vehicle, with a 95 % band.
 
     MODEL is the model file of a fit or a diagnosis. COMMANDS are logs, or tables with time and command alone. There a
-    command holds until the next row, and the last row ends the prediction.
+    command acts until the next row, and the last row ends the prediction.
 
     \b
     Example:

@@ -409,7 +409,7 @@ def _require_clock(table: LogTable, chosen: Any, time: Floats, name: str) -> Non
     where = f"{table.source}, run {name!r}"
     if len(time) < 2 or not np.ptp(time) > 0:
         raise RunError(
-            f"{where}: found {len(time)} row with time and command, expected two or more: the last one ends "
+            f"{where}: found {len(time)} row with time and command, expected two or more; add the row that ends "
             "the prediction"
         )
     if (np.diff(time) < 0).any():

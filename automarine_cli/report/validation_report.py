@@ -72,7 +72,7 @@ def _(result: Prediction) -> Sections:
             heading = f"{quantity.replace('_', ' ')} {result.shown[quantity].unit}"
             rows[-1][heading] = _with_ends(value, low, high)
         rows[-1]["start"] = of_run.start.how.split(":")[0] if len(names) > 1 else of_run.start.how
-    notes = [_holds(result), "It does not hold what the model lacks, or the noise of a sensor."]
+    notes = [_included(result), "It leaves out what the model lacks, and the noise of a sensor."]
     warnings: list[Table | str] = [f"Warning: {warning}" for warning in _prediction_warnings(result)]
     printed = [*warnings, Table.of("At the end of the commands", rows, notes)]
     listed_files = ("prediction.json", table, "prediction.png" if alone else "prediction_RUN.png")
@@ -84,13 +84,13 @@ def _with_ends(value: float, low: float, high: float) -> str:
     return interval(Estimate(value, (high - low) / 4.0, (low, high), ""))
 
 
-def _holds(result: Prediction) -> str:
+def _included(result: Prediction) -> str:
     doubt = result.doubt
-    holds = ["the errors of the parameters"] if np.any(doubt.covariance) else []
-    holds += [f"thrust that differs by {100 * doubt.scatter:.1f} % from run to run"] if doubt.scatter else []
-    holds += ["the disturbance of the runs that were fitted"] if doubt.disturbed else []
-    *others, last = holds or ["nothing: the file tells no errors"]
-    return f"The 95 % band holds {', '.join(others)}{' and ' * bool(others)}{last}."
+    parts = ["the errors of the parameters"] if np.any(doubt.covariance) else []
+    parts += [f"thrust that differs by {100 * doubt.scatter:.1f} % from run to run"] if doubt.scatter else []
+    parts += ["the disturbance of the runs that were fitted"] if doubt.disturbed else []
+    *others, last = parts or ["no error, as the file has none"]
+    return f"The 95 % band includes {', '.join(others)}{' and ' * bool(others)}{last}."
 
 
 def _prediction_warnings(result: Prediction) -> Iterator[str]:
