@@ -98,10 +98,17 @@ class Sections:
             folder.write(name, content() if callable(content) else content)
         for warning in self.warnings:
             folder.warn(warning)
-        if formats and self.figures:
-            from automarine_cli.report.figures.style import write_figures
+        save_figures(folder, self.figures, formats, each)
 
-            write_figures(folder, self.figures, formats, each)
+
+def save_figures(
+    folder: "ResultFolder", figures: Mapping[str, Drawing], formats: Sequence[str], each: "Each | None" = None
+) -> None:
+    """Write the figures in each of the formats, drawn by `each`."""
+    if formats and figures:
+        from automarine_cli.report.figures.style import write_figures
+
+        write_figures(folder, figures, formats, each)
 
 
 def refuse_unknown(formats: Sequence[str]) -> None:

@@ -187,6 +187,16 @@ def test_bands_of_fits_hold_the_ends_of_runs_held_out() -> None:
     assert min(shares) >= 0.75
 
 
+@pytest.mark.slow
+def test_the_band_of_a_real_boat_contains_what_was_measured() -> None:
+    """The run that is left out of the walk: for 94 % of it, as the page says."""
+    prediction = am.fit_yaw(SAMPLE_RUNS / "real_boat").predict(SAMPLE_RUNS / "real_boat_validation")
+    (predicted,) = prediction.predicted
+    _, low, high = predicted.bands["heading"]
+    share = np.mean((low <= predicted.run.position) & (predicted.run.position <= high))
+    assert share == pytest.approx(0.94, abs=0.01)
+
+
 def planar_file(path: Path, craft: str = "munk-moment") -> Path:
     model = quadratic_drags(20.0, 32.0, 2.6, drags=(18.0, 60.0, 4.0))
     random = {"gain-scatter": 0.02}
