@@ -9,8 +9,8 @@ from typing import Any
 __version__ = "0.1.0"
 __all__ = [
     "__version__", "check", "compare", "diagnose", "effects", "export", "fit_heave", "fit_pitch", "fit_planar",
-    "fit_roll", "fit_surge", "fit_sway", "fit_thrusters", "fit_yaw", "plan", "samples", "simulate", "slice_log", "tune",
-    "validate",
+    "fit_roll", "fit_surge", "fit_sway", "fit_thrusters", "fit_yaw", "plan", "predict", "samples", "simulate",
+    "slice_log", "tune", "validate",
 ]  # fmt: skip
 
 

@@ -45,6 +45,7 @@ COMMANDS = {
         "compare": "Compare results and test their differences.",
     },
     "Use": {
+        "predict": "Predict where commands take the vehicle.",
         "plan": "Plan the next campaign.",
         "tune": "Gains of a controller, with the margin they need.",
         "export": "Write a model for a simulator, a controller or a paper.",

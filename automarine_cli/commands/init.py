@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,26 +29,31 @@ MAKE_LOGS = ("simulate", "slice")
 )  # fmt: skip
 @options.columns
 @options.overwrite
+@options.figures
 @options.jobs
 @options.as_json
 @options.verbosity
 def init(
-    folder: Path, columns: Any, out: Path | None, overwrite: bool, jobs: int, progress: "Progress"
-) -> "NewCampaign":
+    folder: Path, columns: Any, out: Path | None, overwrite: bool, figure_formats: tuple[str, ...], jobs: int,
+    progress: "Progress",
+) -> "NewCampaign":  # fmt: skip
     """Look at the logs in DIR (by default here) and write a commented campaign.toml for `automarine run`.
 
     It lists bollard tests, step runs, manoeuvres and validation runs, and what it reads each column as, with unit
     and range. If name and range leave a question, it asks on a terminal. In a pipe, or if you only press Enter, the
     value in the file is "?". Replace it by the answer before `automarine run`. What --columns says is not asked.
+    Each run is drawn, in a folder next to the file.
 
     \b
     Example:
       automarine init sample_runs -o out/campaign.toml
     """
     from automarine_cli.logs import find_logs
-    from automarine_cli.pipeline.results_folder import refuse_existing, write_whole
+    from automarine_cli.pipeline.results_folder import Input, refuse_existing, result_folder, write_whole
     from automarine_cli.report.campaign_file import new_campaign
-    from automarine_cli.runs.load import require_usable
+    from automarine_cli.report.log_tables import run_pages
+    from automarine_cli.report.sections import save_figures
+    from automarine_cli.runs.load import has_bytes, require_usable
     from automarine_cli.runs.look import survey
 
     place = folder / NAME if out is None else out
@@ -60,8 +66,16 @@ def init(
     if not result.questions:  # something serves now, or nothing ever will
         placed = [of_kind for kinds in (look.placed, *look.forces.values()) for of_kind in kinds.values() if of_kind]
         require_usable(placed, look.not_used, len(files), strict=False)
-    write_whole(place, result.text)
-    return result
+    pages = run_pages([run for of_file in look.runs.values() for run in of_file]) if figure_formats else {}
+    if not pages:
+        write_whole(place, result.text)
+        return result
+    logs = [Input(file.name, file.source) for file in files if has_bytes(file)]
+    made_of: dict[str, Any] = {"command": "init", "options": {}, "inputs": logs, "seed": None}
+    with result_folder(result.pictures, **made_of, overwrite=overwrite) as pictures:
+        save_figures(pictures, pages, figure_formats)
+        write_whole(place, result.text)
+    return replace(result, pages=tuple(pages))
 
 
 def _is_result(path: Path, folder: Path) -> bool:

@@ -65,7 +65,7 @@ def crowd(
     rng: np.random.Generator,
 ) -> Vehicles:  # fmt: skip
     """Draw `count` vehicles about a model whose theta has a `covariance` (p, p); the first is the model's."""
-    theta = _drawn(model, covariance, count, rng)
+    theta = model.drawn(covariance, count, rng)
     logged, low, high = spread.volts
     volts = np.append(logged, rng.uniform(low, high, count - 1))
     gain = np.exp(spread.scatter * np.append(0.0, rng.standard_normal(count - 1)))
@@ -74,21 +74,6 @@ def crowd(
     late = np.append(0.5 * spread.late, rng.uniform(0.0, spread.late, count - 1))
     at = np.append(0.5, rng.uniform(0.2, 1.0, count - 1))
     return Vehicles(model, theta, full, gain, late, volts, at, bend, spread.noise)
-
-
-def _drawn(model: Model, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """Parameters (count, p) about the model's within bounds; what has no variance stays the model's."""
-    theta, variance = model.theta, np.diagonal(covariance)
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    moved = rng.standard_normal((count, len(theta))) @ root.T
-    moved[0] = 0.0
-    positive = (theta > 0) & (np.sqrt(variance) < theta)
-    size = np.where(positive, theta, 1.0)
-    drawn = np.where(positive, size * np.exp(moved / size), theta + moved)
-    limits = [(p.lower, p.upper) for term in model.terms for p in effects.get(term.name).parameters]
-    lower, upper = np.array([(1e-9, np.inf), *limits]).T
-    return np.where(variance > 0, np.clip(drawn, lower, upper), theta)
 
 
 class Actuators:

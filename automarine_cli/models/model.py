@@ -37,7 +37,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.errors import ModelError
-from automarine_cli.models.parameter import Parameter, Parameters
+from automarine_cli.models.parameter import SMALLEST, Parameter, Parameters
 from automarine_cli.quantities import STEERED, Floats
 
 BASE_TERMS = {"1": ("linear-drag",), "2": ("quadratic-drag", "linear-drag"), "3": ("quadratic-drag",)}
@@ -319,6 +319,22 @@ class Model:
         terms = tuple(replace(term, values=tuple(next(values) for _ in term.values)) for term in self.terms)
         water = None if self.water is None else (next(values), next(values))
         return replace(self, masses=masses, terms=terms, water=water)
+
+    def drawn(self, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
+        """Draw theta (count, p) about the model's own, which comes first, by its `covariance` (p, p), within bounds.
+
+        Positive entries that are surely so are drawn on their logarithm; what has no variance stays as it is.
+        """
+        theta, variance = self.theta, np.diagonal(covariance)
+        values, vectors = np.linalg.eigh(covariance)
+        moved = rng.standard_normal((count, len(theta))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        moved[0] = 0.0
+        positive = (theta > 0) & (np.sqrt(variance) < theta)
+        size = np.where(positive, theta, 1.0)
+        drawn = np.where(positive, size * np.exp(moved / size), theta + moved)
+        lower, upper = self.parameters(signed_drag=True).bounds.T
+        lower = np.minimum(np.where(np.arange(len(theta)) < len(self.motion.dofs), SMALLEST, lower), theta)
+        return np.where(variance > 0, np.clip(drawn, lower, np.maximum(upper, theta)), theta)
 
     def with_term(self, term: Term) -> "Model":
         return replace(self, terms=(*self.terms, term))

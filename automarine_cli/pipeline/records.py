@@ -304,6 +304,13 @@ class Shown:
         """Draw a `matplotlib.figure.Figure`, by default the first. Raises SettingError with the names there are."""
         return self.sections_of(self).figure(figure)
 
+    def predict(self, commands: Any, **settings: Any) -> Any:
+        """Predict where `commands`, logs or tables, take the vehicle: see `automarine_cli.predict`, whose model it
+        is."""
+        import automarine_cli
+
+        return automarine_cli.predict(self, commands=commands, **settings)
+
     def document(self, option: str) -> Document:
         """Return the file that stands for this result where an option of that name wants one. Raises TypeError."""
         raise TypeError(f"a {type(self).__name__} is no {option}; give the result of a fit, or a file")

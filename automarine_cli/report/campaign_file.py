@@ -37,11 +37,17 @@ Line = str | tuple[str, object, str]
 
 @dataclass(frozen=True, repr=False)
 class NewCampaign(Shown):
-    """The campaign file that was written, or would be, at `place`, and the keys that it still asks for."""
+    """The campaign file that was written, or would be, at `place`, and the keys that it still asks for; `pages` are
+    the names of the figures of its runs in the folder `pictures` next to it."""
 
     survey: Survey
     text: str
     place: Path
+    pages: tuple[str, ...] = ()
+
+    @property
+    def pictures(self) -> Path:
+        return self.place.with_name(f"{self.place.stem}_runs")
 
     @property
     def questions(self) -> tuple[str, ...]:
@@ -62,13 +68,14 @@ class NewCampaign(Shown):
             ],
             "questions": list(self.questions),
             "campaign": self.text,
+            **({"figures": [f"{self.pictures.name}/{page}" for page in self.pages]} if self.pages else {}),
             "runs": runs_json(sum(len(runs) for runs in look.runs.values()), look.set_aside),
         }  # fmt: skip
 
 
 @sections.register
 def _(result: NewCampaign) -> Sections:
-    look, questions = result.survey, result.questions
+    look, questions, count = result.survey, result.questions, len(result.pages)
     kinds = {kind: len(files) for kind, files in look.placed.items()}
     for motion, placed in look.forces.items():
         kinds |= {f"{motion}: {kind}": len(files) for kind, files in placed.items() if files}
@@ -83,6 +90,7 @@ def _(result: NewCampaign) -> Sections:
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
         Table.of("Columns", columns, asked) if columns else f"No column is recognised; {UNITS_LINE}.",
         to_answer if questions else "No open questions; check the file before running it.",
+        *([f"Look at the runs: {plural(count, 'page')} of figures in {result.pictures}."] if count else ()),
         *(["Some logs are not used; the campaign file says which and why."] if "# Not used" in result.text else ()),
         *([f"Columns not read: {listed(look.unused)}."] if look.unused else ()),
         *([f"Commands and bollard tests do not fit: {look.misfit}."] if look.misfit else ()),

@@ -54,9 +54,19 @@ class Check(Shown):
         }
 
 
+def run_pages(seen: Sequence[RunSeen]) -> dict[str, Drawing]:
+    """Drawings of runs as logged, by name: those of each motion, so many on a page."""
+    return {
+        f"{dof.name}_runs_{page}": Drawing("runs.logs_figure", runs[first : first + RUNS_ON_A_PAGE])
+        for dof in DOFS.values()
+        for runs in [[run for run in seen if run.dof is dof]]
+        for page, first in enumerate(range(0, len(runs), RUNS_ON_A_PAGE), 1)
+    }
+
+
 @sections.register
 def _(result: Check) -> Sections:
-    tables, usable, figures = list[Table](), list[str](), dict[str, Drawing]()
+    tables, usable, figures = list[Table](), list[str](), run_pages(result.runs)
     for dof in DOFS.values():
         if runs := [run for run in result.runs if run.dof is dof]:
             count = sum(not run.why for run in runs)
@@ -64,9 +74,6 @@ def _(result: Check) -> Sections:
             if dof.restoring:
                 count, entirely = sum(run.why is None for run in runs), ", which a fit takes whole"
             tables.append(_run_table(runs, dof))
-            for page, first in enumerate(range(0, len(runs), RUNS_ON_A_PAGE), 1):
-                name = f"{dof.name}_runs_{page}"
-                figures[name] = Drawing("runs.logs_figure", runs[first : first + RUNS_ON_A_PAGE])
             usable.append(f"{count} of {len(runs)} {dof.name} runs have a usable {dof.words.step}{entirely}")
     if result.tests:
         tables.append(_test_table(result.tests))
@@ -239,7 +246,9 @@ class Samples(Shown):
 def _(result: Samples) -> Sections:
     listed = sorted({f"{path.parts[0]}/" for path in result.files if len(path.parts) > 1})
     return Sections(
-        [], listed=listed, answer=f"{len(result.files)} sample files: simulated logs, their truth is known."
+        [],
+        listed=listed,
+        answer=f"{len(result.files)} sample files: simulated logs of known truth, and those of a real boat.",
     )
 
 

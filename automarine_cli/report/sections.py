@@ -42,14 +42,15 @@ class Sections:
     one with -q: by default the first sentence of `printed`, which are the tables and sentences to judge it by;
     `details` are those that the terminal shows with -v. `files` by name are texts, bytes, what makes these, or data to
     be written as JSON; `figures` draw what is saved as NAME.png, and can be pickled; `listed` is what the terminal
-    names, all files and figures where nothing is given; `rows` are the numbers, one mapping a parameter, run or score;
+    names, all files and figures where nothing is given; `rows` are the numbers, one mapping a parameter, run or score,
+    or columns by name;
     `warnings` say what could not be made."""
 
     printed: Sequence[Table | str]
     files: Mapping[str, Content] = field(default_factory=dict)
     figures: Mapping[str, Drawing] = field(default_factory=dict)
     listed: Sequence[str] = ()
-    rows: Sequence[Mapping[str, object]] = ()
+    rows: Sequence[Mapping[str, object]] | Mapping[str, Any] = ()
     warnings: Sequence[str] = ()
     answer: str = ""
     details: Sequence[Table | str] = ()
@@ -81,7 +82,7 @@ class Sections:
     def frame(self) -> Any:
         import pandas as pd  # here, as most commands make no frame
 
-        return pd.DataFrame(list(self.rows))
+        return pd.DataFrame(self.rows if isinstance(self.rows, Mapping) else list(self.rows))
 
     def figure(self, name: str | None = None) -> Any:
         """Draw a figure, by default the first. Raises SettingError with the names that there are."""
@@ -97,10 +98,17 @@ class Sections:
             folder.write(name, content() if callable(content) else content)
         for warning in self.warnings:
             folder.warn(warning)
-        if formats and self.figures:
-            from automarine_cli.report.figures.style import write_figures
+        save_figures(folder, self.figures, formats, each)
 
-            write_figures(folder, self.figures, formats, each)
+
+def save_figures(
+    folder: "ResultFolder", figures: Mapping[str, Drawing], formats: Sequence[str], each: "Each | None" = None
+) -> None:
+    """Write the figures in each of the formats, drawn by `each`."""
+    if formats and figures:
+        from automarine_cli.report.figures.style import write_figures
+
+        write_figures(folder, figures, formats, each)
 
 
 def refuse_unknown(formats: Sequence[str]) -> None:

@@ -1,12 +1,22 @@
-"""What `validate` shows: every model over all runs, every run under every model, a figure of each run."""
+"""What `validate` shows: every model over all runs, every run under every model, a figure of each run; and `predict`:
+the end of each run, and all of it in files."""
 
+import io
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from automarine_cli.comparison.prediction import Prediction
 from automarine_cli.comparison.validation import Overall, Validation
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import worth_of
 from automarine_cli.fits.innovations import measured_noises, sensors_of
 from automarine_cli.report.fit_report import forecast_cells
 from automarine_cli.report.log_tables import sensor_sentences
 from automarine_cli.report.sections import Content, Drawing, Sections, document, file_stems, forms_of, sections
-from automarine_cli.report.tables import MISSING, Table, number, with_band
+from automarine_cli.report.tables import MISSING, Table, interval, number, with_band
 from automarine_cli.runs.run import command_warnings
 from automarine_cli.text import plural
 
@@ -40,6 +50,90 @@ def _(result: Validation) -> Sections:
     over_all = _answer(result, f"; the {dof.position} noise is {number(result.floor, 3)} {dof.units.shown}")
     answer = " ".join([*([result.contradiction] if result.contradiction else []), says or over_all])
     return Sections(printed, files, figures, LISTED_FILES, score_rows(result), answer=answer)
+
+
+MAX_BEYOND = 1.02  # times the range of commands of the fit, from which a prediction is told to go beyond it
+
+
+@sections.register
+def _(result: Prediction) -> Sections:
+    names, columns = [of_run.run.name for of_run in result.predicted], result.columns()
+    alone, table = len(names) == 1, "prediction.parquet" if result.parquet else "prediction.csv"
+    stems = ["prediction"] if alone else [f"prediction_{stem}" for stem in file_stems(names)]
+    form = partial(_parquet if result.parquet else _csv, columns)
+    files: dict[str, Content] = {"prediction.json": result.to_json(), table: form}
+    figures = {
+        name: Drawing("runs.prediction_figure", of_run, result.shown) for name, of_run in zip(stems, result.predicted)
+    }
+    rows = list[dict[str, object]]()
+    for of_run in result.predicted:
+        rows.append({"run": of_run.run.name, "s": number(float(np.ptp(of_run.run.time)), 3)})
+        for quantity, (value, low, high) in result.end(of_run).items():
+            heading = f"{quantity.replace('_', ' ')} {result.shown[quantity].unit}"
+            rows[-1][heading] = _with_ends(value, low, high)
+        rows[-1]["start"] = of_run.start.how.split(":")[0] if len(names) > 1 else of_run.start.how
+    notes = [_included(result), "It leaves out what the model lacks, and the noise of a sensor."]
+    warnings: list[Table | str] = [f"Warning: {warning}" for warning in _prediction_warnings(result)]
+    printed = [*warnings, Table.of("At the end of the commands", rows, notes)]
+    listed_files = ("prediction.json", table, "prediction.png" if alone else "prediction_RUN.png")
+    return Sections(printed, files, figures, listed_files, columns, answer=_predicted_end(result))
+
+
+def _with_ends(value: float, low: float, high: float) -> str:
+    """Write a value with the ends of its band, to digits that tell these apart."""
+    return interval(Estimate(value, (high - low) / 4.0, (low, high), ""))
+
+
+def _included(result: Prediction) -> str:
+    doubt = result.doubt
+    parts = ["the errors of the parameters"] if np.any(doubt.covariance) else []
+    parts += [f"thrust that differs by {100 * doubt.scatter:.1f} % from run to run"] if doubt.scatter else []
+    parts += ["the disturbance of the runs that were fitted"] if doubt.disturbed else []
+    *others, last = parts or ["no error, as the file has none"]
+    return f"The 95 % band includes {', '.join(others)}{' and ' * bool(others)}{last}."
+
+
+def _prediction_warnings(result: Prediction) -> Iterator[str]:
+    runs, doubt, force = [of_run.run for of_run in result.predicted], result.doubt, result.dof.words.force
+    if doubt.says:
+        yield doubt.says
+    if doubt.force_range is not None:
+        low, high = doubt.force_range
+        most, unit = max(float(np.abs(run.command).max()) for run in runs), runs[0].moment_unit
+        if most > MAX_BEYOND * max(abs(low), abs(high)):
+            yield (
+                f"The {force}s reach {number(most, 3)} {unit}, those of the fit went from {number(low, 3)} to "
+                f"{number(high, 3)} {unit}; beyond them the prediction is a guess."
+            )
+    if lost := sum(of_run.lost for of_run in result.predicted):
+        yield f"{plural(lost, 'vehicle')} that the errors allow would run away; the band is without them."
+    yield from command_warnings(runs)
+
+
+def _predicted_end(result: Prediction) -> str:
+    """Say where the commands end, or how wide the bands of many runs are there."""
+    position, ends = result.dof.position, [result.end(of_run)[result.dof.position] for of_run in result.predicted]
+    unit = result.shown[position].unit
+    if len(ends) == 1:
+        (value, low, high), seconds = ends[0], number(float(np.ptp(result.predicted[0].run.time)), 3)
+        return f"After {seconds} s of commands the {position} is {_with_ends(value, low, high)} {unit}."
+    halves = sorted(0.5 * (high - low) for _, low, high in ends)
+    sizes = f"±{number(halves[0], 2)} to ±{number(halves[-1], 2)} {unit}"
+    return f"{len(ends)} runs are predicted; at their ends the 95 % band of the {position} is {sizes}."
+
+
+def _csv(columns: Mapping[str, Any]) -> str:
+    import pandas as pd  # here, as validations need none of it
+
+    return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n")
+
+
+def _parquet(columns: Mapping[str, Any]) -> bytes:
+    import pandas as pd
+
+    content = io.BytesIO()
+    pd.DataFrame(columns).to_parquet(content, index=False)
+    return content.getvalue()
 
 
 def _answer(result: Validation, more: str) -> str:

@@ -4,17 +4,21 @@ Usage: python tests/benchmarks/pictures.py [FOLDER]
 """
 
 import io
+import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import peer_automarine
+import peer_plain
 from effect_families import families, picture_of
 from made_runs import INERTIA, K_RR
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from peers_fit import write as write_campaign
 from PIL import Image
 from pool_day import ARM, write_pool_day
 from repository import ROOT, SAMPLE_RUNS
@@ -24,8 +28,14 @@ from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.commands.init import init
 from automarine_cli.commands.validate import validate
+from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.dofs import SURGE, YAW, Dof
 from automarine_cli.effects import Effect
+from automarine_cli.filters.course import make_course
+from automarine_cli.filters.kalman import follow, predict
+from automarine_cli.fits.driven import base_starts, driven_problem
+from automarine_cli.fits.identify import YawFit
+from automarine_cli.fits.innovations import fit_innovations
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import Floats
@@ -33,6 +43,7 @@ from automarine_cli.report.figures.parameters import thruster_figure
 from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
 from automarine_cli.report.figures.style import COLOURS as PALETTE
 from automarine_cli.report.figures.style import house_style, panels
+from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
@@ -40,6 +51,7 @@ from automarine_cli.thrusters.map import parts_of
 
 HIDDEN = SAMPLE_RUNS / "hidden_one"
 VALIDATED = "there_and_back.csv"
+PEERS = Path(__file__).with_name("peers.json")
 DPI, COLOURS = 120, 128
 
 
@@ -63,12 +75,17 @@ def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
     before = of_run(HIDDEN / VALIDATED, model)
     yield "before", before
     result = diagnose([HIDDEN], model=model, out=folder / "diagnosis")
-    for name in ("where", "why", "before_after"):
+    for name in ("where", "why"):
         yield name, result.plot(name)
+    yield "swirl", found_figure(result)
     after = of_run(HIDDEN / VALIDATED, folder / "diagnosis" / "extended_model.json")
     for same, ax in zip(before.axes[:2], after.axes):
         ax.set_ylim(same.get_ylim())
     yield "after", after
+
+    # a real boat, and what thrust that scatters does to a plain script
+    yield "real_fans", fans_figure(fit_yaw([REAL]))
+    yield "scatter_intervals", intervals_figure()
 
     # a day in other people's columns: the thrusters' curve, and the half-turns that the moment made of it explains
     day, written, columns = write_pool_day(folder / "pool_day"), folder / "pool.toml", folder / "columns.toml"
@@ -79,6 +96,127 @@ def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
     yield "pool_thrusters", thruster_figure(thrusters)
     fit = fit_yaw([day / "run_*.csv"], columns=columns, thrusters=thrusters, arm=ARM)
     yield "pool_half_turns", half_turns_figure(fit)
+
+
+@house_style
+def found_figure(result: Diagnosis) -> Figure:
+    """Draw the run held out in which the first model is worst, with its own thrust, under the first and the final
+    model, what both leave of it, and the evidence of effects."""
+    assert result.held_out is not None and result.from_commands is not None
+    runs, own, alone = result.held_out.runs, result.held_out.gap, result.from_commands
+    worst = int(np.argmax([np.mean(errors**2) for errors in own.residuals[0]]))
+    run = runs[worst]
+    time, measured = run.time - run.time[0], np.rad2deg(run.position)
+    figure = Figure((7.2, 4.4), layout="constrained")
+    axes = figure.subplot_mosaic([["heading", "why"], ["error", "why"]], width_ratios=(1.9, 1.0), height_ratios=(2, 1))
+    axes["heading"].plot(time, measured, label="measured", color="0.7", lw=3.5)
+    looks = (("first model", PALETTE["orange"], "--"), ("with water-swirl", PALETTE["blue"], "-"))
+    for residuals, (label, colour, line) in zip(own.residuals, looks):
+        error = np.rad2deg(residuals[worst][: len(run)])
+        axes["heading"].plot(time, measured - error, label=label, color=colour, ls=line, lw=1.4)
+        axes["error"].plot(time, error, color=colour, ls=line, lw=1.2)
+    axes["error"].axhline(0.0, color="0.4", lw=0.7)
+    axes["heading"].set(ylabel="heading [deg]", title=f"Held-out run {run.name}, with its own thrust")
+    axes["heading"].legend()
+    axes["error"].set(xlabel="time in the run [s]", ylabel="error [deg]")
+    best = sorted(result.candidates, key=lambda row: -float(str(row["gain"])))[:6][::-1]
+    colours = [PALETTE["blue"] if row is best[-1] else "0.65" for row in best]
+    axes["why"].barh([str(row["name"]) for row in best], [float(str(row["gain"])) for row in best], color=colours)
+    axes["why"].axvline(result.threshold, color="0.2", ls="--", lw=1.0)
+    axes["why"].set(xlabel="evidence (deviance)", title="Chance ends at the dashed line", xscale="log")
+    before, after = np.rad2deg([own.before, own.after])
+    figure.suptitle(
+        f"It found the swirl. Error of {len(runs)} held-out runs: {before:.1f}° → {after:.1f}° with each run's own "
+        f"thrust,\n{alone.before:.1f}° → {alone.after:.1f}° from the commands alone"
+    )
+    return figure
+
+
+REAL, LEFT_OUT = SAMPLE_RUNS / "real_boat", SAMPLE_RUNS / "real_boat_validation"
+AHEAD_S, FAN_EVERY_S = 5.0, 6.0
+
+
+@house_style
+def fans_figure(fit: YawFit) -> Figure:
+    """Draw a real run that was left out: predictions 5 s ahead from filtered states with their band, and those of a
+    constant rate; beside it errors of tools on real logs, as shares of the best, from peers.json."""
+    (run,) = load_runs([LEFT_OUT], dof=YAW).runs
+    model, time = fit.preferred.answering, run.time - run.time[0]
+    origins = np.arange(FAN_EVERY_S, time[-1] - AHEAD_S, FAN_EVERY_S)
+    course = make_course([run], np.array([False]), model.signals)
+    problem = driven_problem(model, course)
+    problem = replace(problem, parameters=problem.parameters.fixed_at(model.theta))
+    noises = problem.noises(fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True).theta[None])
+    (ahead,) = [p for p in predict(model, course, model.theta, noises) if p.horizon == AHEAD_S]
+    copies = make_course([run] * len(origins), np.zeros(len(origins), dtype=bool), model.signals).unthinned
+    blind = [replace(c, seen=c.seen & (copies.time <= origins[:, None])) for c in copies.channels]
+    trace: list[tuple[Floats, ...]] = []
+    follow(model, replace(copies, channels=tuple(blind)), model.theta[None], noises, trace=trace)
+    mean, variance = (np.array([step[k][(0,) * (k + 1)][0] for step in trace]).T for k in (0, 1))  # (fans, nodes)
+    figure = Figure((7.2, 3.6), layout="constrained")
+    axes, beside = figure.subplots(1, 2, width_ratios=(2.9, 1.0))
+    axes.plot(time, np.rad2deg(run.position), color="0.68", lw=3.2, label="measured")
+    inside = []
+    for fan, origin in enumerate(origins):
+        nodes = copies.time[fan, :-1]
+        on = np.flatnonzero((nodes >= origin) & (nodes <= origin + AHEAD_S + 1e-6))
+        middle, half = np.rad2deg(mean[fan, on]), 1.96 * np.rad2deg(np.sqrt(variance[fan, on]))
+        label = {} if fan else {"label": "predicted 5 s ahead, 95 % band"}
+        axes.fill_between(nodes[on], middle - half, middle + half, color=PALETTE["sky"], alpha=0.5, lw=0)
+        axes.plot(nodes[on], middle, color=PALETTE["blue"], lw=1.6, **label)
+        back = time[(time <= origin + 1e-6)]
+        rate = np.polyfit(back[-5:], np.rad2deg(run.position[: len(back)][-5:]), 1)[0]
+        label = {} if fan else {"label": "constant rate"}
+        straight = np.rad2deg(run.position[len(back) - 1]) + rate * (nodes[on] - origin)
+        axes.plot(nodes[on], straight, color=PALETTE["vermilion"], lw=1.1, ls="--", **label)
+        measured = np.interp(nodes[on][-1], time, np.rad2deg(run.position))
+        inside.append(abs(measured - middle[-1]) <= half[-1])
+    low, high = np.rad2deg([run.position.min(), run.position.max()])
+    axes.set(ylim=(low - 70, high + 70), xlabel="time in the run [s]", ylabel="heading [deg]")
+    errors = [np.rad2deg(ahead.rmse(values)) for values in (None, ahead.constant_rate)]
+    axes.set_title(
+        f"Model ship, run left out: {errors[0]:.0f}° off after 5 s, constant rate {errors[1]:.0f}°;\n"
+        f"{sum(inside)} of {len(inside)} bands hold what was measured", loc="left",
+    )  # fmt: skip
+    axes.legend(loc="lower left", ncols=2, fontsize=6.5)
+    rows = json.loads(PEERS.read_text(encoding="utf-8"))["predict"][::-1]
+    for k, row in enumerate(rows):
+        colour = PALETTE["blue"] if row["tool"] == "automarine" else "0.45"
+        beside.plot([row["ratio"][1], row["worst"][1]], [k, k], color=colour, lw=1.2)
+        beside.plot(row["ratio"][1], k, "o", color=colour)
+        beside.plot(row["worst"][1], k, "|", color=colour, ms=9, mew=2)
+    beside.set_yticks(range(len(rows)), [row["tool"] for row in rows])
+    beside.set(xlabel="error / error of best tool", title=f"{rows[0]['halves']} halves, 5 s ahead:\nmedian and worst")
+    return figure
+
+
+CAMPAIGNS, RUNS_EACH = 15, 24
+
+
+@house_style
+def intervals_figure() -> Figure:
+    """Draw the intervals of inertia that a plain script and this tool give to the same campaigns, thrust of which
+    scatters from run to run."""
+    figure = Figure((7.2, 3.0), layout="constrained")
+    panels_of = figure.subplots(1, 2, sharex=True, sharey=True)
+    for ax, peer in zip(panels_of, (peer_plain, peer_automarine)):
+        found = []
+        for seed in range(CAMPAIGNS):
+            with TemporaryDirectory() as folder:
+                write_campaign(Path(folder), "scatter", RUNS_EACH, seed)
+                found.append(peer.fit(Path(folder))["I_r"])
+        holds = [low <= INERTIA <= high for _, low, high in found]
+        for k, ((value, low, high), right) in enumerate(zip(found, holds)):
+            colour = PALETTE["blue"] if right else PALETTE["vermilion"]
+            ax.plot([low, high], [k, k], color=colour, lw=2.2, ls="-" if right else (0, (1.5, 0.8)))
+            ax.plot(value, k, "o" if right else "x", color=colour, ms=4)
+        ax.axvline(INERTIA, color="0.2", lw=1.0)
+        ax.set(title=f"{peer.TITLE}: {sum(holds)} of {CAMPAIGNS} contain the truth", xlabel="inertia I_r [nu s²]")
+    panels_of[0].set(ylabel="campaign of 24 runs", yticks=[])
+    figure.suptitle(
+        "When thrust scatters (3 % from run to run), a script is wrong and sure: 95 % intervals, the truth as a line"
+    )
+    return figure
 
 
 HULL = [(0.0, 1.0), (0.45, 0.45), (0.45, -0.9), (-0.45, -0.9), (-0.45, 0.45)]  # from above, the bow up

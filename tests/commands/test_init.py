@@ -49,7 +49,7 @@ def write_logs(folder: Path, columns: Mapping[str, Column], moments: tuple[float
 
 def started(folder: Path, **how: Any) -> tuple[NewCampaign, dict[str, Any]]:
     """What `init` makes of a folder, and the data in its campaign file."""
-    result = init(folder, overwrite=True, **how)
+    result = init(folder, overwrite=True, figure_formats=(), **how)
     return result, tomllib.loads(result.text)
 
 
@@ -223,6 +223,22 @@ PORT, STBD = command(1.0), command(-1.0)
 
 def inertia(result: CampaignRun) -> float:
     return float(result.says["fit-yaw"].rpartition("I_r ")[2].split()[0])
+
+
+def test_each_run_is_drawn_next_to_the_file_unless_nobody_wants_figures(
+    tmp_path: Path, run: Callable[..., Result]
+) -> None:
+    logs, file = write_logs(tmp_path / "pool", CANONICAL), tmp_path / "day.toml"
+    said = run("init", logs, "-o", file)
+    pictures = tmp_path / "day_runs"
+    assert f"1 page of figures in {pictures}." in " ".join(said.stdout.split())
+    assert {path.name for path in pictures.iterdir()} == {"yaw_runs_1.png", "manifest.json"}
+    file.unlink()
+    refused = run("init", logs, "-o", file)
+    assert refused.exit_code == 1 and "day_runs" in refused.stderr and not file.exists()
+    other = tmp_path / "bare.toml"
+    assert "figures" not in run("init", logs, "-o", other, "--figures", "none").stdout
+    assert other.exists() and not other.with_name("bare_runs").exists()
 
 
 def test_a_campaign_of_every_kind_with_one_question(tmp_path: Path, run: Callable[..., Result]) -> None:

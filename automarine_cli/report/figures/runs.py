@@ -10,8 +10,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from automarine_cli.comparison.prediction import Column, PredictedRun
 from automarine_cli.comparison.simulated_runs import FreeRun, free_runs, planar_free_runs
 from automarine_cli.dofs import SURGE, SWAY, YAW
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import Judgement
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
@@ -70,12 +72,11 @@ def validation_figure(free: Mapping[str, FreeRun], stored: StoredModels, floor: 
     title = f"{name}: model {preferred}{added} {finding}; {dof.position} noise {number(floor, 2)} {unit}"
     band = f"twice the {dof.position} noise"
     errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
-    command.axhline(0.0, color="0.4", lw=0.7, zorder=1)
-    command.plot(*_with_gaps(run, run.command), color=style.COLOURS["green"], drawstyle="steps-mid")
+    _draw_commands(command, run, run.time, in_plane=False)
     positions.set_ylabel(f"{dof.position.capitalize()} ${letters.position_math}$ [{unit}]")
     positions.set_title(title, loc="left", parse_math=False)
     errors.set_ylabel(f"Measured − simulated [{unit}]")
-    command.set(ylabel=f"{dof.words.force.capitalize()} ${letters.force_math}$ [{run.moment_unit}]", xlabel=TIME_LABEL)
+    command.set_xlabel(TIME_LABEL)
     style.legend_below(figure, positions, errors)
     figure.align_ylabels()
     return figure
@@ -85,6 +86,66 @@ def _with_gaps(run: Run, values: Floats) -> tuple[Floats, Floats]:
     time = run.time - run.time[0]
     at = np.flatnonzero(np.diff(time) > GAP_IN_PERIODS * run.sample_period) + 1
     return np.insert(time, at, np.nan), np.insert(values, at, np.nan)
+
+
+@style.house_style
+def prediction_figure(predicted: PredictedRun, shown: Mapping[str, Column]) -> Figure:
+    """Draw what the commands of a run do, each quantity with its band, and what was measured where the log has it."""
+    run, dof, in_plane = predicted.run, predicted.run.dof, len(shown) > len(predicted.run.dof.channels)
+    time = run.time - run.time[0]
+    if in_plane:
+        figure, grid = style.new_figure(3, 2, style.PAGE_IN, 7.0)
+        track, commands = grid[0, 1], grid[2, 1]
+        panels = dict(zip(QUANTITIES, (grid[0, 0], grid[1, 0], grid[1, 1], grid[2, 0])))
+        _draw_end_of_track(track, predicted)
+    else:
+        figure, grid = style.new_figure(3, 1, style.PAGE_IN, 5.6, sharex=True, height_ratios=(2.0, 1.3, 0.9))
+        panels, commands = dict(zip(shown, grid[:2, 0])), grid[2, 0]
+    for quantity, panel in panels.items():
+        values, low, high = shown[quantity].factor * predicted.bands[quantity]
+        panel.fill_between(time, low, high, color=style.COLOURS["sky"], alpha=0.45, lw=0, label="95 % band")
+        panel.plot(*_with_gaps(run, values), label="predicted", **style.PREFERRED)
+        reading = run.channel(quantity)
+        if reading is not None and np.any(reading) and not (run.summed_up and quantity == dof.position):
+            panel.plot(time, shown[quantity].factor * reading, "o", **MEASURED_POINTS)
+        panel.set_ylabel(f"{quantity.replace('_', ' ').capitalize()} [{shown[quantity].unit}]")
+    _draw_commands(commands, run, time, in_plane)
+    for panel in (*(panels.values() if in_plane else ()), commands):
+        panel.set_xlabel(TIME_LABEL)
+    value, low, high = shown[dof.position].factor * predicted.bands[dof.position][:, -1]
+    end = interval(Estimate(value, (high - low) / 4.0, (low, high), shown[dof.position].unit))
+    name, seconds = style.shortened(run.name, MAX_TITLE_LETTERS), number(float(time[-1]), 3)
+    what = f"the {dof.position} is {end} {shown[dof.position].unit}"
+    figure.suptitle(f"{name}: after {seconds} s {what}", parse_math=False)
+    style.legend_below(figure, panels[dof.position], *([commands] if in_plane else []))
+    figure.align_ylabels()
+    return figure
+
+
+def _draw_end_of_track(panel: Axes, predicted: PredictedRun) -> None:
+    """Draw a track on the water, with the band of its end, and what was measured."""
+    (north, east), read = (predicted.bands[name] for name in PLACES), [predicted.run.channel(name) for name in PLACES]
+    if read[0] is not None and read[1] is not None:
+        panel.plot(read[1], read[0], "o", **MEASURED_POINTS)
+    panel.plot(east[0], north[0], **style.PREFERRED)
+    up, across = (np.abs(band[1:, -1:] - band[0, -1]) for band in (north, east))
+    look: dict[str, Any] = {"fmt": "o", "color": style.COLOURS["blue"], "ms": 3.0, "capsize": 2.5, "zorder": 5}
+    panel.errorbar(east[0, -1:], north[0, -1:], up, across, **look)
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set(xlabel="East [m]", ylabel="North [m]")
+
+
+def _draw_commands(panel: Axes, run: Run, time: Floats, in_plane: bool) -> None:
+    """Draw what is commanded: in the plane both forces and the moment."""
+    panel.axhline(0.0, color="0.4", lw=0.7, zorder=1)
+    if not in_plane:
+        panel.plot(*_with_gaps(run, run.command), color=style.COLOURS["green"], drawstyle="steps-mid")
+        panel.set_ylabel(f"{run.dof.words.force.capitalize()} ${run.dof.symbols.force_math}$ [{run.moment_unit}]")
+        return
+    for dof, colour in ((SURGE, "black"), (SWAY, "green"), (YAW, "orange")):
+        label = f"{dof.words.full_force} [{dof.units.forces[1]}]"
+        panel.step(time, run.command_of(dof), where="mid", color=style.COLOURS[colour], label=label)
+    panel.set_ylabel("Command [N, N m]")
 
 
 @style.house_style
@@ -108,10 +169,8 @@ def planar_figure(free: FreeRun) -> Figure:
         places.plot(simulated["east"], simulated["north"], **style.PREFERRED)
     places.set_aspect("equal", adjustable="datalim")
     places.set(xlabel="East [m]", ylabel="North [m]")
-    for dof, colour in ((SURGE, "black"), (SWAY, "green"), (YAW, "orange")):
-        label = f"{dof.words.full_force} [{dof.units.forces[1]}]"
-        commands.step(time, run.command_of(dof), where="mid", color=style.COLOURS[colour], label=label)
-    commands.set(ylabel="Command [N, N m]", xlabel=TIME_LABEL)
+    _draw_commands(commands, run, time, in_plane=True)
+    commands.set_xlabel(TIME_LABEL)
     title = style.shortened(run.name, MAX_TITLE_LETTERS)
     if free.diverged:
         title += ": the simulation diverges"
