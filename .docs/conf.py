@@ -1,6 +1,7 @@
 """The site of the guide that `make docs` builds: pages as they are on disk, README as the front page, no network."""
 
 import inspect
+import json
 import re
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,7 @@ import automarine_cli
 from automarine_cli import guide
 from automarine_cli.commands import automarine, click
 from automarine_cli.commands.command import Command
+from automarine_cli.guide.search import Index, Section
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = {
@@ -31,7 +33,8 @@ myst_enable_extensions = ["attrs_block", "dollarmath", "html_image"]
 myst_fence_as_directive, myst_heading_anchors = ["math"], 4
 myst_disable_syntax = ["myst_line_comment", "myst_block_break", "myst_target"]  # a line may begin with "% of"
 html_theme, html_title = "furo", f"automarine {release}"
-html_static_path = html_css_files = ["site.css"]
+html_static_path, html_css_files = ["site.css", "search.js"], ["site.css"]
+templates_path, html_additional_pages = ["."], {"search": "search.html"}
 html_math_renderer, autodoc_typehints, add_module_names = "mathml", "none", False
 html_use_index = html_domain_indices = html_copy_source = html_show_copyright = smartquotes = False
 nitpick_ignore_regex = [("py:.*", ".*")]  # types that have no page here
@@ -161,6 +164,49 @@ def full_size(app, tree):
         picture.setdefault("scale", 100)
 
 
+def sections(name, tree):
+    """What a page says under each heading, and each row of a table and entry of a glossary by itself."""
+    from docutils import nodes
+
+    def lines(part):
+        for child in part.children:
+            if isinstance(child, nodes.section | nodes.title | nodes.thead | nodes.Invisible | nodes.Text):
+                continue
+            if isinstance(child, nodes.row):
+                cells = [" ".join(cell.astext().split()) for cell in child.children]
+                rows.append(Section(name, heading, " | ".join(cells), anchor, next(filter(None, cells), "")))
+            elif isinstance(child, nodes.list_item) and isinstance(
+                subject := child.next_node(nodes.Inline), nodes.strong
+            ):
+                rows.append(Section(name, heading, " ".join(child.astext().split()), anchor, subject.astext()))
+            elif isinstance(child, nodes.literal_block):
+                yield child.astext()
+            elif isinstance(child, nodes.TextElement):
+                yield " ".join(child.astext().split())
+            else:
+                yield from lines(child)
+
+    for section in tree.findall(nodes.section):
+        heading, anchor, rows = section.next_node(nodes.title).astext(), section["ids"][0], []
+        text = "\n".join(lines(section))
+        yield from (Section(name, heading, text, anchor), *rows)
+
+
+def write_index(app, problem):
+    """Write what the search of the site needs."""
+    if problem is None:
+        pages = [name for name in PAGES if name not in ("index", "contents")]
+        index = Index([section for name in pages for section in sections(name, app.env.get_doctree(name))])
+        titles = {name: app.env.titles[name].astext() for name in pages}
+        data = json.dumps({"titles": titles, **index.plain()}, ensure_ascii=False, separators=(",", ":"))
+        Path(app.outdir, "_static", "search-index.js").write_text(f"const searchIndex = {data};\n", encoding="utf-8")
+
+
+def without_search(app):
+    """The search of Sphinx ranks by the alphabet; ours takes its place."""
+    app.builder.search = False
+
+
 def discover(self, *patterns):
     """Find the pages where they are on disk, so that links between them hold as they are written."""
     self._docname_to_path = {name: path.relative_to(self.srcdir) for name, path in PAGES.items()}
@@ -174,6 +220,8 @@ def setup(app):
 
     Project.discover = discover
     app.add_html_math_renderer("mathml", inline_renderers=(as_mathml, None), block_renderers=(as_mathml, None))
+    app.connect("builder-inited", without_search)
+    app.connect("build-finished", write_index)
     app.connect("source-read", complete)
     app.connect("doctree-read", full_size)
     app.connect("autodoc-process-signature", signature)
