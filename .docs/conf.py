@@ -20,13 +20,6 @@ PAGES = {
     **{path.stem.lower(): path for path in sorted((ROOT / ".github").glob("*.md"))},
 }  # by their places in the site
 POINTER = re.compile(r"^`automarine [a-z-]+ --help`.* lists? all options\.$", flags=re.MULTILINE)
-READS = {
-    "": "A new folder.",
-    "logs": "Logs, as places or as tables.",
-    "file": "A file, or its result.",
-    "folders": "Folders of results.",
-}
-
 project, release, root_doc = "automarine", automarine_cli.__version__, "index"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 myst_enable_extensions = ["attrs_block", "dollarmath", "html_image"]
@@ -131,12 +124,12 @@ def signature(app, kind, name, thing, *rest):
 
 
 def docstring(app, kind, name, thing, settings, lines):
-    """What a command is for and what its settings mean, as its help says it."""
+    """What `help()` says of a command: what it does, its settings, what it returns."""
     if isinstance(thing, Command):
-        flags = {flag: str(param.name) for param in thing.params for flag in param.opts}
-        said = [f"- **{param.name}**: {getattr(param, 'help', '') or READS[param.reads]}" for param in thing.own]
-        text = escaped("\n".join([str(thing.help).partition("\b")[0], *said])).replace(r"\*\*", "**")
-        lines[:] = re.sub(r"--[a-z][a-z-]*", lambda flag: flags.get(flag[0], flag[0]), text).splitlines()
+        code = re.split(r"(`[^`]+`)", thing.__doc__)
+        code[::2] = [escaped(text).replace(r"\*\*", "**") for text in code[::2]]
+        code[1::2] = [f"`{part}`" for part in code[1::2]]
+        lines[:] = "".join(code).splitlines()
 
 
 def as_mathml(visitor, node):
