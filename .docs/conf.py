@@ -3,6 +3,7 @@
 import inspect
 import json
 import re
+import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,6 +21,8 @@ PAGES = {
     **{path.stem.lower(): path for path in sorted((ROOT / ".github").glob("*.md"))},
 }  # by their places in the site
 POINTER = re.compile(r"^`automarine [a-z-]+ --help`.* lists? all options\.$", flags=re.MULTILINE)
+URLS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"].get("urls", {})
+
 project, release, root_doc = "automarine", automarine_cli.__version__, "index"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 myst_enable_extensions = ["attrs_block", "dollarmath", "html_image"]
@@ -28,6 +31,7 @@ myst_disable_syntax = ["myst_line_comment", "myst_block_break", "myst_target"]  
 html_theme, html_title = "furo", f"automarine {release}"
 html_static_path, html_css_files = ["site.css", "search.js"], ["site.css"]
 templates_path, html_additional_pages = ["."], {"search": "search.html"}
+html_baseurl = URLS.get("Documentation", "")
 html_math_renderer, autodoc_typehints, add_module_names = "mathml", "none", False
 html_use_index = html_domain_indices = html_copy_source = html_show_copyright = smartquotes = False
 nitpick_ignore_regex = [("py:.*", ".*")]  # types that have no page here
@@ -58,7 +62,8 @@ def short_title(name: str, words: str = "") -> str:
 def menus() -> str:
     made = "\n```{toctree}\n:hidden:\n\nAll pages <contents>\n```\n"
     for heading, pages in navigation().items():
-        entries = "\n".join(f"{title} <{name}>" for name, title in pages.items())
+        addresses = URLS.items() if heading == "Project" else ()
+        entries = "\n".join(f"{title} <{place}>" for place, title in [*pages.items(), *((u, t) for t, u in addresses)])
         made += f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n{entries}\n```\n"
     return made
 
@@ -160,6 +165,7 @@ def full_size(app, tree):
 def sections(name, tree):
     """What a page says under each heading, and each row of a table and entry of a glossary by itself."""
     from docutils import nodes
+    from sphinx.addnodes import desc
 
     def lines(part):
         for child in part.children:
@@ -168,6 +174,9 @@ def sections(name, tree):
             if isinstance(child, nodes.row):
                 cells = [" ".join(cell.astext().split()) for cell in child.children]
                 rows.append(Section(name, heading, " | ".join(cells), anchor, next(filter(None, cells), "")))
+            elif isinstance(child, desc):
+                said = "\n".join(each.astext() for each in child.findall(nodes.paragraph))
+                rows.append(Section(name, child[0]["fullname"], said, child[0]["ids"][0]))
             elif isinstance(child, nodes.list_item) and isinstance(
                 subject := child.next_node(nodes.Inline), nodes.strong
             ):
