@@ -1,7 +1,9 @@
 """The site of the guide that `make docs` builds: pages as they are on disk, README as the front page, no network."""
 
 import inspect
+import json
 import re
+import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import automarine_cli
 from automarine_cli import guide
 from automarine_cli.commands import automarine, click
 from automarine_cli.commands.command import Command
+from automarine_cli.guide.search import Index, Section
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = {
@@ -18,12 +21,7 @@ PAGES = {
     **{path.stem.lower(): path for path in sorted((ROOT / ".github").glob("*.md"))},
 }  # by their places in the site
 POINTER = re.compile(r"^`automarine [a-z-]+ --help`.* lists? all options\.$", flags=re.MULTILINE)
-READS = {
-    "": "A new folder.",
-    "logs": "Logs, as places or as tables.",
-    "file": "A file, or its result.",
-    "folders": "Folders of results.",
-}
+URLS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"].get("urls", {})
 
 project, release, root_doc = "automarine", automarine_cli.__version__, "index"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
@@ -31,7 +29,9 @@ myst_enable_extensions = ["attrs_block", "dollarmath", "html_image"]
 myst_fence_as_directive, myst_heading_anchors = ["math"], 4
 myst_disable_syntax = ["myst_line_comment", "myst_block_break", "myst_target"]  # a line may begin with "% of"
 html_theme, html_title = "furo", f"automarine {release}"
-html_static_path = html_css_files = ["site.css"]
+html_static_path, html_css_files = ["site.css", "search.js"], ["site.css"]
+templates_path, html_additional_pages = ["."], {"search": "search.html"}
+html_baseurl = URLS.get("Documentation", "")
 html_math_renderer, autodoc_typehints, add_module_names = "mathml", "none", False
 html_use_index = html_domain_indices = html_copy_source = html_show_copyright = smartquotes = False
 nitpick_ignore_regex = [("py:.*", ".*")]  # types that have no page here
@@ -62,7 +62,8 @@ def short_title(name: str, words: str = "") -> str:
 def menus() -> str:
     made = "\n```{toctree}\n:hidden:\n\nAll pages <contents>\n```\n"
     for heading, pages in navigation().items():
-        entries = "\n".join(f"{title} <{name}>" for name, title in pages.items())
+        addresses = URLS.items() if heading == "Project" else ()
+        entries = "\n".join(f"{title} <{place}>" for place, title in [*pages.items(), *((u, t) for t, u in addresses)])
         made += f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n{entries}\n```\n"
     return made
 
@@ -128,12 +129,12 @@ def signature(app, kind, name, thing, *rest):
 
 
 def docstring(app, kind, name, thing, settings, lines):
-    """What a command is for and what its settings mean, as its help says it."""
+    """What `help()` says of a command: what it does, its settings, what it returns."""
     if isinstance(thing, Command):
-        flags = {flag: str(param.name) for param in thing.params for flag in param.opts}
-        said = [f"- **{param.name}**: {getattr(param, 'help', '') or READS[param.reads]}" for param in thing.own]
-        text = escaped("\n".join([str(thing.help).partition("\b")[0], *said])).replace(r"\*\*", "**")
-        lines[:] = re.sub(r"--[a-z][a-z-]*", lambda flag: flags.get(flag[0], flag[0]), text).splitlines()
+        code = re.split(r"(`[^`]+`)", thing.__doc__)
+        code[::2] = [escaped(text).replace(r"\*\*", "**") for text in code[::2]]
+        code[1::2] = [f"`{part}`" for part in code[1::2]]
+        lines[:] = "".join(code).splitlines()
 
 
 def as_mathml(visitor, node):
@@ -161,6 +162,53 @@ def full_size(app, tree):
         picture.setdefault("scale", 100)
 
 
+def sections(name, tree):
+    """What a page says under each heading, and each row of a table and entry of a glossary by itself."""
+    from docutils import nodes
+    from sphinx.addnodes import desc
+
+    def lines(part):
+        for child in part.children:
+            if isinstance(child, nodes.section | nodes.title | nodes.thead | nodes.Invisible | nodes.Text):
+                continue
+            if isinstance(child, nodes.row):
+                cells = [" ".join(cell.astext().split()) for cell in child.children]
+                rows.append(Section(name, heading, " | ".join(cells), anchor, next(filter(None, cells), "")))
+            elif isinstance(child, desc):
+                said = "\n".join(each.astext() for each in child.findall(nodes.paragraph))
+                rows.append(Section(name, child[0]["fullname"], said, child[0]["ids"][0]))
+            elif isinstance(child, nodes.list_item) and isinstance(
+                subject := child.next_node(nodes.Inline), nodes.strong
+            ):
+                rows.append(Section(name, heading, " ".join(child.astext().split()), anchor, subject.astext()))
+            elif isinstance(child, nodes.literal_block):
+                yield child.astext()
+            elif isinstance(child, nodes.TextElement):
+                yield " ".join(child.astext().split())
+            else:
+                yield from lines(child)
+
+    for section in tree.findall(nodes.section):
+        heading, anchor, rows = section.next_node(nodes.title).astext(), section["ids"][0], []
+        text = "\n".join(lines(section))
+        yield from (Section(name, heading, text, anchor), *rows)
+
+
+def write_index(app, problem):
+    """Write what the search of the site needs."""
+    if problem is None:
+        pages = [name for name in PAGES if name not in ("index", "contents")]
+        index = Index([section for name in pages for section in sections(name, app.env.get_doctree(name))])
+        titles = {name: app.env.titles[name].astext() for name in pages}
+        data = json.dumps({"titles": titles, **index.plain()}, ensure_ascii=False, separators=(",", ":"))
+        Path(app.outdir, "_static", "search-index.js").write_text(f"const searchIndex = {data};\n", encoding="utf-8")
+
+
+def without_search(app):
+    """The search of Sphinx ranks by the alphabet; ours takes its place."""
+    app.builder.search = False
+
+
 def discover(self, *patterns):
     """Find the pages where they are on disk, so that links between them hold as they are written."""
     self._docname_to_path = {name: path.relative_to(self.srcdir) for name, path in PAGES.items()}
@@ -174,6 +222,8 @@ def setup(app):
 
     Project.discover = discover
     app.add_html_math_renderer("mathml", inline_renderers=(as_mathml, None), block_renderers=(as_mathml, None))
+    app.connect("builder-inited", without_search)
+    app.connect("build-finished", write_index)
     app.connect("source-read", complete)
     app.connect("doctree-read", full_size)
     app.connect("autodoc-process-signature", signature)

@@ -24,7 +24,9 @@ def __getattr__(name: str) -> Any:
     if not name.startswith("_") and find_spec(f"{__name__}.{name}") is None:
         commands = import_module(f"{__name__}.commands")
         if name in commands.in_python():
-            globals()[name] = commands.load(commands.in_python()[name])
+            function = commands.load(commands.in_python()[name])
+            function.__doc__ = import_module(f"{__name__}.commands.reference").python_help(function)
+            globals()[name] = function
     if name in globals():
         return globals()[name]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

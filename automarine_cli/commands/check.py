@@ -1,18 +1,21 @@
 """`check`: what is in the logs, what of it serves, and what is wrong with the rest."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command
 from automarine_cli.pipeline.parallel import Progress
+
+if TYPE_CHECKING:
+    from automarine_cli.report.log_tables import Check
 
 
 @command("check", report="log_tables")
 @options.logs
 @options.columns
 @options.ending(options.strict, options.jobs)
-def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: Progress) -> Any:
+def check(logs: Sequence[Any], columns: Any, strict: bool, jobs: int, progress: Progress) -> "Check":
     """Inspect logs and list their problems.
 
     For each run: sampling, gaps, removed samples, heading noise, moments, turns, and the half-turn that a fit would

@@ -1,13 +1,16 @@
 """`compare`: results of two or more campaigns side by side: another vehicle, another day, another battery."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command
 from automarine_cli.errors import SettingError
+
+if TYPE_CHECKING:
+    from automarine_cli.report.compare_report import ResultComparison
 
 
 @command("compare", report="compare_report", then="automarine diagnose LOGS --model FILE")
@@ -16,7 +19,7 @@ from automarine_cli.errors import SettingError
     reads="folders",
 )  # fmt: skip
 @options.ending()
-def compare(results: tuple[Path, ...]) -> Any:
+def compare(results: tuple[Path, ...]) -> "ResultComparison":
     """Compare results of fit-thrusters, fit-yaw, validate or diagnose, each with the first.
 
     They may be of another vehicle, day or battery, or of another model of the same runs. Each difference has a

@@ -1,13 +1,16 @@
 """`export`: a model file and a target in, a file for that simulator out."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import OUTPUT, argument, command, option
 from automarine_cli.commands.terminal import verbosity_level
+
+if TYPE_CHECKING:
+    from automarine_cli.exports.export import Exported, Targets
 
 
 class ByMotion(click.ParamType):
@@ -57,7 +60,7 @@ class ByMotion(click.ParamType):
 @options.overwrite
 @options.as_json
 @options.verbosity
-def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: Any) -> Any:
+def export(*, show_list: bool, out: Path | None, overwrite: bool, **settings: Any) -> "Exported | Targets":
     """Write a model or a thruster map for another program, or several models as one vehicle.
 
     Signs, units and frame become those of the target and are stated in the file. The command stops if the target

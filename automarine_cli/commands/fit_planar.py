@@ -1,10 +1,13 @@
 """`fit-planar`: logs of motion in the plane -> surge, sway and yaw together, with what couples them."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command, option
 from automarine_cli.dofs.motion import PLANAR
+
+if TYPE_CHECKING:
+    from automarine_cli.fits.planar_fit import PlanarFit
 
 
 @command("fit-planar", report="fit_report", then="automarine validate OTHER_LOGS --model {out}/planar_model.json")
@@ -22,7 +25,7 @@ from automarine_cli.dofs.motion import PLANAR
 def fit_planar(
     logs: Any, columns: Any, thrusters: Any, arm: float | None, with_effects: Any, known: Any, strict: bool, jobs: int,
     progress: Any,
-) -> Any:  # fmt: skip
+) -> "PlanarFit":  # fmt: skip
     """Identify surge, sway and yaw together, and what couples them.
 
     The logs need the heading, and the surge speed, the sway speed or the position on the water. The evidence

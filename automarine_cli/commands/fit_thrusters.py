@@ -1,13 +1,16 @@
 """`fit-thrusters`: bollard tests -> thruster map (the source paper's section 3.1, equations 2 and 3)."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command, option
 from automarine_cli.pipeline.parallel import Progress
+
+if TYPE_CHECKING:
+    from automarine_cli.thrusters.result import ThrusterFit
 
 AUTO = "auto"
 
@@ -43,7 +46,7 @@ class _Form(options.OneOf):
 def fit_thrusters(
     logs: Sequence[Any], columns: Any, thrusters_per_test: int | None, form: str | None, strict: bool, jobs: int,
     progress: Progress,
-) -> Any:  # fmt: skip
+) -> "ThrusterFit":  # fmt: skip
     """Make the map of one thruster, forward and backward, from bollard tests (columns n and force_N).
 
     The square law F = a |n| n, seven other equations and a monotone spline are fitted, and cross-validation chooses

@@ -1,12 +1,15 @@
 """`plan`: what is still unsure and what a day at the pool allows -> the runs of the next campaign."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import argument, command, option
 from automarine_cli.pipeline.parallel import Progress
+
+if TYPE_CHECKING:
+    from automarine_cli.planning.campaign import Plan
 
 
 def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -43,7 +46,7 @@ def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> N
 @options.arm
 @options.columns
 @options.ending(options.seed, options.jobs)
-def plan(progress: Progress, **settings: Any) -> Any:
+def plan(progress: Progress, **settings: Any) -> "Plan":
     """Plan the next pool campaign for a yaw model: which runs, in which order, and what intervals to expect.
 
     Runs are chosen by Fisher information within the limits of time, battery and moments. The choice allows for what

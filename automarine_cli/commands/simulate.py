@@ -1,13 +1,16 @@
 """`simulate`: a specification -> the logs of a pool campaign, and the truth beside them."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import GENERAL, OUTPUT, argument, command, option
 from automarine_cli.pipeline.parallel import Progress
+
+if TYPE_CHECKING:
+    from automarine_cli.report.log_tables import Simulation
 
 
 @command("simulate", report="log_tables", then="automarine check {out}")
@@ -19,7 +22,7 @@ from automarine_cli.pipeline.parallel import Progress
 @options.overwrite
 @option("--seed", type=click.IntRange(min=0), metavar="N", group=GENERAL, help="Another seed than the specification's.")
 @options.together(options.jobs, options.as_json, options.verbosity)
-def simulate(specification: Any, seed: int, jobs: int, progress: Progress) -> Any:
+def simulate(specification: Any, seed: int, jobs: int, progress: Progress) -> "Simulation":
     """Make the logs of a pool campaign with known truth from a specification.
 
     The specification names the vehicle, the effects that a model may not know of, the noise of the logger, and the

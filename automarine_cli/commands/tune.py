@@ -1,13 +1,16 @@
 """`tune`: a model or a diagnosis -> gains of a controller with their margins; or a log flown with them."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import INPUT, argument, command, option
 from automarine_cli.pipeline.parallel import Progress
+
+if TYPE_CHECKING:
+    from automarine_cli.control.tuning import Tuning, TuningCheck
 
 
 @command("tune", report="tuning_report")
@@ -53,7 +56,7 @@ from automarine_cli.pipeline.parallel import Progress
 @options.arm
 @options.columns
 @options.ending(options.seed)
-def tune(*, check: Any, reference: str | None, progress: Progress, **settings: Any) -> Any:
+def tune(*, check: Any, reference: str | None, progress: Progress, **settings: Any) -> "Tuning | TuningCheck":
     """Design the gains of a controller from a model or a diagnosis, as fast as its uncertainty allows.
 
     Gains are tested on simulated vehicles, which differ in all that is uncertain: parameters, thrust, supply, delays,

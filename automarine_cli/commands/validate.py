@@ -1,13 +1,16 @@
 """`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command
 from automarine_cli.errors import SettingError
+
+if TYPE_CHECKING:
+    from automarine_cli.comparison.validation import Validation
 
 
 @command("validate", report="validation_report", then="automarine diagnose LOGS --model {model}", by_effects=True)
@@ -21,7 +24,7 @@ from automarine_cli.errors import SettingError
 def validate(
     logs: Any, model: Any, columns: Any, thrusters: Any, arm: float | None, channels: str, strict: bool, seed: int,
     jobs: int, progress: Any,
-) -> Any:  # fmt: skip
+) -> "Validation":  # fmt: skip
     """Simulate each log with each model of a fit, and compare that with what was measured.
 
     The models get the commands only. Use logs that were not fitted. The scores are: error of the free run, error

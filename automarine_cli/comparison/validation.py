@@ -260,11 +260,22 @@ VALIDATION = ResultKind("validation.json", "validation", ValidationFile, "valida
 class Validation(Shown):
     """What was measured against what each of the `stored` models says; in the plane there is one, and no restarts.
 
-    `best` is the number of the model with the smallest free-run error of position over all runs, None where every
-    model diverged; `because` is the sentence that says so. `floors` are the noise of the runs' positions, in the unit
-    that people see, `channels` the sensors that count. Where the runs are driven there are `predictions` of each model
-    from filtered states. `expected` is the restarted error that the preferred model would have if it were right;
-    `followed_better` the model whose free runs are nearer than its own by more than chance, empty for none."""
+    `models` has the scores of each by number, `scores` what is scored, `key(name)` the column of a score, `dof` the
+    motion. `best` is the number of the model with the smallest free-run error of position over all runs, None where
+    every model diverged; `because` is the sentence that says so. `runs` are the logs, `restarts` where they were
+    simulated anew, `set_aside` those left out, each with its reason. `floors` are the noise of the runs' positions, in
+    the unit that people see, `floor` that of all; `channels` the sensors used. Where the runs are driven there are
+    `predictions` of each model from filtered states, and `use` says of what use it is. `expected` is the restarted
+    error that the preferred model would have if it were right; `followed_better` the model whose free runs are nearer
+    than its own by more than chance, empty for none, and `contradiction` says so. `says` is a summary. `to_json()` is
+    validation.json.
+
+    Frame, a row per run and model: `run`, `model`, `rmse_deg`, `max_abs_deg`, `fit_percent`, `restarted_rmse_deg`,
+    `rate_rmse_deg_s`, `noise_floor_deg`, `restarted_horizon_s`, `restarted_at`, `start`.
+
+    Keys: `schema`, `models`, `best`, `logs`, `runs`, `noise_floor_deg`, `restarted_expected_deg`, `best_because`,
+    `preferred_by_fit`, `effects`, `moment_unit`, `command_delay_s`.
+    """
 
     stored: StoredModels
     models: Mapping[str, Scored]

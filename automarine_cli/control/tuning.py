@@ -82,8 +82,19 @@ TUNING = ResultKind("tuning.json", "tuning", TuningFile, "tune")
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Shown, Problem):
-    """The verdict on a problem and why; the `old` and `new` outcomes, and that of gains `beyond` their documented
-    ranges where these limit; the effect that is `open`, or empty; and the `settings` of `set_up`."""
+    """The `verdict` ("gains", "leave" or "cannot-promise") and `why`. `gains` has the new gains by name, each with
+    `value`, `before` and `unit`; `old` and `new` are the outcomes of present and new gains, `beyond` those of gains
+    beyond their documented ranges where these limit, `outcomes` all of them by name. `open` is the effect that is
+    not settled, or empty; `source` the model's file; `settings` those given; `run` the run that would settle what is
+    open, `plan_command` how to plan it.
+
+    `target` is the autopilot, `task` what is demanded, `knowledge` what the model says, `nominal` the vehicle as a
+    designer sees it, `crowds` the vehicles that the model allows, `omega(count)` frequencies that matter and
+    `limit_rate(share)` the same target with fewer loops a second. `target_text()` is the target's own file. `to_json()`
+    is tuning.json.
+
+    Frame, a row per gain: `parameter`, `value`, `before`, `unit`, `documented`.
+    """
 
     verdict: Verdict
     why: str
@@ -389,7 +400,9 @@ class FlownStep:
 
 @dataclass(frozen=True, repr=False)
 class TuningCheck(Shown):
-    """The steps of a log beside what was promised."""
+    """The `steps` of a log of the motion `dof` beside what was promised. `to_json()` is tuning_check.json; its `steps`
+    are the rows of the frame.
+    """
 
     steps: tuple[FlownStep, ...]
     dof: Dof

@@ -189,16 +189,27 @@ class JudgedRuns:
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Diagnosis(Shown):
-    """What a diagnosis of a model of one motion, or of the plane, found; gaps are in the unit of `dof`.
+    """What a diagnosis of a model of one `motion`, or of the plane, found; errors are in the unit of `dof`.
 
-    `why` says what keeps effects from being named, or what is unexplained, `remainder` what stays beside named ones.
-    `effects` are those that are named or suspected; `where` is the gap of the base model; `search` is the outcome as
-    far as the verdict holds. `held_out` is None where too few runs were left to hold any out, and so is
-    `from_commands`, the gap of these runs by the commands alone. `base` has the parameters of the base model before
-    and after, `extended` is the base model with the effects named, refitted together. Of one motion `number` is that
-    of the model, `detectable` has the smallest sizes that would have been named, `noises` and `channels` are its
-    sensors, `gain_scatter` is the share by which thrust differs from run to run, before and after. The base stands in
-    the file `parent`; `set_aside` are the runs left out."""
+    `verdict` is "named", "suspected", "nothing-missing" or "unexplained". `why` says what keeps effects from being
+    named, or what is unexplained, `remainder` what stays with named ones. `effects` are those that are named or
+    suspected; `where` is the error of the base model; `search` is the outcome as far as the verdict holds, with all
+    `candidates` and the `threshold` of evidence. `fitted` are the errors of the runs fitted, `held_out` those of the
+    rest, None where too few runs were left to hold any out, and so is `from_commands`, the error of these runs by the
+    commands alone; `decisive` is the one that decides. `base` has the parameters of the base model before and after,
+    `extended` is the base model with the effects named, refitted together, and `extended_model(file)` the same as a
+    file's content. Of one motion `number` is that of the model, `moment_unit` its unit, `detectable` has the smallest
+    sizes that would have been named, `noises` and `channels` are its sensors, `gain_scatter` is the share by which
+    thrust differs from run to run, before and after. `driven` says that a controller or pilot reacted, `cycle` the
+    oscillation of that loop or None. The base stands in the file `parent`; `set_aside` are the runs left out.
+    `to_json()` is diagnosis.json.
+
+    Frame, a row per effect and parameter: `effect`, `confidence`, `parameter`, `value`, `stderr`, `low`, `high`,
+    `unit`.
+
+    Keys: `schema`, `verdict`, `effects`, `where`, `gap`, `from_commands`, `model`, `moment_unit`, `candidates`,
+    `threshold`, `base`, `smallest_visible`, `open_water`, `held_out`, `runs`.
+    """
 
     motion: Motion
     dof: Dof

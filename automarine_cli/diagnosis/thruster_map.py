@@ -42,9 +42,19 @@ SPLIT_BY = {
 
 @dataclass(frozen=True, repr=False)
 class ThrusterDiagnosis(Shown):
-    """`data` holds every point, `base.data` those fitted, `held_out` the rest, None where levels are too few.
-    `final` is the extended model: the base refitted unless effects are named. Gaps are in newtons of one thruster;
-    `cross` is that by leaving out levels."""
+    """What a diagnosis of a thruster map found: its `verdict` and `why`, the `effects` named or suspected, `where` the
+    map errs, and `faults` of the data.
+
+    `given` is the map diagnosed, `given_rmse` its error, `data` every point, `base` the fit before (`base.data` are the
+    points fitted), `held_out` the rest, None where levels are too few; `search` is how effects were looked for. `final`
+    is the extended model: the base refitted unless effects are named, and `extended_map` the file that it makes. Errors
+    are in newtons of one thruster: `gap` of the points fitted, `held_out_gap` of the rest, `cross` by leaving out
+    levels; `decisive_gap` is the one that decides, `floor_from` says what the noise is from. `set_aside` are the tests
+    left out. `to_json()` is diagnosis.json.
+
+    Frame, a row per effect and parameter: `effect`, `confidence`, `parameter`, `value`, `stderr`, `low`, `high`,
+    `unit`.
+    """
 
     verdict: str
     why: str

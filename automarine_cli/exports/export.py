@@ -60,7 +60,12 @@ MIRROR_OF_MIXED: dict[str, Callable[[Values], Values]] = {
 
 @dataclass(frozen=True)
 class Exported:
-    """The file's text, with what it holds, what it leaves out, and what its reader must be told."""
+    """The `text` of the file for a `target`, in a `form` and `frame`, with moments in `moment_unit`. `place` is where
+    it was written, or None. `origin` is the model's file, `carried` the effects in it, `left_out` those that are not,
+    `written` the text with its notes, `warnings` what its reader must be told. It has no frame.
+
+    Keys: `schema`, `target`, `form`, `frame`, `moment_unit`, `source`, `carried`, `left_out`, `notes`, `text`.
+    """
 
     target: str
     form: str
@@ -105,6 +110,8 @@ def _(result: Exported) -> Sections:
 
 @dataclass(frozen=True)
 class Targets:
+    """The `targets` that there are, where `show_list` asks for them."""
+
     targets: tuple[Target, ...]
 
     def to_json(self) -> dict[str, Any]:

@@ -59,15 +59,26 @@ def valid_range(moments: Iterable[float], model: Model) -> dict[str, object] | N
 
 @dataclass(frozen=True, repr=False)
 class YawFit(Shown):
-    """Everything that a yaw identification found.
+    """A model of one motion `dof`, such as yaw, in `moment_unit` (of a translation, its force).
+
+    `output_error` has the maximum-likelihood fit of each model by its number ("1", "2", "3"), `preferred` is the best
+    of them, `preference` says why, `is_late` that commands act later than a logger makes them:
+    `fit.preferred.estimates["I_r"].ci95`. `velocity_error_fit` is the paper's method, `why_no_velocity_error` a
+    sentence where there is none, `refused` why models could not be fitted.
 
     `turns` are the half-turns used and `data` what was fitted of these steps: all of it if `whole_steps`, and
-    `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `output_error` and
-    `velocity_error_fit` the two estimators by model, `why_no_velocity_error` a sentence where there is none, `refused`
-    why models could not be fitted; `channels` are the sensors that count; `use` is what the model predicts, of whole
-    runs; `priors` are what was known beforehand, `nomoto` the answer to a rudder. `warnings` are what a report says of
-    all that. `mass` [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing
-    showed it.
+    `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `used_runs` those of
+    either kind, `set_aside` the others, each with its reason. `channels` are the sensors used; `use` is what the model
+    predicts, of whole runs; `priors` are what was known beforehand, `nomoto` the answer to a rudder, `buoyancy` that in
+    heave, `swing` and `swing_of(number)` period and damping in roll and pitch. `warnings` are what a report says of all
+    that. `mass` [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing showed
+    it. `to_json()` is yaw_model.json (or that of the motion).
+
+    Frame, a row per model, method and parameter: `model`, `method`, `parameter`, `value`, `stderr`, `low`, `high`,
+    `unit`.
+
+    Keys: `schema`, `moment_unit`, `fitted_to`, `models`, `preferred`, `preferred_because`, `inertial_turn_angle_rad`,
+    `valid_range`, `effects`, `gain_scatter`, `command_delay_s`, `heading_noise_deg`, `consistency`, `warnings`, `runs`.
     """
 
     moment_unit: str

@@ -369,9 +369,15 @@ def search(likelihood: "PlanarLikelihood") -> tuple[OutputErrorFit, ...]:
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The models that were `tried` on `runs`, the likeliest one first, and the `best`: of what `use` it is, and the
-    sentence that says why (`fitted_because`); what was set aside; sentences on what thrusters at their `limits` did not
-    give; the `priors`: what was known beforehand."""
+    """A model of surge, sway and yaw together. `best` is the fit, `estimates` its parameters by name, `model` and
+    `structure` what it contains, `use` what it predicts, `valid_range` where it was fitted, `fitted_because` and
+    `because` the sentences that say why. `tried` are all models, the likeliest first. `runs` are those fitted,
+    `observed` the sensors, `set_aside` the runs left out, each with its reason; `limits` say what thrusters at their
+    limits did not give; `priors` were known beforehand; `warnings` are what a report says. `to_json()` is
+    planar_model.json.
+
+    Frame, a row per parameter: `parameter`, `value`, `stderr`, `low`, `high`, `unit`.
+    """
 
     tried: tuple[OutputErrorFit, ...]
     best: OutputErrorFit

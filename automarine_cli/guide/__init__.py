@@ -2,26 +2,22 @@
 
 import difflib
 import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from automarine_cli import effects
 from automarine_cli.errors import SettingError
 
+if TYPE_CHECKING:
+    from automarine_cli.guide.search import Section
+
 FOLDER = Path(__file__).parent
 OPTIONS = "`automarine {command} --help` lists all options."  # gives way to the list itself where a page is shown
+ROW = re.compile(r"\|+([^|]*)\||- \*\*([^*]*)\*\*: ")  # of a table, or of a list that begins with what it explains
 # commands without a page of their own
 ON_PAGE_OF = {"fit-sway": "fit-surge", "fit-heave": "fit-surge", "fit-pitch": "fit-roll"}
-
-SYNONYMS = {
-    "6dof": ("degrees of freedom",), "angular velocity": ("rate",), "coefficients": ("drag", "added mass"),
-    "confidence interval": ("interval",), "damping": ("drag",), "deadzone": ("dead band",),
-    "hydrodynamic coefficients": ("drag", "added mass"), "imu": ("gyro",), "latency": ("delay",),
-    "pid": ("gains",), "residuals": ("innovation",), "rmse": ("root mean square",), "rosbag": ("ros",),
-    "simulink": ("matlab",), "time delay": ("delay",), "torque": ("moment",), "turbulence": ("disturbance",),
-}  # fmt: skip
-"""Words of other fields, and those that the guide has for them."""
-HEADING_WORTH, TITLE_WORTH = 3, 10  # mentions in the text that a heading counts as, and a title
 
 
 @dataclass(frozen=True)
@@ -97,39 +93,43 @@ def with_options(command: Page, listed: str) -> Page:
 
 
 def find(words: str) -> Places:
-    """Search all pages for words (or their synonyms) from the beginnings of words on. Pages rank by mentions per
-    length; headings and titles are worth more. Raises SettingError where no page has them."""
+    """Search all pages for words, their beginnings or their synonyms. Raises SettingError where no page has them."""
+    from automarine_cli.guide.search import Index, alternatives, line_with
+
+    terms = alternatives(words)
+    best = Index(list(sections())).ranked(words) if terms[0] else []
+    if not best:
+        raise SettingError(f"no page of the guide has {words!r}; try another word, or automarine guide")
+    return Places(tuple(terms), tuple(Place(s.page, s.heading, _excerpt(line_with(s, terms), terms)) for s in best))
+
+
+def sections() -> "Iterator[Section]":
+    """What the pages say under each heading, and each row of a table and entry of the glossary by itself."""
+    from automarine_cli.guide.search import Section
     from automarine_cli.guide.text import inline
 
-    terms = (words.strip().lower(), *SYNONYMS.get(words.strip().lower(), ()))
-    pattern = re.compile("|".join(rf"\b{re.escape(term)}" for term in terms), re.IGNORECASE)
-    ranked = list[tuple[float, Place]]()
-    for topic in sorted({*commands(), *pages()} - {*ON_PAGE_OF}):
-        text = re.sub(r"^(?:!\[|<img|\$ |>>> ).*\n", "", page(topic).markdown, flags=re.MULTILINE)
-        parts = re.split(r"^#+ ", text, flags=re.MULTILINE)[1:]
-        headings = [part.partition("\n")[0] for part in parts]
-        mentions = [len(pattern.findall(part)) for part in parts]
-        if not any(mentions):
-            continue
-        titles = len(pattern.findall(headings[0])) * TITLE_WORTH
-        named = [HEADING_WORTH * len(pattern.findall(heading)) for heading in headings]
-        worth = titles + sum(named) + sum(mentions) / (1.0 + len(text.split()) / 1000.0)
-        best = max(range(len(parts)), key=lambda k: (named[k] + mentions[k], -k))
-        lines = [line for line in parts[best].splitlines()[1:] if pattern.search(line)]
-        ranked.append(
-            (worth, Place(topic, inline(headings[best]), _excerpt(inline(lines[0]), pattern) if lines else ""))
-        )
-    if not ranked or not terms[0]:
-        raise SettingError(f"no page of the guide has {words!r}; try another word, or automarine guide")
-    return Places(terms, tuple(place for _, place in sorted(ranked, key=lambda pair: -pair[0])))
+    for topic in sorted({*commands(), *pages()} - {*ON_PAGE_OF, "contents"}):
+        text = re.sub(r"^(?:!\[|<img|\$ |>>> |\|.*\n\|[-:| ]+\|$).*\n", "", page(topic).markdown, flags=re.MULTILINE)
+        pieces = re.split(r"^```.*\n", text, flags=re.MULTILINE)
+        pieces[::2] = [re.sub(r"(?<=[^\n|])\n(?=[^\s|#-])", " ", prose) for prose in pieces[::2]]
+        pieces[1::2] = [re.sub(r"^", "  ", code, flags=re.MULTILINE) for code in pieces[1::2]]
+        for part in re.split(r"^#+ ", "".join(pieces), flags=re.MULTILINE)[1:]:
+            heading, *lines = part.splitlines()
+            rows = {line: row for line in lines if (row := ROW.match(line))}
+            yield Section(topic, inline(heading), inline("\n".join(line for line in lines if line not in rows)))
+            for line, row in rows.items():
+                cells = inline(" | ".join(line.strip("|").split("|")))
+                yield Section(topic, inline(heading), cells, subject=inline(row[1] or row[2]))
 
 
-def _excerpt(line: str, pattern: re.Pattern[str], around: int = 35) -> str:
+def _excerpt(line: str, terms: Sequence[str], around: int = 35) -> str:
     """The words about the first mention; of a table, those of its cell."""
-    cell = next((cell for cell in line.strip("|").split("|") if pattern.search(cell)), line)
+    from automarine_cli.guide.search import stems
+
+    found = [term for term in (*terms, *stems(" ".join(terms))) if term in line.lower()]
+    cell = next((cell for cell in line.strip("|").split("|") if found and found[0] in cell.lower()), line)
     text = re.sub(r"^(- |\d+\. )|`", "", cell.strip())
-    match = pattern.search(text)
-    at = match.start() if match else 0
+    at = max(text.lower().find(found[0]), 0) if found else 0
     first = text.find(" ", at - around) + 1 if at > around else 0
     last = text.rfind(" ", at, at + 2 * around) if len(text) > at + 2 * around else len(text)
     return f"{'... ' if first else ''}{text[first:last]}{' ...' if last < len(text) else ''}"

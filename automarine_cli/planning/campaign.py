@@ -264,12 +264,23 @@ FIT_COMMANDS = {
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """A campaign on paper for the file `model`; the first one, of steps alone, has none ("").
+    """A campaign on paper for the file `model` (the first one, of steps alone, has none: ""), planned for the method
+    `fitting` within `limits`, with `seed`.
 
-    `slots` are its runs in order; `now`, `alone` and `together` the estimates by name before it, of its runs alone, and
-    of these with the earlier ones (empty where these are not known or not to be used); `splits` what is expected of
-    each pair of explanations; `errors` (R,) the standard errors in percent of each parameter after each run. `drive` is
-    None without a thruster map; `columns` are the names of the logs."""
+    `slots` are its runs in order, `candidates` the runs without their places, `runs` the same as plain mappings;
+    `minutes` is how long it takes, `motion` how long the vehicle moves [s], `supply` the battery and `source` where its
+    current is from, `drive` the thruster map or None, `columns` the names in the logs, `fit_command` how to fit it.
+    `wanted` are the parameters to narrow: `now`, `alone` and `together` are the estimates by name before it, of its
+    runs alone, and of these with the earlier ones (empty where not known or not to be used); `errors` (R,) the standard
+    errors in percent of each parameter after each run; `splits` what is expected of each pair of explanations; `notes`
+    what must be known. `to_json()` is plan.json.
+
+    Frame, a row per run: `number`, `name`, `kind`, `begins_s`, `start_heading_deg`, `turn_there_deg`, `turns_deg`,
+    `voltage_V`, `commands` (moment and seconds), `wait_s`, `battery_left_Ah`, `command_file`, `why`.
+
+    Keys: `schema`, `model`, `moment_unit`, `fit`, `fit_command`, `planned_for`, `heading_noise_rad`, `gain_scatter`,
+    `limits`, `supply`, `totals`, `planned`, `parameters`, `splits`, `curves`, `notes`.
+    """
 
     model: str
     fitting: Fitting

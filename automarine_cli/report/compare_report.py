@@ -16,7 +16,14 @@ NOTE = (
 
 @dataclass(frozen=True, repr=False)
 class ResultComparison(Shown):
-    """Results of one command side by side, each against the first; `notes` say what must be known of them."""
+    """Results of one `kind` of command side by side (`sides`), their `differences` from the first, and `notes` on what
+    must be known of them. `to_json()` is comparison.json.
+
+    Frame, a row per difference: `parameter`, `of`, `less`, `value`, `stderr`, `low`, `high`, `unit`, `p_value`,
+    `verdict`.
+
+    Keys: `schema`, `kind`, `results`, `differences`, `summary`, `notes`.
+    """
 
     kind: str
     sides: tuple[ComparedResult, ...]

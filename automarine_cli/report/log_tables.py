@@ -36,7 +36,15 @@ CHECK = ResultKind("check.json", "check", CheckFile, "check", YAW)
 
 @dataclass(frozen=True, repr=False)
 class Check(Shown):
-    """What is in the logs, in the order of the files; `logs` counts these."""
+    """What is in the logs, in the order of the files: `logs` is how many were read, `runs` and `tests` (of thrusters)
+    what they contain, `set_aside` the runs that cannot be used, each with the reason. `to_json()` is check.json.
+
+    Frame, a row per run: `kind`, `file`, `run`, `samples`, `begins_s`, `duration_s`, `rate_hz`, `jitter_ms`,
+    `longest_step_s`, `counts`, `heading_noise_deg`, `turns`, `moment_unit`, `levels`, `steps`, `half_turn`, `why`,
+    `columns`, `notes`.
+
+    Keys: `schema`, `logs`, `runs`, `yaw_runs`, `thruster_tests`.
+    """
 
     runs: tuple[RunSeen, ...]
     tests: tuple[ThrusterTestSeen, ...]
@@ -142,6 +150,14 @@ class SlicedLog:
 
 @dataclass(frozen=True, repr=False)
 class Slices(Shown):
+    """How logs were cut into runs `by` a command or mode, and written in a `form` (csv, parquet): `cuts`, a mapping per
+    run; `sources`, the logs; `set_aside`, what could not be cut. `to_json()` is slices.json.
+
+    Frame, a row per run: `file`, `run`, `state`, `source`, `source_run`, `rows`, `samples`, `moving`, `from_s`, `to_s`.
+
+    Keys: `schema`, `by`, `slices`, `left_out`, `sources`, `runs`.
+    """
+
     by: str
     form: str
     sources: tuple[SlicedLog, ...]
@@ -206,7 +222,14 @@ TRUTH_DECIMALS = 9  # of what was drawn: more would show the machine's own round
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Shown):
-    """A campaign: its specification, the seed used, and its runs in the order of the campaign."""
+    """A campaign with known truth: its `specification`, the `seed` used, and its `runs` in the order of the campaign.
+    `to_json()` is truth.json.
+
+    Frame, a row per run: `file`, `run`, `kind`, `number_in_campaign`, `start_s`, `start_heading_rad`,
+    `heading_zero_rad`, `gain`, `added_moment`, `commands`, `samples`, `fault`.
+
+    Keys: `schema`, `simulated`, `seed`, `vehicle`, `effects`, `thrusters`, `logger`, `scatter`, `campaign`, `made`.
+    """
 
     specification: Specification
     seed: int
@@ -232,7 +255,10 @@ class Simulation(Shown):
 
 @dataclass(frozen=True, repr=False)
 class Samples(Shown):
-    """The sample logs as copied: the folder `out`, and the files in it."""
+    """The sample logs as copied: the folder `out`, and the `files` in it. `to_json()` lists them. There is no frame.
+
+    Keys: `schema`, `files`.
+    """
 
     out: Path
     files: tuple[Path, ...]

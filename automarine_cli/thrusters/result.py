@@ -185,10 +185,20 @@ ONE_PULLED = (
 
 @dataclass(frozen=True, repr=False)
 class ThrusterFit(Shown):
-    """The pooled analysis of one thruster, one for each voltage step, and how the data were treated.
+    """A thruster map from bollard tests. `map` is the map, `analysis` the fit of all `points`, `compared` the forms of
+    curves by their errors at levels left out, `voltages` the fits of each voltage step, `exponents` what thrust does
+    with voltage. `logs` are the tests, `samples` counts their rows, `tare` is what was subtracted,
+    `thrusters_per_test` how many pulled together, `notes` say how the data were treated, `place(index)` where a
+    point is from. `parts` are the fits of each thruster by itself where a column names them, `without_map` why one
+    has none. `to_json()` is thrusters.json.
 
-    `parts` are the fits of each thruster by itself where a column names them (`logs.by`), `without_map` why one has
-    none."""
+    Frame, a row per parameter and direction: `direction`, `form`, `parameter`, `value`, `stderr`, `low`, `high`,
+    `unit`.
+
+    Keys: `schema`, `forward`, `backward`, `per_test`, `thrusters_per_test`, `r2`, `rmse_N`,
+    `rmse_percent_of_full_scale`, `rmse_all_points_N`, `cv_rmse_N`, `full_scale_N`, `forms`, `form`, `chosen_because`,
+    `chosen`, `parameters`, `beyond_n_range`, `n_unit`, `n_range`, `tare`, `points`, `flagged`, `notes`, `runs`.
+    """
 
     logs: ThrusterLogs
     analysis: Analysis

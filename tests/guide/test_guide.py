@@ -14,9 +14,17 @@ from test_readme import commands, flags_of
 
 from automarine_cli import guide
 from automarine_cli.commands import automarine
+from automarine_cli.guide.search import Index, Section, alternatives, stems
 
 Run = Callable[..., Result]
 TOPICS = (*guide.commands(), *guide.pages())
+BEST = {
+    "6 DOF": "faq", "cite": "references", "confidence interval": "glossary", "dead band": "effects-gallery",
+    "how many runs": "pool-day", "hydrodynamic coefficients": "published", "install": "install",
+    "metacentric": "fit-roll", "never moved": "troubleshooting", "PyPI": "faq", "RMSE": "symbols", "rudder": "rudder",
+    "simulink": "matlab", "swirl": "hidden-walk", "torque": "faq", "wrong sign": "units-and-signs",
+}  # fmt: skip
+"""What people search for, and the page that answers it."""
 
 
 def test_the_list_has_every_page_and_each_says_what_it_is_about(run: Run) -> None:
@@ -62,19 +70,29 @@ def test_a_wrong_topic_is_answered_with_near_ones(run: Run) -> None:
     assert "look at automarine effects dead-band" in run("guide", "dead-band").stderr
 
 
-@pytest.mark.parametrize(
-    ("words", "page"),
-    [("swirl", "hidden-walk"), ("never moved", "troubleshooting"), ("RMSE", "validate"), ("rudder", "rudder"),
-     ("simulink", "matlab"), ("metacentric", "fit-roll")],
-)  # fmt: skip
-def test_a_search_shows_the_page_that_answers_among_the_first(words: str, page: str, run: Run) -> None:
+@pytest.mark.parametrize(("words", "page"), BEST.items())
+def test_a_search_shows_the_best_page_first(words: str, page: str, run: Run) -> None:
     found = json.loads(run("guide", "--find", words, "--json").stdout)
-    assert page in [place["topic"] for place in found["places"][:4]]
-    shown = run("guide", "--find", words).stdout
-    assert page in shown
+    assert found["places"][0]["topic"] == page
+    assert page in run("guide", "--find", words).stdout
+    beginnings = {stem for term in found["words"] for stem in stems(term)}
     for place in found["places"]:
-        assert any(word in (place["line"] + place["heading"]).lower() for word in found["words"])
-    assert "moment" in json.loads(run("guide", "--find", "torque", "--json").stdout)["words"]
+        assert any(stem in (place["line"] + place["heading"] + place["topic"]).lower() for stem in beginnings)
+
+
+def test_a_search_knows_words_of_other_fields_and_beginnings() -> None:
+    assert guide.find("torques").words == ("torques", "moment")
+    assert guide.find("torque").places[1].topic == "units-and-signs"
+    assert alternatives("RMSE of yaw") == ["rmse of yaw", "root mean square of yaw"]
+    assert guide.find("metacent").places[0].topic == "fit-roll"
+
+
+def test_a_rare_word_a_heading_and_a_phrase_are_worth_more() -> None:
+    filler = "drag of the hull in water " * 9
+    pages = [("a", "Drag", filler), ("b", "Hull", f"swirl drag {filler}"), ("c", "Water", f"{filler} water swirl")]
+    index = Index([Section(page, heading, text) for page, heading, text in pages])
+    assert [index.ranked(words)[0].page for words in ("drag", "swirl drag", "water swirl", "hull")] == [*"abcb"]
+    assert index.ranked("zeppelin") == []
 
 
 def test_a_search_without_a_page_says_so(run: Run) -> None:

@@ -201,6 +201,8 @@ def test_changes_and_citation_say_this_version() -> None:
     assert re.findall(r"^- \*\*([\d.]+)\*\*", PAGES[".github/CHANGELOG.md"], flags=re.MULTILINE)[0] == __version__
     citation = yaml.safe_load((ABOUT / "CITATION.cff").read_text(encoding="utf-8"))
     assert (citation["version"], citation["license"]) == (__version__, PROJECT["license"])
+    urls = PROJECT.get("urls", {})
+    assert (citation.get("repository-code"), citation.get("url")) == (urls.get("Repository"), urls.get("Documentation"))
 
 
 def test_the_licence_is_where_the_package_takes_it_from() -> None:

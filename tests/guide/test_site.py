@@ -8,9 +8,12 @@ import subprocess
 import sys
 from html import unescape
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote, unquote, urlsplit
 
 import pytest
 from repository import ROOT
+from test_guide import BEST
 from test_readme import PAGES, without_fences
 
 from automarine_cli.commands import names
@@ -32,6 +35,13 @@ LOOK = """<body>{frames}<script>addEventListener("load", () => {{
     }};
   }});
   document.documentElement.textContent = JSON.stringify(seen);
+}})</script>"""
+RESULTS = """<body>{frames}<script>addEventListener("load", () => {{
+  const found = [...document.querySelectorAll("iframe")].map(frame => {{
+    const results = [...frame.contentDocument.querySelectorAll("#results li")].slice(0, 5);
+    return results.map(each => [each.firstChild.href, each.firstChild.textContent, each.lastChild.innerHTML]);
+  }});
+  document.documentElement.textContent = JSON.stringify(found);
 }})</script>"""
 BROWSER = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
@@ -78,19 +88,35 @@ def test_no_word_of_a_page_is_lost(built: Path) -> None:
             assert words(said) - words(unescape(re.sub("<[^>]*>", " ", shown))) == set(), name
 
 
-@pytest.mark.slow
-def test_no_page_is_wider_than_its_window_or_asks_a_network(built: Path, tmp_path: Path) -> None:
+def looked_at(folder: Path, page: str, frames: list[str]) -> Any:
+    """What the script of a page says of frames that Chromium has loaded."""
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if browser is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    pages = list(built.rglob("*.html"))
-    frames = "".join(
-        f'<iframe src="{page.as_uri()}" width="{wide}" frameborder="0"></iframe>' for page in pages for wide in WIDTHS
-    )
-    (tmp_path / "look.html").write_text(LOOK.format(frames=frames), encoding="utf-8")
-    command = [browser, *BROWSER, f"--user-data-dir={tmp_path / 'profile'}", str(tmp_path / "look.html")]
+    (folder / "look.html").write_text(page.format(frames="".join(frames)), encoding="utf-8")
+    command = [browser, *BROWSER, f"--user-data-dir={folder / 'profile'}", str(folder / "look.html")]
     shown = subprocess.run(command, capture_output=True, encoding="utf-8", check=True, timeout=600).stdout
-    seen = json.loads(unescape(re.sub("<[^>]*>", "", shown)))
+    return json.loads(unescape(re.sub("<[^>]*>", "", shown)))
+
+
+@pytest.mark.slow
+def test_no_page_is_wider_than_its_window_or_asks_a_network(built: Path, tmp_path: Path) -> None:
+    pages = list(built.rglob("*.html"))
+    frame = '<iframe src="{}" width="{}" frameborder="0"></iframe>'
+    seen = looked_at(tmp_path, LOOK, [frame.format(page.as_uri(), wide) for page in pages for wide in WIDTHS])
     assert len(seen) == len(WIDTHS) * len(pages) > 200
     assert [page for page in seen if page["width"] > page["wide"] or page["broken"]] == []
     assert {place for page in seen for place in page["asked"] if not place.startswith("file:")} == set()
+
+
+@pytest.mark.slow
+def test_the_search_of_the_site_shows_the_best_page_first_with_an_excerpt(built: Path, tmp_path: Path) -> None:
+    asked = [f"{(built / 'search.html').as_uri()}?q={quote(words)}" for words in (*BEST, "zeppelin")]
+    *found, nothing = looked_at(tmp_path, RESULTS, [f'<iframe src="{each}"></iframe>' for each in asked])
+    firsts = [Path(unquote(urlsplit(results[0][0]).path)).stem for results in found]
+    assert dict(zip(BEST, firsts, strict=True)) == BEST and nothing == []
+    for place, title, excerpt in (each for results in found for each in results):
+        page = urlsplit(place)
+        assert f'id="{page.fragment}"' in Path(unquote(page.path)).read_text(encoding="utf-8")
+        assert title and ("<mark>" in excerpt or "›" in title or page.fragment)
+    assert all("<mark>" in results[0][2] for results in found[:4])

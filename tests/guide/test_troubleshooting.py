@@ -17,11 +17,14 @@ ITEM = re.compile(
 )
 HEAD = """# Troubleshooting: messages, causes and remedies
 
-Look for a word of the message: `automarine guide troubleshooting`, then `/`. Messages have quotation marks, other
-symptoms have none. Each table is from the page of its command, where you find more. If a result is doubtful, but there
-is no message, see [Is my model good enough?](good-enough.md).
+Look for the beginning of a message in the index, or for a word of it: `automarine guide --find WORD`. Messages have
+quotation marks, other symptoms have none. Each table is from the page of its command, where you find more. If a result
+is doubtful, but there is no message, see [Is my model good enough?](good-enough.md).
 """
 
+
+INDEX, PUNCTUATION = "## Index of messages by their first words\n\n", " \"-.'["
+INDEX_WORDS = 7  # of a message, in the index
 
 PAGES_OF_COMMANDS = sorted(path.stem for path in guide.FOLDER.glob("commands/*.md"))
 
@@ -40,17 +43,37 @@ def rows(name: str, section: str) -> list[tuple[str, str, str]]:
 
 def troubles() -> str:
     """The page as its sources have it: a table for each page of commands, links as they are from one folder up."""
-    parts = [HEAD]
+    parts, begun = [HEAD], dict[str, str]()
     for name in PAGES_OF_COMMANDS:
         text, here = PAGES[f"automarine_cli/guide/commands/{name}.md"], f"](commands/{name}.md"
         title = text.partition("\n")[0].removeprefix("# ").partition(":")[0].removeprefix("automarine ")
         table = ["|message|cause|remedy|", "|---|---|---|"]
+        title = title.replace("`", "")
         for row in rows(name, "".join(SECTION.findall(text))):
+            place = f"[{title}](commands/{name}.md#what-can-go-wrong)"
+            begun |= {message: f"- {message}: {place}\n" for message in beginnings(row[0])}
             cells = (re.sub(r"(?<!\\)\|", r"\\|", cell) for cell in row)
             linked = re.sub(r"\]\((?!\.\./|#|https?:)", "](commands/", f"|{'|'.join(cells)}|")
             table.append(linked.replace("](../", "](").replace("](#", f"{here}#"))
-        parts.append(f"## [{title.replace('`', '')}{here})\n\n" + "\n".join(table) + "\n")
-    return "\n".join(parts)
+        parts.append(f"## [{title}{here})\n\n" + "\n".join(table) + "\n")
+    index = "".join(
+        begun[message] for message in sorted(begun, key=lambda message: message.lower().lstrip(PUNCTUATION))
+    )
+    return "\n".join([HEAD, f"{INDEX}{index}", *parts[1:]])
+
+
+def beginnings(message: str) -> list[str]:
+    """The first words of each message in quotation marks."""
+    quoted = re.findall(r'"((?:[^"]|"(?=automarine))*?)"(?=[*" ]|$)', message)
+    words = [re.sub(r"^(?:Set aside: )?\.\.\. ", "", each + '"' * (each.count('"') % 2)).split() for each in quoted]
+    return [f'"{" ".join(each[:INDEX_WORDS])}{" ..." * (len(each) > INDEX_WORDS)}"' for each in words]
+
+
+def test_the_index_has_every_message_by_the_alphabet() -> None:
+    assert beginnings('*"a b c d e f g h" or "i"*, *"... j"* (heave)') == ['"a b c d e f g ..."', '"i"', '"j"']
+    index = troubles().partition(INDEX)[2].partition("\n## ")[0].splitlines()
+    firsts = [re.sub(r"\W", "", line)[:1].lower() for line in index if line]
+    assert len(firsts) > 80 and firsts == sorted(firsts)
 
 
 def test_every_trouble_of_a_command_is_on_the_page() -> None:
