@@ -100,6 +100,13 @@ def test_one_driven_run_gives_the_rest(tmp_path: Path) -> None:
     assert abs(of_known.value - INERTIA * QUADRATIC) < 3.5 * of_known.stderr
 
 
+def test_a_campaign_may_hold_coast_downs_alone(tmp_path: Path) -> None:
+    coasts(tmp_path, YAW, 8, count=2)
+    done = CliRunner().invoke(automarine, ["init", str(tmp_path), "-o", f"{tmp_path}/campaign.toml"])
+    assert done.exit_code == 0 and "No open questions" in done.stdout, done.output
+    assert 'manoeuvres = ["*.csv"]' in (tmp_path / "campaign.toml").read_text()
+
+
 def test_what_does_not_slow_down_is_refused(tmp_path: Path) -> None:
     """Steps whose command was not logged, and one whose column has another name."""
     log, rng = tmp_path / "step.csv", np.random.default_rng(7)
