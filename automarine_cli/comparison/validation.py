@@ -534,8 +534,7 @@ def load_usable(
     commanded, aside = driven_by(campaign.runs, complete)
     usable, undriven = without_undriven(commanded)
     for run in usable:
-        idle = run.dof.restoring and not np.any(run.command)  # a decay, which is the same in any unit
-        if run.moment_unit != stored.model.moment_unit and not idle:
+        if run.moment_unit != stored.model.moment_unit and np.any(run.command):  # a decay is the same in any unit
             raise ModelError(
                 f"{stored.source} was fitted to {stored.dof.words.force}s in {stored.model.moment_unit}, {run.source} "
                 f"gives them in {run.moment_unit}; there is no factor between the two. Give logs in "

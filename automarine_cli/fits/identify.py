@@ -26,14 +26,14 @@ from automarine_cli.fits.preference import (
 )
 from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
 from automarine_cli.fits.steps import StepData, data_of_steps
-from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
+from automarine_cli.models.model import COMMAND_DELAY, Model, main_drag, steady_rate
 from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
 from automarine_cli.models.store import ROLES, effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import STEERED
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.checks import SPEED_PIECE_S, SPEED_SIGMAS, still, without_stuck, without_undriven
+from automarine_cli.runs.checks import coasts, still, without_stuck, without_undriven
 from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
@@ -131,6 +131,7 @@ class YawFit(Shown):
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             **self._swing_json(self.preference.number),
+            **self._ratios_json(),
             **({"nomoto": self.nomoto.to_json()} if self.nomoto else {}),
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.used_runs), self.set_aside, self.used_runs),
@@ -154,6 +155,14 @@ class YawFit(Shown):
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     @property
+    def ratios(self) -> dict[str, Estimate]:
+        """Drags, and what else acts, over an inertia that nothing shows; empty where something does."""
+        units = {"linear": "1/s", "quadratic": f"1/{self.dof.units.base}", "restoring": "1/s²"}
+        units |= {"constant": f"{self.dof.units.base}/s²", "difference": units[main_drag(self.preference.number)]}
+        names = {role: self.dof.parameters[role] for role in self.preferred.roles[1:] if self.of_ratios}
+        return {name: self.preferred.estimates[name].scaled(1.0, units[role]) for role, name in names.items()}
+
+    @property
     def swing(self) -> Swing:
         return self.swing_of(self.preference.number)
 
@@ -167,6 +176,10 @@ class YawFit(Shown):
     def _swing_json(self, number: str) -> dict[str, object]:
         swing = {key: estimate and estimate.to_json() for key, estimate in self.swing_of(number).items()}
         return {"swing": swing} if swing else {}
+
+    def _ratios_json(self) -> dict[str, object]:
+        to = f"over_{self.dof.symbols.inertia}"
+        return {"ratios": {f"{name}_{to}": e.to_json() for name, e in self.ratios.items()}} if self.of_ratios else {}
 
     def _driven_json(self) -> dict[str, object]:
         """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
@@ -248,8 +261,8 @@ def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
 
 FITTING, PREDICTING = "fitting models", "predicting runs left out"
 MIN_STEPS = 3
+MIN_DRIVEN = 2  # driven runs from which on each is predicted by the others
 FEWEST_SAMPLES = 20  # of a whole run
-MAX_COAST_SHARE = 0.8  # of its first speed that a run may have left at its end to show drag
 
 
 def identify_turns(
@@ -366,17 +379,6 @@ def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], Ch
     return tuple(chosen.cleaned(run) for run in usable), chosen, set_aside
 
 
-def coasts(run: Run) -> bool:
-    """Whether a run without a command slows down from a speed of its own, or swings, which shows drag over inertia."""
-    if run.dof.restoring:
-        return still(run) is None
-    ends = max(1, min(round(SPEED_PIECE_S / run.sample_period), len(run) // 4))
-    pieces = (run.position[ends] - run.position[0], run.position[-1] - run.position[-1 - ends])
-    before, after = (abs(way) / (ends * run.sample_period) for way in pieces)
-    least = max(run.dof.limits.start, SPEED_SIGMAS * run.noise) / (ends * run.sample_period)
-    return bool(before > least and after < MAX_COAST_SHARE * before)
-
-
 def _fit_whole(
     runs: tuple[Run, ...],
     turns: Sequence[HalfTurn],
@@ -389,17 +391,13 @@ def _fit_whole(
 ) -> YawFit:
     moving, chosen, short = usable_runs(runs, channels)
     dof = moving[0].dof
-    of_ratios, free_decays = False, dof.restoring and not any(np.any(run.command != 0) for run in moving)
-    if free_decays:
-        of_ratios = dof.parameter("inertia") not in priors
+    idle = np.array([not np.any(run.command) for run in moving])
+    free_decays = bool(idle.all())
+    of_ratios = free_decays and dof.parameter("inertia") not in priors
+    if of_ratios:
         priors = {dof.parameter("inertia"): Prior(1.0), **priors}
-    elif not any(np.any(run.command != 0) for run in moving) and dof.parameter("inertia") not in priors:
-        letter, words = dof.symbols.inertia, dof.words
-        raise RunError(
-            f"no {words.force} acts in these runs: they slow down by themselves, which shows drag over {words.inertia} "
-            f"alone. Add runs with a {words.force}, or give the {words.inertia}: --known {letter}=VALUE, where "
-            f"--known {letter}=1 makes each drag its ratio to the {words.inertia}"
-        )
+        if not dof.restoring:  # an inertia of 1 is one in no unit of moments
+            moving = tuple(replace(run, moment_unit=dof.units.forces[0]) for run in moving)
     at_rest = np.array([starts_at_rest(run) for run in moving])
     steered, asked = moving[0].moment_unit == STEERED, with_effects
     with_effects = (*with_effects, *(name for name in effects_of_rudder(moving) if name not in with_effects))
@@ -414,7 +412,8 @@ def _fit_whole(
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
         ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
         few_steps = 2 * len(turns) < len(runs)  # what differs between steps from rest is their thrust
-        preference = prefer_quiet(fits, ahead, dof) if few_steps else prefer(fits)
+        judged = idle if 0 < len(idle) - idle.sum() < MIN_DRIVEN < len(idle) else None
+        preference = prefer_quiet(fits, ahead, dof, judged) if few_steps else prefer(fits, judged)
         fit = fits[preference.number]
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
         pushed = driven.unknown_push(fit, moving)

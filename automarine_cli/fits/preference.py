@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.filters.kalman import Predicted
@@ -47,8 +48,9 @@ def simplest_within(
     return min((model for model in losses if parameters[model] == fewest), key=lambda model: total[model])
 
 
-def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
-    """Choose the model by the log density of each run under the fit to the others; of one run by Akaike's criterion."""
+def prefer(fits: Mapping[str, OutputErrorFit], judged: NDArray[np.bool_] | None = None) -> Preference:
+    """Choose the model by the log density of each run under the fit to the others; of one run by Akaike's criterion.
+    Only runs that are `judged` (R,) count: no others predict the one run that shows the inertia."""
     parameters = {number: len(fit.model.theta) - 1 for number, fit in fits.items()}
     if all(len(fit.mixed.predictive) == 1 for fit in fits.values()):  # none to predict
         cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in sorted(fits.items())}
@@ -56,7 +58,8 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
         rivals = [f"model {n}'s is higher by {cost[n] - cost[chosen]:.1f}" for n in cost if n != chosen]
         because = f"With one run there is no cross-validation; by Akaike's criterion model {chosen} is best"
         return Preference(chosen, f"{because}, {' and '.join(rivals)}.")
-    losses, parts = {number: -fit.mixed.predictive for number, fit in sorted(fits.items())}, []
+    every = slice(None) if judged is None else judged
+    losses, parts = {number: -fit.mixed.predictive[every] for number, fit in sorted(fits.items())}, []
     chosen = simplest_within(losses, parameters)
     for number, loss in losses.items():
         gap, error = lead_of(losses[chosen], loss)
@@ -127,10 +130,11 @@ def prefer_driven(
 
 
 def prefer_quiet(
-    fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
-) -> Preference:
+    fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof,
+    judged: NDArray[np.bool_] | None = None,
+) -> Preference:  # fmt: skip
     """Choose the model by likelihood, unless another one predicts runs left out better by more than chance."""
-    likely, runs = prefer(fits), len(next(iter(fits.values())).mixed.left_out)
+    likely, runs = prefer(fits, judged), len(next(iter(fits.values())).mixed.left_out)
     ahead = {number: predicted for number, predicted in ahead.items() if predicted}
     losses = forecast_losses(ahead, runs) if likely.number in ahead else None
     rivals = [] if losses is None else [n for n in losses if is_ahead(losses[n], losses[likely.number])]

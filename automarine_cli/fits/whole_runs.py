@@ -31,6 +31,7 @@ from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_
 from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, main_drag
 from automarine_cli.models.parameter import NOTHING_KNOWN, NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.half_turn import start_motion
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
 
@@ -266,8 +267,8 @@ def rough_model(number: str, batch: Batch, sided: bool = False, inertia: float =
     x, y = np.concatenate(rows), np.concatenate(sides)
     of_base = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number]
     keep = of_base + [3] * dof.biased + [4] * dof.restoring
-    if dof.restoring and not np.any(batch.force):
-        return _rough_swing(number, batch, x[:, keep], float(np.median(rates)), inertia)
+    if not np.any(batch.force):
+        return _rough_decay(number, batch, x[:, keep], rates, inertia, sided)
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
     misfit = np.sum((y - x[:, keep] @ values) ** 2)
     values, constant = values[: len(of_base)], values[len(of_base) :].tolist()
@@ -288,14 +289,15 @@ def rough_model(number: str, batch: Batch, sided: bool = False, inertia: float =
     return Model.base(number, values[0], [*values[1:], *constant, *[0.0] * sided], batch.moment_unit, batch.dof)
 
 
-def _rough_swing(number: str, batch: Batch, x: Floats, rate: float, inertia: float) -> Model:
-    """The same from the columns `x` of the balance of free decays, which swing at the `rate` [rad/s]."""
+def _rough_decay(number: str, batch: Batch, x: Floats, rates: Sequence[float], inertia: float, sided: bool) -> Model:
+    """The same from the columns `x` of the balance of free decays, those that swing at the `rates` [rad/s]."""
     values = np.linalg.lstsq(x[:, 1:], -x[:, 0], rcond=None)[0]
-    drags, constant = len(values) - 2, float(values[-2])
+    rate = float(np.median(rates or [1.0]))
     usual = [2.0 * ROUGH_DAMPING * rate, ROUGH_DAMPING]  # linear drag, quadratic drag
-    least = usual[:1] if number == "1" else usual[::-1][:drags]
-    drag = [value if value > small else small for value, small in zip(values[:drags], least)]
-    return Model.base(number, inertia, inertia * np.array([*drag, constant, rate**2]), batch.moment_unit, batch.dof)
+    least = usual[:1] if number == "1" else usual[::-1][: 1 + (number == "2")]
+    drag = [value if value > small else small for value, small in zip(values, least)]
+    rest = [*values[len(drag) : len(drag) + batch.dof.biased], *([rate**2] if rates else []), *[0.0] * sided]
+    return Model.base(number, inertia, inertia * np.array([*drag, *rest]), batch.moment_unit, batch.dof)
 
 
 MAX_P_WAYS = 0.05  # p-value below which the two ways are told apart
@@ -449,15 +451,18 @@ class OutputErrorFit:
         return self.mixed.names.index(self.model.dof.parameter(role))
 
 
+FIRST_WAYS = 3.0  # times the beginning of a step, over which the first speed of a run is taken
+
+
 def fit_whole_runs(
     batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, priors: Priors = NOTHING_KNOWN
 ) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
-    One run alone cannot tell its gain from the vehicle's, and free decays have none. Raises FitError where
-    no start leads anywhere.
+    One driven run alone cannot tell its gain from the vehicle's, and free decays have none. Raises FitError where no
+    start leads anywhere.
     """
-    alone = len(batch.names) == 1 or (batch.dof.restoring and not np.any(batch.force))
+    alone = np.count_nonzero(np.any(batch.force[0] != 0.0, axis=1)) <= 1
     prior_inertia = priors.get(batch.dof.parameter("inertia"))
     rough = rough_model(number, batch, sided, prior_inertia.value if prior_inertia else 1.0)
     parameters = rough.parameters(log_drag=True, signed_drag=True)
@@ -465,11 +470,11 @@ def fit_whole_runs(
     pooled = replace(problem, effects=problem.effects.without(GAIN))
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
-    begin = np.append(rough.theta, 0.0)
+    begin, moving = np.append(rough.theta, 0.0), _first_speeds(batch, problem.effects)
     if alone:
-        only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
+        only = fit_mixed(pooled, begin, noise=0.05, factors=factors, run_effects=moving)
         return result_of(number, rough, only, scatters=False)
-    first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
+    first = fit_mixed(pooled, begin, noise=0.05, factors=factors, run_effects=moving, iterations=20, settled=0.05)
     little = 0.2 if priors else 0.02  # what is known may ask for other thrusts than the logs tell
     best = fit_mixed(
         problem,
@@ -479,6 +484,17 @@ def fit_whole_runs(
         run_effects=first.run_effects,
     )
     return result_of(number, rough, best)
+
+
+def _first_speeds(batch: Batch, blocks: RunEffects) -> Floats:
+    """Run effects from which a fit starts, (R, q): runs without a command move at first, or drag would do nothing."""
+    effects = np.zeros_like(blocks.scale)
+    for i in np.flatnonzero(~np.any(batch.force[0] != 0.0, axis=1)) if not batch.dof.restoring else ():
+        seen = batch.seen[i]
+        way = FIRST_WAYS * batch.dof.limits.start
+        speed, _ = start_motion(batch.time[i][seen], batch.position[i][seen], 0.0, way)
+        blocks.of(effects, START_VELOCITY)[i] = speed
+    return effects
 
 
 def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:

@@ -376,8 +376,9 @@ def _word(value: object) -> str | None:
     return printable(formats.decoded(value) if isinstance(value, bytes) else str(value))
 
 
-def require(table: LogTable, quantities: Sequence[str]) -> None:
-    """Raise LogError for a table that lacks one of the quantities, with what to write in a column map."""
+def require(table: LogTable, quantities: Sequence[str], beside: str = "") -> None:
+    """Raise LogError for a table that lacks one of the quantities, with what to write in a column map; `beside` is a
+    sentence on what else would serve."""
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
     if not lacking:
         return
@@ -388,21 +389,36 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
     lines = [_line(q, guess) for q in lacking if (guess := naming.likely_column(q, free))]
     hint = " and ".join(lines or [f'{naming.names_of(lacking[0])[0]} = "NAME"'])
     holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
-    unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in naming.names_of(q))]
     raise LogError(
         f"{missing}; found the columns {listed(table.names)}{holds}; expected {'; '.join(map(_expected, lacking))}. "
-        + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
+        + "".join(f"{note[0].upper()}{note[1:]}. " for note in _unmet(table, lacking))
+        + beside
         + (_meant_for(table, lacking) or f"If a column of another name is meant, write {hint} {GIVE_IT}")
     )
 
 
-def require_motion(table: LogTable) -> None:
-    """Refuse a table without time, position (or velocity), or command of its motion."""
+def _unmet(table: LogTable, quantities: Sequence[str]) -> list[str]:
+    """What the column map names for these quantities and the file does not have."""
+    names = [name for quantity in quantities for name in naming.names_of(quantity)]
+    return [note for note in table.notes if any(f" for {name};" in note for name in names)]
+
+
+def is_let_go(table: LogTable) -> bool:
+    """Tell whether no column of a log is, or may be meant as, a command: then nobody drove the vehicle."""
+    dof, held = table.dof, table.columns.keys() | naming.quantities_of(table.names)
+    possible = {*COMMANDS, "rudder", *(other.command for other in DOFS.values())}
+    asked, free = (dof.command, *dof.thrusters), _free(table.names)
+    unknown = not (held & possible or table.origin.why_not or _unmet(table, asked))
+    return unknown and not any(naming.likely_column(quantity, free) for quantity in asked)
+
+
+def require_motion(table: LogTable, commanded: bool = True) -> None:
+    """Refuse a table without time, position (or velocity), or, if it has to be `commanded`, command of its motion."""
     dof, free = table.dof, _free(table.names)
     by_name = naming.likely_column(dof.position, free) is None and naming.likely_column(dof.velocity, free) is not None
     velocity = dof.position not in table.columns and (dof.velocity in table.columns or by_name)
     by_thrusters = dof.command not in table.columns and {*dof.thrusters} & set(table.columns)
-    commands = dof.thrusters if by_thrusters else () if dof.restoring else (dof.command,)  # decays may have none
+    commands = dof.thrusters if by_thrusters else (dof.command,) if commanded and not dof.restoring else ()
     require(table, ("time", dof.velocity if velocity else dof.position, *commands))
 
 

@@ -102,7 +102,9 @@ class ModelEntry:
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "time_constant_s", "consistency", "swing")
+    unread: ClassVar[tuple[str, ...]] = (
+        "notes", "fitted_to", "driven", "time_constant_s", "consistency", "swing", "ratios",
+    )  # fmt: skip
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))

@@ -389,6 +389,10 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     if fit.nomoto is not None:
         model += f", steered by the rudder at {'logged' if fit.nomoto.speed else 'a constant'} speed,"
     head = f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."
+    if fit.of_ratios:
+        values = ", ".join(_valued(f"{name}/{symbols.inertia}", e) for name, e in fit.ratios.items())
+        more = f"a run with a {words.force}, or --known {symbols.inertia}=VALUE, gives {words.inertia} and drag"
+        head = f"{dof.name.capitalize()}: {values} ({model}, {_carrying(fit)} without a {words.force}; {more})."
     use = () if fit.use is None else (fit.use.sentence(dof),)
     heads = _swing_heads(fit, fit.swing, model, values) if fit.swing else [head]
     lines = [*heads, *use] if fit.use is None or fit.use.of_use else [*use, *heads]

@@ -226,6 +226,37 @@ def undriven(run: Run) -> str | None:
     )
 
 
+MAX_COAST_SHARE = 0.8  # of its first speed that a run may have left at its end to show drag
+MAX_REGAINED_SHARE = 0.25  # of its first speed that a run may gather again, or have the other way
+
+
+def coasts(run: Run) -> bool:
+    """Whether a run without a command slows down from a speed of its own, or swings, which shows drag over inertia."""
+    if run.dof.restoring:
+        return still(run) is None
+    ends = max(1, min(round(SPEED_PIECE_S / run.sample_period), len(run) // 4))
+    way, last = run.position[ends] - run.position[0], run.position[-1] - run.position[-1 - ends]
+    last = last * np.sign(way) if run.dof.has_constant else abs(last)  # a constant force may turn it round
+    least = max(run.dof.limits.start, SPEED_SIGMAS * run.noise)
+    return bool(abs(way) > least and last < MAX_COAST_SHARE * abs(way))
+
+
+def let_go(run: Run) -> Run | None:
+    """Return a run without a command from where it is fastest on: a hand that pushes the vehicle is no drag. None where
+    it does not slow down from there on, as by drag alone."""
+    count = max(2, min(round(STILL_PIECE_S / run.sample_period), len(run) // 10))
+    speed = np.abs(run.position[count:] - run.position[:-count]) / (run.time[count:] - run.time[:-count])
+    fastest = int(np.argmax(speed))
+    run = run.cut(0 if speed[0] >= MAX_COAST_SHARE * speed[fastest] else fastest + count, len(run))
+    if len(run) < MIN_RUN_SAMPLES or not coasts(run):
+        return None
+    speed = np.diff(run.position[::count]) / np.diff(run.time[::count])
+    speed = speed * np.sign(speed[0])
+    again = [np.max(speed - np.minimum.accumulate(speed)), 0.0 if run.dof.has_constant else -speed.min()]
+    doubt = SPEED_SIGMAS * run.noise / (count * run.sample_period)
+    return run if max(again) <= MAX_REGAINED_SHARE * speed[0] + doubt else None
+
+
 def still(run: Run) -> str | None:
     """Say why a run of a vehicle that weight turns back shows no swing, or None."""
     size, words = float(np.ptp(run.position)), run.dof.words

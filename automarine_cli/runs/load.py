@@ -17,7 +17,17 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ExcludedRun, FitError, LogError, RunError
-from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
+from automarine_cli.logs import (
+    ColumnMap,
+    LogFile,
+    Logs,
+    LogTable,
+    find_logs,
+    is_let_go,
+    read_log,
+    require,
+    require_motion,
+)
 from automarine_cli.logs.columns import RUN, driven, names_of
 from automarine_cli.logs.table import GIVE_IT
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
@@ -42,10 +52,12 @@ class NotUsable(RunError):
 
 def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     """Clean the rows `chosen` (N,) of a run: drop and count rows without time, position or command, repeated stamps and
-    spikes; split it at wide gaps. Raises RunError where the clock steps back, NotUsable for an unusable run."""
+    spikes; split it at wide gaps. Raises RunError where the clock steps back, NotUsable for an unusable run, LogError
+    for one without a command in which nothing slows down."""
     dof = table.dof
     summed = dof.position not in table.columns  # of a velocity
-    commands = (dof.command,) if dof.command in table.columns else dof.thrusters
+    by_thrusters = dof.command not in table.columns and driven(dof, table.columns.keys())
+    commands = dof.thrusters if by_thrusters else (dof.command,) if dof.command in table.columns else ()
     measured = dof.velocity if summed else dof.position
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
@@ -73,7 +85,7 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
         counts["glitches"] = int(np.count_nonzero(glitch))
         columns = _only(columns, ~glitch)
         _refuse(checks.clock_trouble(columns["time"]))
-    if dof.restoring and dof.command not in columns:
+    if not commands:
         columns[dof.command] = np.zeros(len(columns["time"]))
     notes = table.notes
     if counts["duplicates"] > MAX_REPEATED_STAMPS * counts["rows"]:
@@ -83,10 +95,22 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
         name, table.source, columns.pop("time"), columns.pop(dof.position, np.zeros(0)), columns.pop(dof.command, None),
         table.moment_unit, columns, counts, notes, table.notes, dof=dof,
     )  # fmt: skip
-    if summed:
-        return _bridged(_summed_up(run))
-    _refuse(checks.stuck(run.position, _any_command(run), dof))
-    return _bridged(run)
+    if not summed:
+        _refuse(checks.stuck(run.position, _any_command(run), dof))
+    parts = _bridged(_summed_up(run) if summed else run)
+    return parts if commands or dof.restoring else _let_go(parts, table)
+
+
+LET_GO = "no command in the log: the vehicle coasts, from its fastest on"
+
+
+def _let_go(parts: tuple[Run, ...], table: LogTable) -> tuple[Run, ...]:
+    """The parts of a run without a command in which the vehicle slows down. Raises LogError where there is none."""
+    coasting = tuple(part.noted(LET_GO) for run in parts if (part := checks.let_go(run)) is not None)
+    if not coasting:
+        moves = table.dof.fill("A log without a {force} serves if the vehicle slows down in it; here it does not. ")
+        require(table, (table.dof.command,), moves)
+    return coasting
 
 
 def _summed_up(run: Run) -> Run:
@@ -352,7 +376,7 @@ def load_runs(
         aside += bad
     require_usable(runs, aside, len(files), strict)
     _refuse_other_units(aside, runs, {file.name: (columns or ColumnMap()).of(file.path).columns for file in files})
-    runs = named_apart(_decays_in_one_unit(runs) if dof.restoring else runs)
+    runs = named_apart(_decays_in_one_unit(runs))
     _refuse_two_units(runs)
     runs = to_starboard(runs)
     limited, limits = checks.within_limits(runs)
@@ -462,7 +486,7 @@ def unreadable(file: LogFile, error: Exception, run: str | None = None) -> Exclu
 
 def runs_of_table(file: LogFile, table: LogTable) -> OfOneLog:
     """Return the runs of a table, and those set aside. Raises LogError or RunError for a named log that is unusable."""
-    require_motion(table)
+    require_motion(table, commanded=len(table) < checks.MIN_RUN_SAMPLES or not is_let_go(table))
     runs: list[Run] = []
     aside: list[ExcludedRun] = []
     for name, rows in rows_of_runs(table):
@@ -494,9 +518,12 @@ def rows_of_runs(table: LogTable) -> Iterator[tuple[str, Indices]]:
 
 
 def _decays_in_one_unit(runs: Sequence[Run]) -> list[Run]:
-    """Return the runs, those in which no moment acts in the unit of those in which one does, else in the second one."""
-    unit = next((run.moment_unit for run in runs if np.any(run.moment)), runs[0].dof.units.forces[1])
-    return [run if np.any(run.moment) else replace(run, moment_unit=unit) for run in runs]
+    """Return the runs, those in which no moment acts in the unit of those in which one does, else in the one that a
+    column has, else in the second one."""
+    acting = sorted((run for run in runs if run.moment_unit), key=lambda run: not np.any(run.moment))
+    unit = acting[0].moment_unit if acting else runs[0].dof.units.forces[1]
+    idle = (run.moment is not None and not np.any(run.moment) for run in runs)
+    return [replace(run, moment_unit=unit) if rests else run for run, rests in zip(runs, idle)]
 
 
 def _refuse_two_units(runs: Sequence[Run]) -> None:

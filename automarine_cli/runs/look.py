@@ -20,7 +20,7 @@ from automarine_cli.pipeline.parallel import Progress, ordered_map
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import AllocationLimit, Commanded, commanded, laws_of, limit_of, still
 from automarine_cli.runs.half_turn import ALREADY_ON, HalfTurn, all_half_turns, segments, why_none
-from automarine_cli.runs.load import rows_of_runs, runs_of_table, unreadable
+from automarine_cli.runs.load import LET_GO, rows_of_runs, runs_of_table, unreadable
 from automarine_cli.runs.run import CommandRange, ExcludedRun, Run, misfit_of, position_noise, undirected
 
 MAX_LOGGED_LEVELS = 64  # more different values than this are a signal, not levels
@@ -68,8 +68,8 @@ class RunSeen:
 
     @property
     def kind(self) -> Literal["step", "manoeuvre", "idle"]:
-        """A step has one constant command, whether or not it serves, an idle run none; a swing is a manoeuvre."""
-        if self.dof.restoring and self.why is None:
+        """A step has one constant command, whether or not it serves, an idle run none; decays are manoeuvres."""
+        if (self.dof.restoring and self.why is None) or LET_GO in self.notes:
             return "manoeuvre"
         count = 2 if self.levels is None else np.count_nonzero(self.levels)
         return "manoeuvre" if count > 1 else "step" if count else "idle"
@@ -291,6 +291,14 @@ def survey(folder: Path, files: Sequence[LogFile], columns: ColumnMap, jobs: int
     readable = [file for file in logs if file in layout_of]
     look = partial(look_at_log, columns=maps.columns())
     looks = ordered_map(look, readable, jobs, progress=progress, stage="looking at runs")
+    let_go = {file for file, (runs, *_) in zip(readable, looks) if runs and all(LET_GO in run.notes for run in runs)}
+
+    def answered(those: Sequence[Layout]) -> tuple[Layout, ...]:
+        return tuple(replace(each, lacking=()) if let_go.issuperset(each.files) else each for each in those)
+
+    layouts, apart = answered(layouts), tuple((names, answered(those)) for names, those in maps.apart)
+    maps = replace(maps, shared=answered(maps.shared), apart=apart)
+    layout_of = {file: layout for layout in layouts for file in layout.files}
     headed = any(YAW.position not in layout.lacking for layout in layouts if not layout.bollard)
     aside = [unreadable(file, error) for file, error in errors.items()]
     unread: list[LogFile] = []

@@ -17,10 +17,9 @@ from step_fits import fitted_steps
 from automarine_cli.commands import automarine
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.dofs import SURGE, YAW
-from automarine_cli.errors import RunError, SettingError
+from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.driven import fit_driven
-from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.known import names_in, parse_known, qualified
 from automarine_cli.fits.planar_fit import OWN, PlanarLikelihood, observed, rough_sizes
 from automarine_cli.fits.steps import data_of_steps
@@ -151,26 +150,3 @@ def test_the_command_tells_it_everywhere(tmp_path: Path) -> None:
     assert options["known"] == ["I_r=1.0±0.05,k_r=0.1"]
     fit = fit_yaw(logs[:8], known={"I_r": (1.0, 1e-4)})  # as Python says it
     assert fit.preferred.estimates["I_r"].value == pytest.approx(1.0, abs=1e-3)
-
-
-def coast(index: int, rng: np.random.Generator, side: float, linear: float, quadratic: float) -> Run:
-    """A run without a command: the solution of r' = -linear r - quadratic |r| r, with a degree of noise."""
-    time, first = np.arange(0.0, 20.0, 0.1), rng.uniform(0.8, 2.0)
-    share = quadratic * first / linear
-    turned = np.log1p(share * -np.expm1(-linear * time)) / quadratic
-    heading = side * (turned + np.deg2rad(rng.standard_normal(len(time))))
-    return Run(f"coast_{index}", "coast.csv", 100.0 * index + time, heading, 0.0 * time, "nu", dof=YAW)
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_coast_downs_show_drag_over_inertia(side: float) -> None:
-    rng, truth = np.random.default_rng(5), {"k_r": 0.3, "k_rr": 1.2}
-    runs = [coast(i, rng, side, *truth.values()) for i in range(6)]
-    turns, aside = half_turns(runs)
-    with pytest.raises(RunError, match=r"they slow down by themselves, .* --known I_r=1 makes each drag its ratio"):
-        identify_turns(YAW, turns, aside, lambda: runs)
-    fit = identify_turns(YAW, turns, aside, lambda: runs, priors=inertia_known(1.0)).preferred
-    assert fit.number == "2"
-    for name, value in truth.items():
-        estimate = fit.estimates[name]
-        assert abs(estimate.value - value) < 3.5 * estimate.stderr < 0.15 * value
