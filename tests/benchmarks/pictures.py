@@ -156,6 +156,8 @@ GALLERY = {
         (0.2, 1.0),
         signals={"rudder": zigzag, "surge": lambda time: np.where(time < 9.0, 1.0, 0.5)},
     ),
+    "rudder-rate": Panel("square wave of the rudder", SQUARE, (0.5,), signals={"rudder": zigzag}, until=9.0),
+    "rudder-stall": Panel("rising angles", STAIRS, (0.6, 1.0), signals={"rudder": zigzag}),
     "dead-band": Panel("slow ramp through zero", RAMP, (0.06,)),
     "input-delay": Panel("start of a step", ((0.6, 2.0),), (0.3,), since=0.5, until=2.5),
     "saturation": Panel("rising steps", STAIRS, (0.7,)),

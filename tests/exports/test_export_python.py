@@ -163,6 +163,8 @@ NEEDS = {
     "rudder": ((0.4,), "it needs the logged rudder, surge"),
     "rudder-drag": ((0.4,), "it needs the logged rudder"),
     "rudder-inflow": ((0.4, 1.0), "it needs the logged surge, rudder"),
+    "rudder-rate": ((0.3,), "it needs the logged rudder"),
+    "rudder-stall": ((0.5, 0.5), "it needs the logged rudder"),
     "voltage-exponent": ((1.2, 12.0), "it needs the logged voltage"),
     "thruster-dead-band": ((0.05,), "it needs the logged n_port, n_stbd"),
     "thruster-imbalance": ((0.1, 0.1, 0.0), "it needs the logged n_port, n_stbd"),
