@@ -20,6 +20,8 @@ from automarine_cli.fits.preference import (
     COMPARISON_HORIZONS_S,
     STEERED_HORIZONS_S,
     Preference,
+    forecast_losses,
+    is_ahead,
     prefer,
     prefer_driven,
     prefer_quiet,

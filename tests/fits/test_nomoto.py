@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import Result
-from made_rudder import Boat
+from made_rudder import MEMORY_TIME, RUDDER_RATE, Boat
 
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
@@ -43,12 +43,15 @@ def test_a_moment_in_the_log_goes_first(tmp_path: Path) -> None:
     assert run.moment_unit == "nu" and np.all(run.command == 0.5) and "rudder" in run.extras
 
 
-def test_overshoots_of_the_model_that_made_the_log_are_those_of_the_log(tmp_path: Path) -> None:
-    boat = Boat(effect=0.8, damping=0.75)
+@pytest.mark.parametrize("memory", [0.0, 1.5])
+def test_overshoots_of_the_model_that_made_the_log_are_those_of_the_log(memory: float, tmp_path: Path) -> None:
+    boat = Boat(effect=0.8, damping=0.75, memory=memory)
     boat.zigzag(1.2, 10.0, 0).to_csv(tmp_path / "log.csv", index=False)
     (run,) = load_runs([tmp_path], dof=YAW).runs
     inertia = 1.0 / (boat.effect * 1.2**2)
     model = Model.base("1", inertia, (boat.damping * 1.2 * inertia,), STEERED, YAW)
+    if memory:
+        model = model.with_effect("history-force", (memory * inertia, MEMORY_TIME, 0.0))
     pairs = np.rad2deg(overshoots(model, run))
     assert len(pairs) >= 5 and len(executes(run)) >= len(pairs)
     assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 2.0 and abs(np.diff(pairs).mean()) < 1.0
@@ -170,6 +173,5 @@ def test_a_slow_steering_gear_is_found_where_the_command_is_logged(tmp_path: Pat
         log.to_csv(path, index=False)
     fit = fit_yaw([tmp_path], with_effects="rudder-rate")
     rate = fit.preferred.estimates["rate"]
-    assert (
-        abs(rate.value - RUDDER_RATE) < 4.0 * rate.stderr and rate.stderr < 0.3 * RUDDER_RATE and rate.unit == "rad/s"
-    )
+    assert abs(rate.value - RUDDER_RATE) < 4.0 * rate.stderr and rate.stderr < 0.3 * RUDDER_RATE
+    assert rate.unit == "rad/s"
