@@ -36,5 +36,6 @@ SIGNALS: Mapping[str, Signal] = {
     "surge": Signal(0.0, 0.4),  # m/s
     "sway": Signal(0.0, 0.2, -1),  # m/s
     "rudder": Signal(0.0, 0.5, -1),  # rad
+    "force_X": Signal(0.0, 0.6),  # N
 }
 """Signals by their quantities, in the units of all arithmetic."""

@@ -156,6 +156,12 @@ GALLERY = {
         (0.2, 1.0),
         signals={"rudder": zigzag, "surge": lambda time: np.where(time < 9.0, 1.0, 0.5)},
     ),
+    "rudder-race": Panel(
+        "zigzag, twice the thrust later",
+        ((0.0, 20.0),),
+        (0.8,),
+        signals={"rudder": zigzag, "force_X": lambda time: np.where(time < 9.0, 0.5, 1.0)},
+    ),
     "rudder-rate": Panel("square wave of the rudder", SQUARE, (0.5,), signals={"rudder": zigzag}, until=9.0),
     "rudder-stall": Panel("rising angles", STAIRS, (0.6, 1.0), signals={"rudder": zigzag}),
     "dead-band": Panel("slow ramp through zero", RAMP, (0.06,)),

@@ -1,7 +1,7 @@
 """Vehicles of Nomoto's first order by an independent program, shipmmg (MIT): are K and T in their intervals?
 
-A boat of two metres makes a 10/10 and a 20/20 zigzag, a turning circle and its pull-out at each of three speeds; K and T
-follow from the speed. Headings have noise of 0.5 degrees, ten a second. Each fit of model 1 gives K and T with their
+A boat of two metres makes a 10/10 and a 20/20 zigzag, a turning circle and its pull-out at each of three speeds; K and
+T follow from the speed. Headings have noise of 0.5 degrees, ten a second. Each fit of model 1 gives K and T with their
 95 % intervals; a 15/15 zigzag left out gives overshoot angles, which the truth has without noise. Writes rudder.json.
 
 Usage: python tests/benchmarks/rudder_truth.py [--out DIR] [--seeds N] [--jobs N]   (needs shipmmg)
@@ -23,8 +23,8 @@ from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits import driven
 from automarine_cli.fits.characteristics import answer_to_rudder, overshoots
+from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.models.parameter import NOTHING_KNOWN
-from automarine_cli.runs.half_turn import starts_at_rest
 from automarine_cli.runs.load import load_runs
 
 LENGTH_M, K_PRIME, T_PRIME = 2.0, 1.5, 0.8

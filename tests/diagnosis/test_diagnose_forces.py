@@ -42,7 +42,7 @@ def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
     if motion == "heave":  # has one thruster
         turning |= {"thruster-dead-band", "thruster-imbalance", "thruster-limit", "rudder-drag"}
     elif motion == "surge":
-        turning |= {"rudder"}
+        turning |= {"rudder", "rudder-race"}
     elsewhere = {"linear-drag-asymmetry", "restoring-moment", "rudder-drag"} if motion == "yaw" else turning
     assert {name for name in effects.names() if motion not in effects.get(name).motions} == elsewhere
     if motion == "yaw":

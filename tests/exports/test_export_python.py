@@ -163,6 +163,7 @@ NEEDS = {
     "rudder": ((0.4,), "it needs the logged rudder, surge"),
     "rudder-drag": ((0.4,), "it needs the logged rudder"),
     "rudder-inflow": ((0.4, 1.0), "it needs the logged surge, rudder"),
+    "rudder-race": ((0.4,), "it needs the logged rudder, force_X"),
     "rudder-rate": ((0.3,), "it needs the logged rudder"),
     "rudder-stall": ((0.5, 0.5), "it needs the logged rudder"),
     "voltage-exponent": ((1.2, 12.0), "it needs the logged voltage"),

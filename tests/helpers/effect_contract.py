@@ -59,6 +59,7 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "rudder 1": (1.5, 0.05),
     "rudder 2": (0.15,),
     "rudder-inflow": (0.6,),
+    "rudder-race": (1.5,),
     "rudder-rate": (0.6,),
     "rudder-rate 1": (0.8, 0.5),
     "rudder-stall": (0.6, 0.5),
