@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.whole_runs import OutputErrorFit, run_dof
@@ -23,7 +24,7 @@ from automarine_cli.models.model import Model, steady_rate
 from automarine_cli.runs.load import TO_PORT
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.rollout import Start, simulate
+from automarine_cli.simulation.rollout import Start, Trajectory, simulate
 
 DIFFERENCE = 1e-4  # by which a parameter is moved, as a share of itself
 
@@ -221,25 +222,30 @@ def executes(run: Run) -> list[tuple[int, int]]:
 
 def overshoots(model: Model, run: Run) -> list[tuple[float, float]]:
     """Give overshoot angles [rad] of a run, of its log and of the model from the logged state at each execute on: how
-    far the heading goes on after the rudder began to go back. Swings that do not come back in the log are left out."""
-    swings = [(a, b) for a, b in executes(run) if b - a > 2]
+    far the heading goes on after the rudder began to go back. What the model remembers then is of the swing before.
+    Swings that do not come back in the log are left out."""
+    swings = [(a, b) for a, b in executes(run) if a > 0 and b - a > 2]
     if not swings:
         return []
-    time, heading = run.time, run.position
-    cuts, starts, rates = [run.cut(a, b + 1) for a, b in swings], [], []
-    for a, _ in swings:
-        ends = np.clip(time[a] + np.array([-0.5, 0.5]) * RATE_WINDOW_S, time[0], time[-1])
-        rates.append(float(np.diff(np.interp(ends, time, heading))[0] / np.diff(ends)[0]))
-        starts.append(heading[a])
-    batch = make_batch(cuts, STEP_S, model.signals)
-    path = simulate(model, batch, start=Start(np.array([starts]), np.array([rates]))).position[0]
+    before = [(first, a) for first, (a, _) in zip([0, *(a for a, _ in swings[:-1])], swings)]
+    remembered = _from_log(model, run, before).water[0, np.arange(len(swings)), [a - first for first, a in before]]
+    path = _from_log(model, run, swings, remembered.T[:, None]).position[0]
     pairs = []
-    for (a, _), cut, modelled in zip(swings, cuts, path):
-        way = float(np.sign(run.command[a]))
-        logged = way * (cut.position - heading[a])
+    for (a, b), modelled in zip(swings, path):
+        way, heading = float(np.sign(run.command[a])), run.position
+        logged = way * (heading[a : b + 1] - heading[a])
         if logged[-1] < 0.9 * logged.max():
-            pairs.append((float(logged.max()), float((way * (modelled[: len(cut)] - heading[a])).max())))
+            pairs.append((float(logged.max()), float((way * (modelled[: b + 1 - a] - heading[a])).max())))
     return pairs
+
+
+def _from_log(model: Model, run: Run, pieces: Sequence[tuple[int, int]], water: ArrayLike = 0.0) -> Trajectory:
+    """Simulate pieces of a run, by first and last sample, each from the logged heading and rate of its first one."""
+    time, at = run.time, [a for a, _ in pieces]
+    ends = np.clip(time[at] + 0.5 * RATE_WINDOW_S * np.array([[-1.0], [1.0]]), time[0], time[-1])
+    rates = np.diff(np.interp(ends, time, run.position), axis=0) / np.diff(ends, axis=0)
+    batch = make_batch([run.cut(a, b + 1) for a, b in pieces], STEP_S, model.signals)
+    return simulate(model, batch, start=Start(run.position[None, at], rates, water=water))
 
 
 def mean_miss(pairs: Sequence[tuple[float, float]]) -> float:

@@ -68,7 +68,9 @@ def parse_effects(names: Sequence[str], *dofs: Dof) -> tuple[str, ...]:
     Raises SettingError for what is none, or belongs to the drag.
     """
     every = [effects.get(name) for name in effects.names()] if names else []
-    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role]
+    steers = len(dofs) == 1  # in the plane the rudder is no command, on which an actuator acts
+    rudders = {of.name for of in every if of.place is effects.Place.ACTUATOR and "rudder" in of.needs and not steers}
+    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role and of.name not in rudders]
     for name in names:
         if name not in may:
             raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")

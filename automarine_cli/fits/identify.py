@@ -20,6 +20,8 @@ from automarine_cli.fits.preference import (
     COMPARISON_HORIZONS_S,
     STEERED_HORIZONS_S,
     Preference,
+    forecast_losses,
+    is_ahead,
     prefer,
     prefer_driven,
     prefer_quiet,
@@ -423,6 +425,8 @@ def _fit_whole(
         how = f"by output error, {reason}"
     if by_filter:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, priors)
+        if steered and DRIFT not in with_effects:
+            fits |= _drifting(fits, moving, course, with_effects, priors)
         preference, use = _preferred_driven(fits, course, map_jobs)
         use = replace(use, large=use.large or pushed)
         how = _by_filter(moving, asked)
@@ -459,6 +463,26 @@ def effects_of_rudder(runs: Sequence[Run]) -> tuple[str, ...]:
     if len(speeds) < len(runs) or not np.isfinite(every).all():
         return ()
     return ("rudder-inflow", "cross-coupling") if np.std(every) > MIN_SPEED_SPREAD * abs(np.mean(every)) else ()
+
+
+DRIFT = "history-force"
+"""A hull that turns drifts, and its drift turns it the more: Nomoto's second order is that of first order with a memory
+of the rate (Nomoto et al. 1957; Fossen 2021, Handbook of Marine Craft Hydrodynamics, chapter 7)."""
+
+
+def _drifting(
+    fits: dict[str, whole_runs.OutputErrorFit], runs: tuple[Run, ...], course: Course, with_effects: tuple[str, ...],
+    priors: Priors,
+) -> dict[str, whole_runs.OutputErrorFit]:  # fmt: skip
+    """Model 2 with the drift of its hull in place of model 2, where it predicts runs left out better than every one of
+    the `fits` by more than chance; else nothing."""
+    wider, _ = driven.fit_driven_model("2", runs, course, (*with_effects, DRIFT), priors)
+    if wider is None:
+        return {}
+    ahead = {number: driven.predictions_of(course, fit) for number, fit in {**fits, DRIFT: wider}.items()}
+    losses = forecast_losses(ahead, len(runs), STEERED_HORIZONS_S)
+    better = losses is not None and all(is_ahead(losses[DRIFT], losses[number]) for number in fits)
+    return {"2": wider} if better else {}
 
 
 def _preferred_driven(

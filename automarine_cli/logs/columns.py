@@ -55,6 +55,7 @@ SIGNALS: Mapping[str, Signal] = {
     ),
     "surge": Signal({"surge_m_s": "m/s"}, SPEEDS, 0.0, 0.4),
     "sway": Signal({"sway_m_s": "m/s"}, SPEEDS, 0.0, 0.2, -1),
+    "force_X": Signal({}, FORCES, 0.0, 0.6),  # its columns are those of surge's command
 }  # fmt: skip
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},

@@ -404,7 +404,9 @@ def _signed_by(name: str, neutral: float) -> object:
 
 
 NEEDED = ("time", YAW.position, YAW.command)
-YAW_QUANTITIES = (*NEEDED, *YAW.thrusters, YAW.velocity, *naming.SIGNALS)
+YAW_QUANTITIES = (
+    *NEEDED, *YAW.thrusters, YAW.velocity, *(name for name, signal in naming.SIGNALS.items() if signal.columns),
+)  # fmt: skip
 BOLLARD = ("n", "force", "time", "voltage")
 MAX_LOOKED_INTO = 20  # bollard tests of one layout
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import Result
-from made_rudder import Boat
+from made_rudder import MEMORY_TIME, RUDDER_RATE, Boat
 
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
@@ -42,12 +43,15 @@ def test_a_moment_in_the_log_goes_first(tmp_path: Path) -> None:
     assert run.moment_unit == "nu" and np.all(run.command == 0.5) and "rudder" in run.extras
 
 
-def test_overshoots_of_the_model_that_made_the_log_are_those_of_the_log(tmp_path: Path) -> None:
-    boat = Boat(effect=0.8, damping=0.75)
+@pytest.mark.parametrize("memory", [0.0, 1.5])
+def test_overshoots_of_the_model_that_made_the_log_are_those_of_the_log(memory: float, tmp_path: Path) -> None:
+    boat = Boat(effect=0.8, damping=0.75, memory=memory)
     boat.zigzag(1.2, 10.0, 0).to_csv(tmp_path / "log.csv", index=False)
     (run,) = load_runs([tmp_path], dof=YAW).runs
     inertia = 1.0 / (boat.effect * 1.2**2)
     model = Model.base("1", inertia, (boat.damping * 1.2 * inertia,), STEERED, YAW)
+    if memory:
+        model = model.with_effect("history-force", (memory * inertia, MEMORY_TIME, 0.0))
     pairs = np.rad2deg(overshoots(model, run))
     assert len(pairs) >= 5 and len(executes(run)) >= len(pairs)
     assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 2.0 and abs(np.diff(pairs).mean()) < 1.0
@@ -145,3 +149,29 @@ def test_fit_planar_finds_the_rudder() -> None:
     ):
         assert abs(found[name].value - value) < 4.0 * found[name].stderr + 0.03 * abs(value), (name, found[name])
         assert found[name].stderr < 0.5 * abs(value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("memory", [0.0, 1.5])
+def test_the_drift_of_the_hull_is_found_where_there_is_one(memory: float, tmp_path: Path) -> None:
+    fit = fit_yaw([Boat(effect=1.6, memory=memory).write(tmp_path, seed=2)])
+    assert fit.nomoto is not None
+    assert ("history-force" in {term.name for term in fit.preferred.model.terms}) == (memory > 0.0)
+    logged, modelled = np.rad2deg(np.array(fit.nomoto.overshoots).T)
+    assert np.sqrt(np.mean((logged - modelled) ** 2)) < max(1.0, 0.05 * logged.mean()) + 0.5  # of the log's own noise
+
+
+@pytest.mark.slow
+def test_a_slow_steering_gear_is_found_where_the_command_is_logged(tmp_path: Path) -> None:
+    """Logs of the commanded angle: the rudder itself goes over at 20 degrees in a second."""
+    boat = Boat(effect=1.6)
+    boat.write(tmp_path, seed=4)
+    for path in tmp_path.glob("*.csv"):
+        log = pd.read_csv(path)
+        full, change = log["rudder_deg"].abs().max(), np.diff(log["rudder_deg"], append=0.0)
+        log["rudder_deg"] = np.where(np.abs(change) > 0.1, full * np.sign(change), log["rudder_deg"])
+        log.to_csv(path, index=False)
+    fit = fit_yaw([tmp_path], with_effects="rudder-rate")
+    rate = fit.preferred.estimates["rate"]
+    assert abs(rate.value - RUDDER_RATE) < 4.0 * rate.stderr and rate.stderr < 0.3 * RUDDER_RATE
+    assert rate.unit == "rad/s"

@@ -7,7 +7,7 @@ from automarine_cli.effects.base import SINGLE
 
 def family(effect: Effect) -> str:
     if effect.place is Place.ACTUATOR:
-        return "Single thrusters" if effect.stage == SINGLE else "Thrusters and battery"
+        return "Single thrusters" if effect.stage == SINGLE and effect.logged else "Thrusters and battery"
     if effect.place is Place.SENSOR:
         return "Sensors"
     return "Water, tether and surroundings" if effect.power is None else "Drag"

@@ -10,22 +10,25 @@ STEP, EVERY = 0.02, 10  # s; steps of a row
 RUDDER_RATE = np.deg2rad(20.0)  # per s
 SPEED_LOSS = 0.5  # m/s² per (rad/s)²
 SPEED_TIME = 4.0  # s in which the speed comes back
+MEMORY_TIME = 3.0  # s
 
 
 @dataclass(frozen=True)
 class Boat:
-    """r' = effect delta u|u| - damping u r - quadratic r|r|; positive rudder turns to port where `side` is -1."""
+    """r' = effect delta u|u| - damping u r - quadratic r|r| - memory (r - past), past' = (r - past)/3 s; positive
+    rudder turns to port where `side` is -1."""
 
     effect: float = 0.8
     damping: float = 0.9
     quadratic: float = 0.0
     side: int = 1
+    memory: float = 0.0
 
     def zigzag(self, speed: float, angle_deg: float, seed: int, length_s: float = 40.0) -> pd.DataFrame:
         """Log a zigzag whose rudder goes over at a heading as large as its angle, with noise of 0.5 degrees."""
         random = np.random.default_rng(seed)
         size, start = np.deg2rad(angle_deg), random.uniform(0.0, 360.0)
-        psi = r = rudder = 0.0
+        psi = r = rudder = past = 0.0
         u, order, rows = speed, size, []
         for k in range(round(length_s / STEP)):
             if order * psi > 0 and abs(psi) >= size:
@@ -36,14 +39,16 @@ class Boat:
                 heading = (start + np.rad2deg(psi) + 0.5 * random.standard_normal()) % 360
                 rows.append((k * STEP, self.side * np.rad2deg(rudder), heading, u + 0.01 * random.standard_normal()))
             before = r
-            middle = r + 0.5 * STEP * self._slope(r, rudder, u)
-            r += STEP * self._slope(middle, rudder, u)
+            middle = r + 0.5 * STEP * self._slope(r, rudder, u, past)
+            r += STEP * self._slope(middle, rudder, u, past)
+            past += STEP * (0.5 * (before + r) - past) / MEMORY_TIME
             psi += 0.5 * STEP * (before + r)
             u += STEP * ((speed - u) / SPEED_TIME - SPEED_LOSS * r * r)
         return pd.DataFrame(rows, columns=["time_s", "rudder_deg", "heading_deg", "surge_m_s"]).round(4)
 
-    def _slope(self, r: float, rudder: float, u: float) -> float:
-        return self.effect * rudder * u * abs(u) - self.damping * u * r - self.quadratic * r * abs(r)
+    def _slope(self, r: float, rudder: float, u: float, past: float) -> float:
+        drag = self.damping * u * r + self.quadratic * r * abs(r) + self.memory * (r - past)
+        return self.effect * rudder * u * abs(u) - drag
 
     def write(self, folder: Path, speed: bool = True, seed: int = 0) -> Path:
         """Write zigzags at three speeds, with or without the speed."""
