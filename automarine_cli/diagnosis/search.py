@@ -334,7 +334,7 @@ ALWAYS = 2  # of these those that are fitted whatever their scores, and tell wha
 FORETELLS = 4.0  # times its score that a fit gains at most to runs that are simulated whole, but for look-alikes
 LIKELY = 0.1  # share of the best score from which the others are fitted
 SEARCH_BRIEF = 4  # iterations that every candidate's fit gets; only those in the running are fitted to the end
-RUNNING = ((0.5, 6), (0.9, 6), (0.98, ITERATIONS))
+RUNNING = ((0.5, 6), (0.9, ITERATIONS))
 """Who is fitted further, and how far: candidates with this share of the best gain, or within RIVAL_RANGE of it; fits
 that far behind never catch up."""
 LAWS = 0.1  # share of what an effect gains by its best law that another of its laws may lack to be fitted further
