@@ -63,7 +63,7 @@ def _of_a_motion(
 ) -> "Diagnosis":  # fmt: skip
     """Diagnose the preferred model of one motion; without `hold_out` a quarter of the runs is held out."""
     from automarine_cli.comparison.validation import load_usable
-    from automarine_cli.diagnosis.diagnose import diagnose_runs, expected_seconds
+    from automarine_cli.diagnosis.diagnose import diagnose_runs
     from automarine_cli.models.store import read_model
     from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.runs.channels import parse_channels
@@ -85,25 +85,25 @@ def _of_a_motion(
         return sound
 
     runs, held_out = usable(logs), usable(hold_out) if hold_out else None
-    foretell(drive["progress"], "the diagnosis", expected_seconds(runs) / max(drive["jobs"], 1))
+    jobs = max(drive["jobs"], 1)
     with append_exclusions(aside):
         diagnosis = diagnose_runs(
             runs, stored.undelayed, hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels,
-            number=stored.preferred,
+            number=stored.preferred, foretell=lambda seconds: foretell(drive["progress"], seconds / jobs),
         )  # fmt: skip
     return replace(diagnosis, parent={"file": stored.source, "sha256": sha256(model)}, set_aside=tuple(aside))
 
 
-def foretell(progress: "Progress", what: str, seconds: float) -> None:
+def foretell(progress: "Progress", seconds: float) -> None:
     if seconds >= 60.0:
-        progress(f"{what} takes about {round(seconds / 60.0)} min", 0, 0)
+        progress(f"the diagnosis takes about {round(seconds / 60.0)} min", 0, 0)
 
 
 def _of_the_plane(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, settings: Mapping[str, Any]
 ) -> "Diagnosis":
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
-    from automarine_cli.diagnosis.diagnose import expected_seconds, split_off
+    from automarine_cli.diagnosis.diagnose import PLANAR_S, readings_of, split_off
     from automarine_cli.diagnosis.planar import MIN_RUNS, diagnose_planar
     from automarine_cli.fits.planar_fit import observed
     from automarine_cli.models.store import read_model
@@ -115,7 +115,7 @@ def _of_the_plane(
     runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, MIN_RUNS)
     if not held_out:
         raise SettingError(f"no run is held out: expected at least {MIN_RUNS} logs, or some given with --hold-out")
-    foretell(settings["progress"], "the diagnosis", expected_seconds(runs, planar=True))
+    foretell(settings["progress"], readings_of(runs) * PLANAR_S)
     diagnosis = diagnose_planar(stored, runs, held_out, observed(campaign.runs), seed)
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))
     return replace(diagnosis, parent=sha256(model), set_aside=aside)

@@ -26,6 +26,7 @@ from automarine_cli.diagnosis.search import (
     MAX_EFFECTS,
     STANDS,
     TIE,
+    TO_THE_NOISE,
     WEAK,
     CandidateFit,
     SearchResult,
@@ -46,7 +47,7 @@ from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import MIN_STEP_S
 from automarine_cli.filters.kalman import MAX_Z, Predicted
-from automarine_cli.fits.driven import ForecastScore, stepped, worth_of
+from automarine_cli.fits.driven import ForecastScore, worth_of
 from automarine_cli.fits.identify import valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
@@ -662,8 +663,9 @@ def split_by(name: str, rival: str, dof: Dof) -> str:
     return (effect if rival in effect.mistaken_for else effects.get(rival)).card(dof).separated_by
 
 
-DRIVEN_S, STEPPED_S, PLANAR_S = 1.2e-4, 6e-5, 0.025
-"""For each reading (and effect of one motion): driven runs, other runs, the plane; roughly, on a machine of 2020."""
+DRIVEN_S, MISSING_S, CLEAN_S, PLANAR_S = 1.2e-4, 1e-4, 1e-5, 0.025
+"""For each reading (and effect of one motion): driven runs, others with or without a gap, the plane; roughly, on a
+machine of 2020."""
 MIN_RUNS = 4
 MIN_TO_HOLD_OUT = 8
 SHORT = 5  # iterations of a law or size that may equal the final one: those that get there do so soon
@@ -699,10 +701,11 @@ def split_off(runs: Sequence[Run], seed: int, fewest: int = MIN_TO_HOLD_OUT) -> 
 
 def diagnose_runs(
     runs: Sequence[Run], base: Model, *, hold_out: Sequence[Run] | None = None, seed: int = 0, map_fn: Each = alone,
-    channels: str = AUTO, number: str = "3",
+    channels: str = AUTO, number: str = "3", foretell: Callable[[float], None] = lambda seconds: None,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose `base`, model `number` of its file, on `runs`; `hold_out` None draws a quarter of the runs, `channels`
-    says which sensors count (`runs.channels.choose_channels`). Raises RunError for too few runs."""
+    says which sensors count (`runs.channels.choose_channels`), `foretell` hears how many seconds one process will take.
+    Raises RunError for too few runs."""
     runs = [run for run in runs if len(run) >= 20]
     chosen = choose_channels([*runs, *(hold_out or ())], base.dof, channels, late_position=True)
     runs, out = ([chosen.cleaned(run) for run in some] for some in (runs, hold_out or ()))
@@ -712,7 +715,9 @@ def diagnose_runs(
         raise TooFewRunsError(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {MIN_RUNS}"
         )
-    searched = search(study_of(fitted, base, channels=chosen.names), seed, map_fn)
+    study = study_of(fitted, base, channels=chosen.names)
+    foretell(expected_seconds(study))
+    searched = search(study, seed, map_fn)
     where = find_where(searched.study, searched.base, seed)
 
     def explained(outcome: SearchResult) -> bool:
@@ -784,10 +789,14 @@ def _extended_model(study: DiagnosisProblem, trial: CandidateFit, number: str) -
     }
 
 
-def expected_seconds(runs: Sequence[Run], planar: bool = False) -> float:
-    """Estimate how long a diagnosis takes one process; that of one motion fits every effect to all runs."""
-    readings = float(sum(min(len(run), (run.time[-1] - run.time[0]) / MIN_STEP_S) for run in runs))
-    if planar:
-        return readings * PLANAR_S
-    driven = 2 * sum(stepped(run) for run in runs) < len(runs)
-    return readings * len(effects.names()) * (DRIVEN_S if driven else STEPPED_S)
+def expected_seconds(study: DiagnosisProblem) -> float:
+    """Estimate how long a diagnosis takes one process, once the base is fitted: a gap is what takes long."""
+    each = DRIVEN_S
+    if not study.driven:
+        each = MISSING_S if study.fit(study.base).noise > TO_THE_NOISE * study.sensor_floor else CLEAN_S
+    return readings_of(study.runs) * len(effects.names()) * each
+
+
+def readings_of(runs: Sequence[Run]) -> float:
+    """Count the readings of runs, those of a fast log as often as a filter takes them."""
+    return float(sum(min(len(run), (run.time[-1] - run.time[0]) / MIN_STEP_S) for run in runs))

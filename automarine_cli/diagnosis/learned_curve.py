@@ -11,6 +11,7 @@ from scipy import special
 from automarine_cli import effects
 from automarine_cli.diagnosis.scores import DRAWS, CandidateShape, penalty, project, score_information
 from automarine_cli.diagnosis.search import (
+    FORETELLS,
     LEVEL,
     MAX_EFFECTS,
     RIVAL_RANGE,
@@ -262,13 +263,14 @@ def _best(
 ) -> SearchResult | None:
     """The search's outcome with the best curve beside what `base` has, if one beats chance. A gain over the column that
     the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without. What
-    a brief fit leaves too far above an evidence of `most` is not fitted to its end."""
+    a score, of driven runs, or a brief fit leaves too far above an evidence of `most` is not fitted to its end."""
     curves, chance = scored(study, base, seed + len(base.added), map_fn)
     bar = max(chance.threshold(LEVEL), 0.0)
     least = max(BEHIND * curves[0][0], 0.0) if curves else 0.0
+    reach = (base.evidence - most - RIVAL_RANGE) / FORETELLS if study.driven else -np.inf
     leading = [
         model for i, (gain, model) in enumerate(curves)
-        if i < LEADERS or (i < MAX_LEADERS and gain > least)
+        if (gain > reach and (i < LEADERS or (i < MAX_LEADERS and gain > least)))
         or ((term := model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN)
     ]  # fmt: skip
     starts = [(model.terms[-1].name, np.array(model.terms[-1].values)) for model in leading]

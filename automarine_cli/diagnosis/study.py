@@ -307,10 +307,16 @@ class DiagnosisProblem:
     def fit(
         self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS
     ) -> Fit:
-        """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own.
+        """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own; once.
 
         `warm_start` is a fit of a similar model of which everything else is a good start."""
         values = model.theta if values is None else values
+        key = (model, values.tobytes(), warm_start, iterations)
+        if key not in self._fits:
+            self._fits[key] = self._fitted(model, values, warm_start, iterations)
+        return self._fits[key]
+
+    def _fitted(self, model: Model, values: Floats, warm_start: Fit | None, iterations: int) -> Fit:
         if self.driven:
             driven = self.driven_problem(model)
             if warm_start is not None:
@@ -327,6 +333,10 @@ class DiagnosisProblem:
             settings = {"noise": warm_start.noises, "iterations": iterations, "run_effects": run_effects}
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
         return fit_mixed(problem, np.append(values, delay), factors=factors, settled=SETTLED, **settings)
+
+    @cached_property
+    def _fits(self) -> dict[tuple[object, ...], Fit]:
+        return {}
 
     @cached_property
     def _covariances(self) -> dict[Fit, Floats]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,19 @@ class Batch:
         (only,) = self.motion.dofs
         return only
 
+    @cached_property
+    def longest_first(self) -> NDArray[np.int64]:
+        """Order (R,) of the runs by their steps."""
+        return np.argsort(-steps_of(self.length), kind="stable")
+
+    @cached_property
+    def sorted(self) -> "Batch":
+        """What a simulation needs, the longest run first."""
+        rows = {n: getattr(self, n)[self.longest_first] for n in ("length", "stretch", "switch", "interval", "start")}
+        rows |= {n: getattr(self, n)[:, self.longest_first] for n in ("force", "before")}
+        signals = {name: column[self.longest_first] for name, column in self.signals.items()}
+        return replace(self, window=self.window[self.longest_first], signals=signals, **rows)
+
     @property
     def position(self) -> Floats:
         """Measured positions of the first degree of freedom (R, N), 0 in the padding."""
@@ -121,6 +135,12 @@ class Batch:
         if not remaining.any():
             return tuple(commands)
         return tuple(replace(command, force=delayed(command, remaining)) for command in commands)
+
+
+def steps_of(length: Floats) -> NDArray[np.int64]:
+    """How many steps of `length` (R, M) each run has until its last one, (R,)."""
+    moves = length > 0
+    return np.where(moves.any(axis=1), length.shape[1] - moves[:, ::-1].argmax(axis=1), 0)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects import Commands, Place, State
 from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import Floats
-from automarine_cli.simulation.batch import Batch, Channel
+from automarine_cli.simulation.batch import Batch, Channel, steps_of
 
 Slope = Callable[..., tuple[Floats, Floats, Sequence[Floats]]]
 
@@ -46,6 +46,18 @@ class Start:
     water: ArrayLike = 0.0
     command_delay: Floats | None = None
 
+    def of_runs(self, order: NDArray[np.int64]) -> "Start":
+        """The same with the runs in another order (R,)."""
+
+        def rows(values: ArrayLike, behind: int = 0) -> Floats:
+            array = np.asarray(values)
+            return array if array.ndim <= behind or array.shape[-1 - behind] == 1 else array.take(order, -1 - behind)
+
+        moving = {name: rows(getattr(self, name)) for name in ("position", "velocity", "log_gain", "water")}
+        held = {name: getattr(self, name) for name in ("switch_delay", "disturbance")}
+        moving |= {name: rows(values, 1) for name, values in held.items() if values is not None}
+        return replace(self, own={name: rows(values, 1) for name, values in self.own.items()}, **moving)
+
     def bind(self, term: Bound) -> Bound:
         if not term.effect.per_run:
             return term
@@ -58,10 +70,11 @@ class Trajectory:
     """Simulated states at the samples: positions as the sensors show them, true positions and velocities. In the plane
     positions are north, east and heading, velocities those over ground in the vehicle's axes. `nodes` holds the three
     at all nodes of the simulation grid, (D, P, R, M + 1) each, and the W states of the water, (W, P, R, M + 1); samples
-    are picked when asked for."""
+    are picked when asked for, each from its run's `row` (R,) of these."""
 
     nodes: tuple[Floats, Floats, Floats, Floats] = field(repr=False)
     node: NDArray[np.int64] = field(repr=False)
+    row: NDArray[np.int64] = field(repr=False)
 
     @cached_property
     def position(self) -> Floats:
@@ -93,7 +106,7 @@ class Trajectory:
         return self._at_samples(self.nodes[2 if channel.velocity else 0][channel.dof])
 
     def _at_samples(self, column: Floats) -> Floats:
-        return np.asarray(column[:, np.arange(len(self.node))[:, None], self.node])
+        return np.asarray(column[:, self.row[:, None], self.node])
 
 
 def step_for(model: Model, moment: float) -> float:
@@ -106,7 +119,8 @@ def simulate(model: Model, batch: Batch, theta: Floats | None = None, start: Sta
     held over each step; the order is actuators on the commands, sum of forces with water states, division by inertia,
     sensors on the positions."""
     theta = np.atleast_2d(model.theta if theta is None else theta)
-    start = start or Start()
+    node, row, start = batch.node, np.argsort(batch.longest_first), (start or Start()).of_runs(batch.longest_first)
+    batch = batch.sorted
     starts = map(np.shape, (start.position, start.velocity, start.log_gain))
     shape = np.broadcast_shapes((len(model.motion.dofs), len(theta), len(batch.names)), *starts)
     terms = [start.bind(term) for term in model.forces(theta)]
@@ -118,11 +132,10 @@ def simulate(model: Model, batch: Batch, theta: Floats | None = None, start: Sta
     # a fit may try parameters that no vehicle has; it sees the infinity
     with np.errstate(over="ignore", invalid="ignore"):
         true, velocities, stirred = _integrate(model, theta, terms, batch, commands, start, shape)
-        clock = commands[0]
-        time = np.concatenate([np.zeros_like(clock.start[..., :1]), clock.start + clock.length], axis=2)
-        readings = true
+        readings, clock = true, commands[0]
         for term in terms:
             if term.effect.place is Place.SENSOR:
+                time = np.concatenate([np.zeros_like(clock.start[..., :1]), clock.start + clock.length], axis=2)
                 fed: tuple[Floats, ...] = ()
                 if term.effect.reads_force:  # what is delivered as each node is reached
                     force, before = commands[term.dof].force, commands[term.dof].before
@@ -131,7 +144,7 @@ def simulate(model: Model, batch: Batch, theta: Floats | None = None, start: Sta
                 readings = reading[None] if len(readings) == 1 else np.stack(
                     [reading if d == term.dof else other for d, other in enumerate(readings)]
                 )  # fmt: skip
-    return Trajectory((readings, true, velocities, stirred), batch.node)
+    return Trajectory((readings, true, velocities, stirred), node, row)
 
 
 def _integrate(
@@ -157,32 +170,27 @@ def _integrate(
     velocities, travelled = np.empty((steps + 1, *shape)), np.zeros((steps + 1, *shape))
     stirred = np.empty((steps + 1, count, *shape[1:]))
     velocities[0], travelled[0], stirred[0] = velocity, position, start.water
+    columns = {name: np.ascontiguousarray(column.T) for name, column in signals.items()}
+    columns |= {name: curve.swapaxes(0, 1) for name, curve in curves.items()}
     logged: Mapping[str, Floats] = {}
     for first, last, on in _stretches(batch.length):
-        way_of = np.empty((last - first, *shape[:-1], len(on)))
-        rate_of, state_of = np.empty_like(way_of), np.empty((last - first, *stirred.shape[1:-1], len(on)))
-        starts = (travelled[0], position, velocities[first], stirred[first])
-        origin, there, now, stored = (x.take(on, axis=-1) for x in starts)
-        water = list(stored)
-        inputs = {name: column[on, first:last].T for name, column in signals.items()}
-        inputs |= {name: curve[:, first:last].take(on, axis=-1).swapaxes(0, 1) for name, curve in curves.items()}
-        slope = right_hand_side(model.motion, [of_runs(term, on) for term in movers], inertia, current, origin)
-        grid = (x[first:last].take(on, axis=-1) for x in (lengths, begins, tau))
-        for m, (h, begin, force) in enumerate(zip(*grid)):
-            if inputs:
-                logged = {name: column[m] for name, column in inputs.items()}
+        there, now, water = position[..., :on], velocities[first, ..., :on], list(stirred[first, ..., :on])
+        running = [of_first_runs(term, on) for term in movers]
+        slope = right_hand_side(model.motion, running, inertia, current, travelled[0, ..., :on])
+        for m in range(first, last):
+            h, begin = lengths[m, :, :on], begins[m, :, :on]
+            if columns:
+                logged = {name: column[m, ..., :on] for name, column in columns.items()}
             times = begin, begin + 0.5 * h, begin + h
-            way, now, water = rk4(slope, there, now, water, (tuple(force),) * 3, times, h, logged, followed)
+            force = (tuple(tau[m, ..., :on]),) * 3
+            way, now, water = rk4(slope, there, now, water, force, times, h, logged, followed)
             there = there + way if followed else there
-            way_of[m], rate_of[m] = way, now
+            travelled[m + 1, ..., :on], velocities[m + 1, ..., :on] = way, now
             if water:
-                state_of[m] = water
-        position[..., on] = there
-        ended = np.setdiff1d(np.arange(shape[-1]), on)
-        travelled[first + 1 : last + 1][..., on] = way_of
-        for nodes, reached in ((velocities, rate_of), (stirred, state_of)):
-            nodes[first + 1 : last + 1][..., on] = reached
-            nodes[first + 1 : last + 1][..., ended] = nodes[first][..., ended]
+                stirred[m + 1, ..., :on] = water
+        position[..., :on] = there
+        for nodes in (velocities, stirred):
+            nodes[first + 1 : last + 1, ..., on:] = nodes[first, ..., on:]
     np.cumsum(travelled, axis=0, out=travelled)
     if current is not None:
         velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
@@ -192,38 +200,34 @@ def _integrate(
 SHRINKS = 0.75  # share of the runs that may be left when those that have ended are no longer integrated
 
 
-def _stretches(length: Floats) -> Iterator[tuple[int, int, NDArray[np.int64]]]:
-    """Begin and end of stretches of the steps of `length` (R, M), and the runs that have not ended before: padding
-    costs as much as motion."""
-    moves = length > 0
-    ends = np.where(moves.any(axis=1), length.shape[1] - moves[:, ::-1].argmax(axis=1), 0)
-    first = 0
+def _stretches(length: Floats) -> Iterator[tuple[int, int, int]]:
+    """Begin and end of stretches of the steps of `length` (R, M), the longest run first, and how many runs have not
+    ended before: padding costs as much as motion."""
+    ends, first = steps_of(length), 0
     while first < length.shape[1]:
-        on = np.flatnonzero(ends > first)
-        last = int(np.sort(ends[on])[int((1.0 - SHRINKS) * len(on))]) if len(on) else length.shape[1]
+        on = int((ends > first).sum())
+        last = int(ends[:on][::-1][int((1.0 - SHRINKS) * on)]) if on else length.shape[1]
         yield first, last, on
         first = last
 
 
-def of_runs(term: Bound, on: NDArray[np.int64]) -> Bound:
-    """Return a term of some of the runs alone."""
-    return replace(term, values=tuple(v[:, on] if v.shape[1] > 1 else v for v in term.values))
+def of_first_runs(term: Bound, count: int) -> Bound:
+    """Return a term of the first runs alone."""
+    return replace(term, values=tuple(v[:, :count] if v.shape[1] > 1 else v for v in term.values))
 
 
 def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: tuple[int, ...]) -> Floats:
     """What is held over each step with the run's gain and disturbance, (M, D, P, R)."""
-    gain, rows = np.exp(np.asarray(start.log_gain))[..., None], []
-    pushed = start.disturbance
+    gain, pushed = np.exp(np.asarray(start.log_gain)), start.disturbance
     if pushed is not None and pushed.ndim == 3:
         pushed = pushed[None]
+    delivered = np.empty((batch.length.shape[1], *shape))
     for d, command in enumerate(commands):
-        force = command.force * gain
+        np.multiply(np.moveaxis(command.force, 2, 0), gain, out=delivered[:, d])
         if pushed is not None:
             index = np.broadcast_to(batch.window, (*pushed.shape[1:2], *batch.window.shape))
-            force = force + np.take_along_axis(pushed[d], index, axis=2)
-        rows.append(np.broadcast_to(force, (*shape[1:], force.shape[2])))
-    together = rows[0][None] if len(rows) == 1 else np.stack(rows)
-    return np.ascontiguousarray(np.moveaxis(together, 3, 0))
+            delivered[:, d] += np.moveaxis(np.take_along_axis(pushed[d], index, axis=2), 2, 0)
+    return delivered
 
 
 def foreknown(terms: Sequence[Bound], signals: Mapping[str, Floats]) -> dict[str, Floats]:
