@@ -31,7 +31,10 @@ if TYPE_CHECKING:
     metavar="M", help="Disk margin to keep.",
 )  # fmt: skip
 @option(
-    "--full", type=options.POSITIVE, metavar="VALUE", help="Moment or force of the whole output, in the model's unit."
+    "--full",
+    type=options.POSITIVE,
+    metavar="VALUE",
+    help="Moment or force of the whole output, in the model's unit; of a rudder its largest angle in degrees.",
 )
 @option(
     "--delay", type=options.Finite(min=0, max=5), metavar="SECONDS", help="Longest delay that the logs cannot show."

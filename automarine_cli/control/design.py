@@ -13,7 +13,7 @@ Sources: Seiler, Packard and Gahinet (2020), An introduction to disk margins, IE
 (1932), Bell System Technical Journal 11:126."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from automarine_cli.control.knowledge import Knowledge
 from automarine_cli.control.targets.base import Gains, NominalPlant, Target
 from automarine_cli.control.vehicles import Vehicles, dead_time, lag_of
 from automarine_cli.models.model import steady_rate
-from automarine_cli.quantities import Complexes, Floats
+from automarine_cli.quantities import STEERED, Complexes, Floats
 from automarine_cli.thrusters.map import TwinThrusters
 
 MAX_VEHICLE_STEP_S = 0.01  # longest step [s] of a vehicle between two loops of its controller
@@ -203,6 +203,7 @@ def _phase_margin(ratio: Complexes, omega: Floats) -> tuple[Floats, Floats]:
     return np.rad2deg(np.min(phase, axis=1)), np.asarray(np.min(delay, axis=1))
 
 
+SPEED_RATIOS = (0.5, 2.0)  # at which margins of what is steered are computed beside those at the speed of its logs
 CROWD_VEHICLES, JUDGED_FEW = 180, 20
 SEARCH_ROUNDS, LAST_SETS = 5, 20  # looks at the space of gains, each nearer to the best; sets judged by the crowd
 PROMISED_LOOPS, CHOSEN_LOOPS = 0.02, 0.05  # loops of flights that are promised, and of those that gains are chosen by
@@ -245,13 +246,15 @@ def probes(vehicles: Vehicles) -> Vehicles:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Margins, scores and flights of the whole crowd, and which vehicles rest in a further flight."""
+    """Margins, scores and flights of the whole crowd, which vehicles rest in a further flight, and disk margins of what
+    is steered at further speeds, by their ratio to that of the logs."""
 
     gains: Mapping[str, float]
     margins: Margins
     scores: Scores
     flight: ClosedLoopRun
     rest: NDArray[np.bool_]
+    at_speeds: Mapping[float, Floats] = field(default_factory=dict)
 
     def share_with(self, margin: float) -> float:
         return float(np.mean(self.margins.disk >= margin))
@@ -276,6 +279,12 @@ class Problem:
         target, loop = self.target, share / self.target.crossover(self.nominal)
         return type(target)(float(np.clip(loop, target.period, max(target.period, MAX_LOOP_S))), target.beyond)
 
+    def at_speed(self, ratio: float) -> list[Vehicles]:
+        """Return the crowds of what is steered at `ratio` times the speed of its logs."""
+        usual, steering = self.knowledge.speed, self.target.steering
+        change = steering(ratio * usual, usual) / steering(usual, usual) if usual else 1.0
+        return [part.at_speed(ratio, change) for part in self.crowds]
+
     def omega(self, count: int) -> Floats:
         """Return `count` frequencies [rad/s] that matter to the target on these vehicles."""
         late = max(float(np.max(dead_time(part))) for part in self.crowds)
@@ -284,12 +293,13 @@ class Problem:
 
 def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
     """Describe the first of several vehicles as a designer sees it, for a `step` of the reference [base unit]."""
-    first, full, dof = vehicles.pick(slice(0, 1)), vehicles.full, vehicles.model.dof
-    linear, quadratic = vehicles.model.with_theta(first.theta[0]).drag()
+    first, model, full = vehicles.pick(slice(0, 1)), vehicles.model, vehicles.full
+    linear, quadratic = model.with_theta(first.theta[0]).drag()
+    linear -= vehicles.speed * sum(term.values[0] for term in model.terms if term.name == "cross-coupling")
     lag = float((dead_time(first) + lag_of(first) + plant.sensor_lag(first))[0])
-    fastest = float(steady_rate(full, linear, max(quadratic, 1e-9 * full)))
-    inertia, unit = float(first.theta[0, 0]) / full, vehicles.model.moment_unit
-    return NominalPlant(dof, inertia, lag, fastest, step, full, unit)
+    most = full * float(first.gain[0])
+    fastest = float(steady_rate(most, linear, max(quadratic, 1e-9 * full)))
+    return NominalPlant(model.dof, float(first.theta[0, 0]) / most, lag, fastest, step, full, model.moment_unit)
 
 
 def problem_of(
@@ -300,8 +310,12 @@ def problem_of(
     size = max(CROWD_VEHICLES // len(knowledge.explanations), FEW_VEHICLES)
     for explanation in knowledge.explanations:
         crowd = plant.crowd(explanation.model, explanation.covariance, knowledge.spread, full, bend, size, rng)
-        crowds.append(replace(crowd, name=explanation.name))
-    return Problem(target, task, knowledge, nominal_of(crowds[0], task.step), tuple(crowds))
+        crowd = replace(crowd, name=explanation.name, speed=knowledge.speed or 1.0)
+        if knowledge.model.moment_unit == STEERED:
+            crowd = crowd.at_speed(1.0, target.steering(knowledge.speed, knowledge.speed))
+        crowds.append(crowd)
+    nominal = replace(nominal_of(crowds[0], task.step), speed=knowledge.speed, side=knowledge.side)
+    return Problem(target, task, knowledge, nominal, tuple(crowds))
 
 
 def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats) -> Margins:
@@ -417,13 +431,17 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     sets: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega, task, crowds = problem.omega(FINE_FREQUENCIES), problem.task, problem.crowds
     parts = [all_margins(problem.target, sets, part, omega) for part in crowds]
+    at_speeds = {
+        ratio: np.concatenate([all_margins(problem.target, sets, part, omega).disk for part in problem.at_speed(ratio)])
+        for ratio in (SPEED_RATIOS if problem.nominal.steered else ())
+    }
     exact = problem.limit_rate(PROMISED_LOOPS)
     flights = [step_and_load(exact, sets, part, task.step, task.load, task.seconds) for part in crowds]
     position, half = np.concatenate([flight.position for flight in flights]), len(flights[0].time) // 2
     flight = ClosedLoopRun(flights[0].time[:half], position[:, :, :half])
     rest = np.all(np.abs(position[:, 0, half:] - task.step) <= MAX_REST_BANDS * task.band, axis=1)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
-    return Outcome(dict(gains), every, scores(flight, task.step, task.band, task.recovery), flight, rest)
+    return Outcome(dict(gains), every, scores(flight, task.step, task.band, task.recovery), flight, rest, at_speeds)
 
 
 def keeps(result: Outcome, problem: Problem) -> bool:

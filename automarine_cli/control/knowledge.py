@@ -14,7 +14,7 @@ from automarine_cli.models.store import DiagnosisFile, ModelFile, StoredModels
 from automarine_cli.pipeline.records import Source
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import Limits, paper_grid
-from automarine_cli.planning.information import NO_RIVALS, PriorResults, read_prior_results
+from automarine_cli.planning.information import NO_RIVALS, PriorResults, lacking, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect, without
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.text import printable
@@ -27,6 +27,7 @@ CURVE_EFFECTS = ("dead-band", "thrust-exponent")  # what the curve of the thrust
 LAW_ERROR_SHARE = 0.03  # of parameters beyond their errors: no vehicle follows a law to the letter
 MAX_STDERR = 0.5  # of an effect, as a share of its size: of what is less sure a diagnosis says nothing
 UNKNOWN_ERROR_SHARE = 0.1  # standard error, as a share, of a parameter of which the file tells none
+MAX_RUDDER_DEG = 90.0  # no rudder goes further
 EXTENDED = "extended_model.json"
 SUPPLY_SHARES = (0.88, 1.08)  # lowest and highest voltage in shares of that of the logs: four lithium cells about 15 V
 OUTPUT_TOLERANCE = 1.02  # how far beyond the whole output moments of a log may seem to go
@@ -49,7 +50,8 @@ class Explanation:
 @dataclass(frozen=True)
 class Knowledge:
     """The stored model, every explanation (the named one first), what is uncertain, `largest` moment of the logs,
-    splits by rival, notes; and what has to be `settled` before any promise: a sentence and the effect."""
+    splits by rival, notes; what has to be `settled` before any promise: a sentence and the effect; and of what is
+    steered the `speed` [m/s] and `side` of `PriorResults`."""
 
     stored: StoredModels
     explanations: tuple[Explanation, ...]
@@ -58,6 +60,8 @@ class Knowledge:
     splits: Mapping[str, str]
     notes: tuple[str, ...]
     settled: tuple[str, str] | None = None
+    speed: float | None = None
+    side: int | None = None
 
     @property
     def model(self) -> Model:
@@ -76,9 +80,10 @@ def read_knowledge(
         estimate = file.command_delay_s.estimate if file.command_delay_s else None
         now = {**prior.now, **({f"{DELAY} t_d": estimate} if estimate else {})}
         prior = replace(prior, model=prior.model.delayed(prior.command_delay), now=now)
+    unit, steered = float(prior.model.dof.shown(1.0)), stored.model.moment_unit == STEERED
     symbols, (linear, quadratic) = prior.model.dof.symbols, prior.model.drag()
     for symbol, value in ((symbols.linear, linear), (symbols.quadratic, quadratic)):
-        if value < 0:
+        if value < 0 and not (symbol == symbols.linear and steered):  # ships are often unstable on their course
             raise ModelError(
                 f"{printable(model.name)}: {symbol} is {value:.4g}, drag that drives the vehicle; expected zero or "
                 "more: fit again with more runs, or prefer another of the file's models"
@@ -95,15 +100,14 @@ def read_knowledge(
     late, note = _late(prior, judged, delay)
     logged = next((term.values[1] for term in prior.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
-    unit = float(prior.model.dof.shown(1.0))
     noise = (prior.noise_deg / unit, (prior.rate_noise_deg_s or 0.0) / unit)
     spread = Spread(prior.scatter, late or 0.0, volts, noise)
     without = [
         f"Without {term.name}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
         for term in bare.terms
-        for column in [name for name in effects.get(term.name).columns if name != "voltage"][:1]
+        for column in lacking(term.name, stored.model.moment_unit)[:1]
     ]
-    notes = (note for note in (*prior.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
+    noted = (note for note in (*prior.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
     proposed = {name: gain for name, gain in prior.proposed.items() if name not in present}
     settled = _unsettled_thrust(prior, file) or ((UNKNOWN_DELAY, DELAY) if late is None else None)
     if proposed:
@@ -112,7 +116,20 @@ def read_knowledge(
         settled = f"{why}, and tune that model.", next(iter(proposed))
     rivals = (rival for effect in (judged.effects if judged else ()) for rival in effect.rivals)
     splits = {rival.name: rival.split_by for rival in rivals}
-    return Knowledge(stored, (main, *models), spread, largest, splits, (*without, *notes), settled)
+    notes = (*without, *noted, *([_of_speed(prior)] if steered else []))
+    return Knowledge(stored, (main, *models), spread, largest, splits, notes, settled, prior.speed, prior.side)
+
+
+def _of_speed(prior: PriorResults) -> str:
+    """At which speed a rudder's gains hold, and which way it turns. Raises ModelError for an effect without a speed."""
+    needy = [term.name for term in prior.model.terms if "surge" in effects.get(term.name).needs]
+    if needy and prior.speed is None:
+        raise ModelError(
+            f"{prior.stored.source}: {needy[0]} needs the speed, and no nomoto.speed_m_s is in it; fit again"
+        )
+    speed = "a constant speed, that of the logs" if prior.speed is None else f"{prior.speed:.3g} m/s, the logs' mean"
+    turns = {1: "positive rudder turns to starboard", -1: "positive rudder turns to port"}.get(prior.side or 0)
+    return f"The promise is for {speed}; an output of 1 turns to starboard{f', {turns}' if turns else ''}."
 
 
 def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] | None:
@@ -230,10 +247,7 @@ def authority(
     Raises ModelError for a unit or a map that does not fit the model, and SettingError for a map of one direction."""
     unit, source, dof = knowledge.stored.model.moment_unit, knowledge.stored.source, knowledge.model.dof
     if unit == STEERED:
-        raise ModelError(
-            f"{source} is a model of a rudder, whose moment depends on the speed; tune is for moments. Take Nomoto's "
-            "K and T of fit-yaw instead"
-        )
+        return _rudder(target, knowledge, full, drive is not None), None
     twins = None if drive is None else turning(*drive)
     most = None if twins is None else twins.largest
     if full is None and most is not None and unit != "nu":
@@ -263,6 +277,21 @@ def authority(
             "leave out one of them"
         )
     return full, twins and twins.scaled_to(full)
+
+
+def _rudder(target: Target, knowledge: Knowledge, full: float | None, mapped: bool) -> float:
+    """The angle [rad] of the rudder at the whole output, of `full` degrees."""
+    logged, source = np.rad2deg(knowledge.largest or 0.0), knowledge.stored.source
+    if mapped or not target.rudder:
+        other = "--thrusters" if mapped else target.name
+        raise SettingError(f"{source} is a model of a rudder, and {other} is for thrusters; leave it out")
+    if full is None or not max(logged / OUTPUT_TOLERANCE, 1.0) <= full <= MAX_RUDDER_DEG:
+        given = "is not given" if full is None else f"is {full:g}"
+        raise SettingError(
+            f"{source} is a model of a rudder and --full {given}; give the rudder angle of the whole output in "
+            f"degrees, from the {logged:.3g} of the logs to {MAX_RUDDER_DEG:g}"
+        )
+    return float(np.deg2rad(full))
 
 
 def turning(thruster_map: ThrusterMap, arm: float) -> TwinThrusters:

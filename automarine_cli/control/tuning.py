@@ -136,6 +136,9 @@ class Tuning(Shown, Problem):
                 name: {key: _json(value) for key, value in margins_of(outcome).items()} | {
                     "share_with_margin": outcome.share_with(task.margin),
                     "stable": float(outcome.margins.stable.mean()), "rejects_load": outcome.rejects(task),
+                } | {
+                    f"disk_margin_at_{ratio:g}_times_the_speed": _json(banded(disk, "1"))
+                    for ratio, disk in outcome.at_speeds.items()
                 } for name, outcome in self.outcomes()
             },
             "promised": None if new is None else self._promised(new),
@@ -351,6 +354,10 @@ def headlines(tuning: Tuning) -> list[str]:
     for key, label in list(labels(tuning).items())[: 4 if bands else 0]:
         values = ", ".join(f"{name} {cell(figures[key])}" for name, figures in bands.items())
         said.append(f"{label[0].upper()}{label[1:]}: {values}.")
+    for ratio in design.SPEED_RATIOS if tuning.nominal.steered and bands else ():
+        speed = f" of {ratio * tuning.nominal.speed:.3g} m/s" if tuning.nominal.speed else ""
+        values = ", ".join(f"{name} {cell(banded(of.at_speeds[ratio], '1'))}" for name, of in tuning.outcomes())
+        said.append(f"Disk margin at {'half' if ratio < 1 else 'twice'} the speed{speed}: {values}.")
     if new is None:
         return said
     verb = "They reject" if new.rejects(task) else f"No gains{tuning.target.within} reject"

@@ -12,7 +12,7 @@ from automarine_cli.effects.input_delay import InputDelay
 from automarine_cli.effects.sensor_lag import SensorLag
 from automarine_cli.effects.thruster_lag import ADVANCES, MIN_LAG_S, Advance, ThrusterLag
 from automarine_cli.models.model import Bound, Model, actuators
-from automarine_cli.quantities import Complexes, Floats
+from automarine_cli.quantities import STEERED, Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
 from automarine_cli.thrusters.map import TwinThrusters
 
@@ -28,7 +28,8 @@ class Vehicles:
     """S vehicles that one explanation allows; the first of a crowd is as its model says. `theta` (S, p) of `model`;
     `full` moment or force of the whole output; `gain` (S,) of the thrust, `late` (S,) [s] beyond the model's delay,
     `volts` (S,) of the supply, `at` (S,) the output about which its slope counts in margins; `bend` the thrusters where
-    moment is not in proportion to output; `noise` of position and velocity read [base units]."""
+    moment is not in proportion to output; `noise` of position and velocity read [base units]; `speed` [m/s] of what is
+    steered, which it keeps."""
 
     model: Model
     theta: Floats
@@ -40,6 +41,7 @@ class Vehicles:
     bend: TwinThrusters | None = None
     noise: tuple[float, float] = (0.0, 0.0)
     name: str = ""
+    speed: float = 1.0
 
     def __len__(self) -> int:
         return len(self.theta)
@@ -47,6 +49,21 @@ class Vehicles:
     def pick(self, which: NDArray[np.int64] | slice) -> "Vehicles":
         arrays = ("theta", "gain", "late", "volts", "at")
         return replace(self, **{name: getattr(self, name)[which] for name in arrays})
+
+    @property
+    def signals(self) -> dict[str, Floats]:
+        """What effects read beside the motion, (S, 1) or for all."""
+        return {"voltage": self.volts[:, None], "surge": np.array(self.speed)}
+
+    def at_speed(self, ratio: float, steering: float) -> "Vehicles":
+        """Return the same at `ratio` times the speed, where the autopilot turns the rudder by `steering` as much for
+        the same output. What its logs do not show of the speed goes as in the prime system: the rudder's moment with
+        its square, linear drag in proportion (Norrbin 1971)."""
+        names = {term.name for term in self.model.terms}
+        linear = np.array(self.model.parameter_names) == self.model.dof.parameter("linear")
+        theta = self.theta * np.where(linear & ("cross-coupling" not in names), ratio, 1.0)
+        gain = self.gain * steering * (1.0 if "rudder-inflow" in names else ratio**2)
+        return replace(self, theta=theta, gain=gain, speed=ratio * self.speed)
 
 
 @dataclass(frozen=True)
@@ -69,7 +86,7 @@ def crowd(
     logged, low, high = spread.volts
     volts = np.append(logged, rng.uniform(low, high, count - 1))
     gain = np.exp(spread.scatter * np.append(0.0, rng.standard_normal(count - 1)))
-    if not any("voltage" in effects.get(term.name).needs for term in model.terms):
+    if model.moment_unit != STEERED and not any("voltage" in effects.get(term.name).needs for term in model.terms):
         gain = gain * (volts / logged) ** THRUST_BY_VOLTAGE
     late = np.append(0.5 * spread.late, rng.uniform(0.0, spread.late, count - 1))
     at = np.append(0.5, rng.uniform(0.2, 1.0, count - 1))
@@ -95,7 +112,6 @@ class Actuators:
             lag, law, largest, fall = lag_term.values
             values = (np.maximum(lag, MIN_LAG_S), np.sqrt(np.maximum(largest, 1e-12)), fall)
             self._lag = ADVANCES[round(float(law[0, 0]))], values
-        self._signals = {"voltage": vehicles.volts[:, None, None]}
 
     def begin(self, output: Floats) -> None:
         moment = self._ideal(output)
@@ -135,7 +151,9 @@ class Actuators:
 
     def _at_once(self, term: Bound, moment: Floats, before: Floats) -> Floats:
         length = np.full((1, 1, 1), self.step)
-        commands = Commands(moment[..., None], self._time, length, before[..., None], np.zeros((1, 1)), self._signals)
+        signals = {name: value[..., None] for name, value in self.vehicles.signals.items()}
+        signals["rudder"] = moment[..., None]
+        commands = Commands(moment[..., None], self._time, length, before[..., None], np.zeros((1, 1)), signals)
         return term.effect.deliver(commands, term.wide())[..., 0]
 
 
@@ -182,7 +200,7 @@ class Body:
         self.position, self.velocity, self.time = np.zeros(shape), np.zeros(shape), 0.0
         self._slope, states = _slope_of(vehicles)
         self._water = [np.zeros(shape[1:]) for _ in range(states)]
-        self._signals = {"voltage": vehicles.volts[:, None]}
+        self._signals = vehicles.signals
 
     def advance(self, force: Floats, step: float) -> None:
         half = 0.5 * step
@@ -212,7 +230,7 @@ def holding(vehicles: Vehicles) -> Floats:
     """Return the share of the full output that holds each vehicle at rest at its start, (S,)."""
     slope, states = _slope_of(vehicles)
     zero = np.zeros((1, len(vehicles), 1))
-    pushed, _, _ = slope(zero, zero, [zero[0]] * states, (zero[0],), 0.0, {"voltage": vehicles.volts[:, None]})
+    pushed, _, _ = slope(zero, zero, [zero[0]] * states, (zero[0],), 0.0, vehicles.signals)
     needed = -np.broadcast_to(pushed[0], zero[0].shape)[:, 0] * vehicles.theta[:, 0]
     return np.asarray(np.clip(needed / vehicles.full, -1.0, 1.0))
 
@@ -221,12 +239,11 @@ def linear(vehicles: Vehicles, swing: float) -> Floats:
     """Return A (S, n, n) of x' = A x about rest, states position, velocity, water; drag straight over a `swing`."""
     slope, states = _slope_of(vehicles)
     size, count = 2 + states, len(vehicles)
-    signals = {"voltage": vehicles.volts[:, None]}
 
     def derivative(column: int, by: float) -> Floats:
         x = np.zeros((size, count, 1))
         x[column] += by
-        moved, move, stir = slope(x[:1], x[1:2], list(x[2:]), (0.0 * x[0],), 0.0, signals)
+        moved, move, stir = slope(x[:1], x[1:2], list(x[2:]), (0.0 * x[0],), 0.0, vehicles.signals)
         rows = [move[0], moved[0], *stir]
         return np.stack([np.broadcast_to(row, (count, 1))[:, 0] for row in rows], axis=1)
 

@@ -21,7 +21,7 @@ from automarine_cli.comparison.simulated_runs import roll
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate
-from automarine_cli.logs import ColumnMap, LogFile, given_columns
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, given_columns
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import model_head
 from automarine_cli.pipeline.parallel import Progress, silent
@@ -101,8 +101,9 @@ def select(
     `pairs` of explanations are split first, then the directions `wanted` (p, m) are narrowed, with the information
     `before` (p, p) at hand. Runs that turn far only split explanations: on water that turns along they would narrow an
     interval about the wrong value. Raises SettingError where the limits allow no campaign."""
-    candidates = pool.candidates(fitting.base, limits, largest)
-    most = FAR_TURN_RATIO * np.deg2rad(limits.pool.turn_deg)
+    candidates = runs_of(fitting, limits, largest)
+    # a vehicle with way on leaves the water that it turned
+    most = np.inf if fitting.steered else FAR_TURN_RATIO * np.deg2rad(limits.pool.turn_deg)
     furthest = (np.abs(heading).max() for heading in headings_of(fitting.model, fitting.logger, candidates))
     candidates = tuple(replace(run, turns=bool(turned > most)) for run, turned in zip(candidates, furthest))
     # at one of the start headings and somewhere in the campaign: what depends on either is worked out again later
@@ -111,7 +112,9 @@ def select(
         replace(run, start_heading=headings[i // 2 % len(headings)], clock=round(seconds * (7 * i % count) / count, 1))
         for i, run in enumerate(candidates)
     ]
-    check = pool.step_of(fitting.base, largest, limits.pool.turn_deg) if limits.runs.repeat_first_last else None
+    check = None
+    if limits.runs.repeat_first_last:
+        check = candidates[0] if fitting.steered else pool.step_of(fitting.base, largest, limits.pool.turn_deg)
     fixed = np.array([2.0 * (check is not None and candidate.label == check.label) for candidate in candidates])
     cost = pool.costs(candidates, limits, supply)
     room, most_alike = pool.allowance(limits), np.full(count, float(limits.runs.most_alike))
@@ -139,6 +142,41 @@ def select(
     if check is not None:
         why[check.label] = SHOWS_DRIFT
     return chosen, why, check
+
+
+def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[Candidate, ...]:
+    """List the runs that a campaign may be made of: of a steered vehicle zigzags and turning circles, both ways first,
+    at several speeds where its model depends on that. Commands change when the model's heading says so."""
+    if not fitting.steered:
+        return pool.candidates(fitting.base, limits, largest)
+    usual = None if fitting.speed is None or not fitting.model.signals else fitting.speed
+    speeds = [None] if usual is None else [float(f"{share * usual:.3g}") for share in pool.SPEED_SHARES]
+    angles = [angle for angle in pool.ZIGZAG_DEG if np.deg2rad(angle) <= largest] or [float(np.rad2deg(largest))]
+    kinds = [(pool.ZIGZAG, pool.SWINGS, angle, angle) for angle in angles]
+    kinds.append(("turning-circle", 1, float(f"{np.rad2deg(largest):.4g}"), pool.CIRCLE_DEG))
+    every = [
+        Candidate(kind, f"{kind}_{side * angle:+g}{'' if speed is None else f'_{speed:g}m-s'}", (), speed=speed)
+        for speed in speeds for kind, _, angle, _ in kinds for side in (1, -1)
+    ]  # fmt: skip
+    parts = [
+        (count, side * np.deg2rad(angle), until) for _ in speeds for _, count, angle, until in kinds for side in (1, -1)
+    ]
+    rest = round(fitting.rest * fitting.rate)
+    for swing in range(pool.SWINGS):
+        at = [i for i, (count, *_) in enumerate(parts) if swing < count]
+        held = [round(rest + run.driven * fitting.rate) for run in every]
+        for i in at:
+            way = (-1.0) ** swing * float(parts[i][1])
+            every[i] = replace(every[i], commands=(*every[i].commands, (way, pool.MAX_DRIVEN_S)))
+        for i, heading in zip(at, headings_of(fitting.model, fitting.logger, [every[i] for i in at])):
+            *before, (way, _) = every[i].commands
+            over = np.sign(way) * heading[held[i] :] >= np.deg2rad(parts[i][2])
+            seconds = round(max(int(np.argmax(over)), 1) / fitting.rate, 1) if over.any() else np.inf
+            every[i] = replace(every[i], commands=(*before, (way, min(seconds, pool.MAX_DRIVEN_S))))
+    runs = tuple(run for run in every if run.driven < pool.MAX_DRIVEN_S)
+    if not runs:
+        raise SettingError("the limits allow no campaign: no zigzag ends in time; allow larger rudder angles")
+    return runs
 
 
 def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudget, limits: Limits) -> Floats:
@@ -369,15 +407,19 @@ def plan_campaign(
     """Choose runs within `limits`, moments up to `largest`, that split the doubts of the `prior` results and narrow
     the `wanted` intervals (all by default); a wanted effect that the model lacks is planned for as if it were there.
     Raises SettingError where the limits allow no campaign, ModelError for a parameter that there is not."""
+    there, unit = {term.name for term in prior.model.terms}, prior.stored.model.moment_unit
     for name in dict.fromkeys(parameter.partition(" ")[0] for parameter in wanted):
-        if name in effects.names() and name not in {term.name for term in prior.model.terms} and not info.lacking(name):
+        if name in effects.names() and name not in there and not info.lacking(name, unit):
             start = with_effect(fitting_of(prior, limits), prior.model, name, largest)[0]
             prior = replace(prior, model=start.model)
     fitting = fitting_of(prior, limits)
     wanted_ones = info.wanted_directions(fitting, wanted)
     earlier = info.covariance_now(fitting, prior.now) if limits.goal.use_earlier_runs else None
     before = info.information_now(fitting, earlier)
-    grid = pool.scheduled(pool.paper_grid(fitting.base, largest), limits, supply)
+    like: Sequence[Candidate] = ()
+    if prior.doubts:
+        like = runs_of(fitting, limits, largest) if fitting.steered else pool.paper_grid(fitting.base, largest)
+    grid = pool.scheduled(like, limits, supply)
     pairs = pairs_of(prior, fitting, [slot.candidate for slot in grid], largest)
     chosen, why, check = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
     slots = pool.scheduled(pool.in_order(chosen, check, seed), limits, supply)
@@ -452,15 +494,16 @@ def fitting_of(prior: PriorResults, limits: Limits) -> Fitting:
     noise = limits.logger.noise_deg or prior.noise_deg
     rate_noise = limits.logger.rate_noise_deg_s or prior.rate_noise_deg_s
     gain = limits.logger.gain_scatter
+    by_fit = prior.diagnosis is None and prior.stored.model.moment_unit == STEERED  # fit-yaw fits what the speed does
     names = (*(term.name for term in prior.model.terms), *(doubt.rival for doubt in prior.doubts))
     electric = limits.runs.voltages_V or any("voltage" in effects.get(name).needs for name in names)
     random = prior.random if gain is None else {**prior.random, "gain-scatter": gain} if prior.random else {}
     return Fitting(
-        prior.model, "whole-runs" if prior.model == base else "diagnosis", float(np.deg2rad(noise)),
+        prior.model, "whole-runs" if prior.model == base or by_fit else "diagnosis", float(np.deg2rad(noise)),
         prior.scatter if gain is None else gain, limits.logger.rate_hz, limits.runs.rest_before_s,
         limits.battery.volts if electric else None, base,
         None if rate_noise is None else float(np.deg2rad(rate_noise)), random,
-        command_delay=prior.command_delay,
+        command_delay=prior.command_delay, speed=prior.speed,
     )  # fmt: skip
 
 
@@ -468,6 +511,8 @@ def specification(plan: Plan) -> tuple[dict[str, object], str]:
     """Return plain data of the specification (none where it cannot be simulated), and what it leaves out."""
     fitting, limits, model = plan.fitting, plan.limits, plan.fitting.model
     symbols, (linear, quadratic) = model.dof.symbols, model.drag()
+    if fitting.steered:
+        return {}, "No plan.toml: simulate makes no logs of a rudder."
     if linear < 0 or quadratic < 0:
         return {}, "No plan.toml: a vehicle with negative drag cannot be simulated."
     delayed = model.delayed(fitting.command_delay) if fitting.command_delay * fitting.rate > 0.5 else model
@@ -548,6 +593,10 @@ def make_plan(
     if not isinstance(limits, Limits):
         limits = Limits() if limits is None else Codec(limits.name).read(Limits, read_mapping(limits))
     names = given_columns(columns)
+    if prior.stored.model.moment_unit == STEERED:  # the model's rudder is positive to starboard
+        rule = names.columns.get(pool.MOMENT_COLUMNS[STEERED], ColumnRule(pool.MOMENT_COLUMNS[STEERED]))
+        rule = replace(rule, sign=-rule.sign) if prior.side == -1 else rule
+        names = replace(names, columns={**names.columns, pool.MOMENT_COLUMNS[STEERED]: rule})
     drive = _drive(thrusters, arm, names, prior, limits)
     largest = _largest_moment(prior, limits, drive)
     records = load_thruster_logs(thruster_tests, names, progress=progress).records if thruster_tests else None
@@ -588,10 +637,14 @@ def _largest_moment(prior: PriorResults, limits: Limits, drive: TwinThrusters | 
     """The largest moment of runs, in the model's unit. Raises SettingError where none is told or it is too large."""
     largest, unit = limits.moments.largest, prior.stored.model.moment_unit
     if unit == STEERED:
-        raise SettingError(
-            f"{prior.stored.source} is a model of a rudder, and a plan is of moments; make zigzags instead: "
-            "`automarine guide rudder`"
-        )
+        logged = max(map(abs, prior.file.force_range)) if prior.file and prior.file.force_range else None
+        angle = np.deg2rad(largest) if largest is not None else logged
+        if drive is not None or angle is None or angle > np.pi / 2:
+            raise SettingError(
+                f"{prior.stored.source} is a model of a rudder; give its largest angle in degrees, up to 90, with "
+                "moments.largest in the limits, and no --thrusters"
+            )
+        return float(angle)
     if drive is None:
         if largest is None and unit != "nu":
             raise SettingError(
@@ -616,6 +669,10 @@ def _supply(
     """What is drawn from the battery, and a sentence on where that is from: `records` of thruster tests, else the
     limits. Raises SettingError for tests without a drive, RunError for tests without a current or power."""
     battery = limits.battery
+    if unit == STEERED:
+        drawn = f"{battery.idle_A:g} A always and {battery.full_A:g} A more under way, as stated in the limits."
+        source = f"Battery: {battery.volts:g} V, {battery.charge_Ah:g} Ah; {drawn}"
+        return Supply(battery.idle_A, battery.full_A, largest, 0.0), source
     stated = f"Battery: {battery.volts:g} V, {battery.charge_Ah:g} Ah; {battery.idle_A:g} A always"
     if records is None:
         source = f"{stated} and {battery.full_A:g} A more at {largest:.4g} {unit}, as stated in the limits."

@@ -19,7 +19,7 @@ from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.logs.columns import CANONICAL
 from automarine_cli.models.model import Model, steady_rate
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, keyed
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.run import IMPOSSIBLE_EXTRAPOLATION
 from automarine_cli.simulation.specification import (
     AboveZero,
@@ -154,6 +154,9 @@ MIN_MOMENT_SHARE = 0.1  # of the largest moment; levels between go by the root, 
 RAMP_S, REST_S, RAMP_STAIRS = 40.0, 60.0, 20
 COAST_CONSTANTS, COAST_S = 6.0, (5.0, 20.0)
 """A coast-down lasts so many of the vehicle's time constants at full moment, within these bounds [s]."""
+ZIGZAG, ZIGZAG_DEG, SWINGS = "zigzag", (10.0, 20.0), 5  # angles of rudder and heading: IMO MSC.137(76)
+CIRCLE_DEG = 360.0  # of a turning circle
+SPEED_SHARES = (2 / 3, 1.0, 4 / 3)  # speeds of what is steered, where its model depends on the speed
 MAX_DRIVEN_S = 120.0  # no run is driven for longer: who would wait for it can repeat it
 
 
@@ -161,13 +164,15 @@ MAX_DRIVEN_S = 120.0  # no run is driven for longer: who would wait for it can r
 class Candidate:
     """One run on paper: `commands` (moment, seconds) follow the rest at the log's start; `label` names it.
 
-    `turns`: further than steps may, so that the water needs longer; `voltage` [V] None for the usual."""
+    `turns`: further than steps may, so that the water needs longer; `voltage` [V] and `speed` [m/s] of what is steered
+    None for the usual."""
 
     kind: str
     label: str
     commands: Commands
     turns: bool = False
     voltage: float | None = None
+    speed: float | None = None
     start_heading: float = 0.0
     clock: float = 0.0
 
@@ -222,9 +227,10 @@ def candidates(model: Model, limits: Limits, largest: float) -> tuple[Candidate,
 
 def mirrors(candidates: Sequence[Candidate]) -> list[int]:
     """Return the place of the same run to the other side, of each candidate; its own where it has no sides."""
-    places = {(run.kind, run.commands, run.voltage): i for i, run in enumerate(candidates)}
+    places = {(run.kind, run.commands, run.voltage, run.speed): i for i, run in enumerate(candidates)}
     turned = (tuple((-moment, seconds) for moment, seconds in run.commands) for run in candidates)
-    return [places.get((run.kind, other, run.voltage), i) for i, (run, other) in enumerate(zip(candidates, turned))]
+    others = zip(candidates, turned)
+    return [places.get((run.kind, other, run.voltage, run.speed), i) for i, (run, other) in enumerate(others)]
 
 
 def paper_grid(model: Model, largest: float) -> tuple[Candidate, ...]:
@@ -251,14 +257,15 @@ def _ramp(moment: float) -> Candidate:
 
 @dataclass(frozen=True)
 class Supply:
-    """What is drawn [A]: `idle` always, `full` more at the `largest` moment."""
+    """What is drawn [A]: `idle` always, `full` more at the `largest` moment, by a `power` of others: 0 under way."""
 
     idle: float
     full: float
     largest: float
+    power: float = POWER_LAW
 
     def current(self, moment: float) -> float:
-        return self.idle + self.full * (abs(moment) / self.largest) ** POWER_LAW
+        return self.idle + self.full * (abs(moment) / self.largest) ** self.power
 
     def drawn(self, candidate: Candidate, at_rest: float) -> float:
         """Charge [Ah] of a run and of `at_rest` seconds without any moment."""
@@ -334,7 +341,7 @@ def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tupl
 
 
 MIN_ROWS = 6  # rows of thruster tests from which on the current is told
-MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm"}
+MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm", STEERED: "rudder_deg"}
 DIGITS = 6
 
 
@@ -435,5 +442,11 @@ def in_words(candidate: Candidate, unit: str) -> str:
     if candidate.kind == "slow-ramp":
         first, last, total = commands[0][0], commands[-1][0], candidate.driven
         return f"{first:+g} to {last:+g} {unit} in {len(commands)} equal stairs over {total:g} s"
+    if unit == STEERED:
+        angle, way = np.rad2deg(abs(commands[0][0])), "starboard" if commands[0][0] > 0 else "port"
+        over = f", over to the other side at each {angle:g} degrees off the course" if candidate.kind == ZIGZAG else ""
+        until = f"{len(commands)} times" if over else f"until the heading has turned {CIRCLE_DEG:g} degrees"
+        speed = "" if candidate.speed is None else f"at {candidate.speed:g} m/s: "
+        return f"{speed}rudder {angle:g} degrees to {way}{over}, {until}; about {candidate.driven:.0f} s"
     parts = (f"{f'{moment:+g} {unit}' if moment else 'nothing'} for {seconds:g} s" for moment, seconds in commands)
     return ("" if candidate.voltage is None else f"at {candidate.voltage:g} V: ") + ", then ".join(parts)

@@ -33,7 +33,7 @@ from automarine_cli.models.parameter import Parameters
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate, step_for
@@ -44,6 +44,7 @@ Fit = Literal["whole-runs", "diagnosis"]
 HELD_OUT_SHARE = 0.25  # share of the runs that `diagnose` does not fit, where no others are given to be held out
 QUIET_DISTURBANCE = 1e-5  # disturbance moment of a pool, as a factor of the fits: none
 ANGLE = "inertial turn angle"
+DERIVED = (ANGLE, "K", "T")  # that are made of other parameters
 MIN_INTERVAL_RUNS = 3  # runs below which no interval is told
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 """Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
@@ -54,7 +55,8 @@ LOOSE_STDERR = 3.0
 @dataclass(frozen=True)
 class Logger:
     """What a log on paper looks like: `rate` [Hz], `rest` [s] of zero moment first, `unit` of the moment, `voltage` [V]
-    of the supply or None where the logs have no such column; of `channels` only a velocity is a column of its own."""
+    of the supply or None where the logs have no such column; of `channels` only a velocity is a column of its own. What
+    is steered goes at a `speed` [m/s] where its candidate has none."""
 
     dof: Dof
     unit: str
@@ -62,10 +64,11 @@ class Logger:
     rest: float
     voltage: float | None
     channels: tuple[str, ...] | None
+    speed: float | None = None
 
     @property
     def signals(self) -> tuple[str, ...]:
-        return () if self.voltage is None else ("voltage",)
+        return (*(() if self.voltage is None else ("voltage",)), *(() if self.speed is None else ("surge", "rudder")))
 
     def run(self, candidate: Candidate) -> Run:
         """Make the run that the logger would bring home; its heading, still to be measured, stands still.
@@ -80,6 +83,8 @@ class Logger:
         heading = np.full(len(moment), np.deg2rad(candidate.start_heading))
         volts = candidate.voltage if candidate.voltage is not None else self.voltage
         extras = {} if volts is None else {"voltage": np.full(len(moment), volts)}
+        if self.speed is not None:
+            extras |= {"surge": np.full(len(moment), candidate.speed or self.speed), "rudder": moment}
         if self.dof.velocity in (self.channels or ()):
             extras[self.dof.velocity] = np.zeros(len(moment))
         return Run(candidate.label, "plan", time, heading, moment, self.unit, extras, dof=self.dof)
@@ -108,7 +113,8 @@ class Fitting:
     each run, `voltage` [V] where the logs have it; `frame` is the drag about which runs are laid out, by default the
     model's own; `rate_noise` [per s] of a velocity sensor, None without. Where something is `random` (by the names of
     driven fits, in base units), runs are fitted by the innovations of a filter. `explained_by` names the effect of the
-    model for which it stands beside another explanation, `command_delay` [s] is that of the model's file."""
+    model for which it stands beside another explanation, `command_delay` [s] is that of the model's file, `speed` [m/s]
+    that of a steered vehicle's logs."""
 
     model: Model
     fit: Fit
@@ -122,6 +128,7 @@ class Fitting:
     random: Mapping[str, float] = field(default_factory=dict)
     explained_by: str = ""
     command_delay: float = 0.0
+    speed: float | None = None
 
     @cached_property
     def base(self) -> Model:
@@ -129,6 +136,10 @@ class Fitting:
         names = tuple(term.name for term in self.model.terms)
         size = max(len(drag) for drag in BASE_TERMS.values() if names[: len(drag)] == drag)
         return self.frame or replace(self.model, terms=self.model.terms[:size])
+
+    @property
+    def steered(self) -> bool:
+        return self.model.moment_unit == STEERED
 
     @property
     def fitted(self) -> float:
@@ -139,7 +150,7 @@ class Fitting:
     def logger(self) -> Logger:
         dof, unit = self.model.dof, self.model.moment_unit
         channels = None if self.rate_noise is None else dof.channels
-        return Logger(dof, unit, self.rate, self.rest, self.voltage, channels)
+        return Logger(dof, unit, self.rate, self.rest, self.voltage, channels, self.speed)
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
         """Set up the likelihood of the candidates' runs; theta ends with the command delay."""
@@ -148,8 +159,11 @@ class Fitting:
             signals, channels = self.logger.signals, self.logger.channels
             return DiagnosisProblem(tuple(runs), self.base, False, signals, channels=channels).problem(self.model)
         largest = max(float(np.abs(run.command).max()) for run in runs)
-        batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.logger.channels)
-        parameters = self.model.parameters(log_drag=True, signed_drag=True)
+        step = min(0.1, step_for(self.model, largest))
+        batch = make_batch(runs, step, self.model.signals, channels=self.logger.channels)
+        # drag that is zero has no logarithm: that of a steered vehicle is often all in its coupling with the speed
+        none = [term.name for term in self.model.terms if term.base and self.steered and not any(term.values)]
+        parameters = self.model.parameters(log_drag=True, signed_drag=True, dropped=none)
         return whole_run_problem(self.model, parameters, batch, np.array([starts_at_rest(run) for run in runs]))
 
     def driven(self, candidates: Sequence[Candidate]) -> tuple[DrivenProblem, Floats]:
@@ -207,7 +221,21 @@ class Fitting:
             between = inertia.direction - quadratic.direction
             ratio = self.model.dof.unit_of("ratio")
             estimands[ANGLE] = Estimand(inertia.value / quadratic.value, True, ratio, between)
-        return estimands
+        return estimands | self._nomoto(estimands) if self.steered else estimands
+
+    def _nomoto(self, estimands: Mapping[str, Estimand]) -> dict[str, Estimand]:
+        """Gain K = 1/d and time constant T = I/d at the speed, with the damping d = k - c u; none without it."""
+        symbols, damping, slope = self.model.dof.symbols, 0.0, np.zeros(len(self.parameters.free))
+        for name, factor in ((symbols.linear, 1.0), ("cross-coupling c", -(self.speed or 0.0))):
+            if name in estimands:
+                of = estimands[name]
+                damping += factor * of.value
+                slope = slope + factor * of.direction * (of.value if of.on_log else 1.0)
+        if damping <= 0.0:
+            return {}
+        inertia, relative = estimands[symbols.inertia], slope / damping
+        time = Estimand(inertia.value / damping, True, "s", inertia.relative - relative)
+        return {"K": Estimand(1.0 / damping, True, "1/s", -relative), "T": time}
 
     @property
     def loose_information(self) -> Floats:
@@ -229,7 +257,8 @@ class Fitting:
         size, (problem, phi) = len(self.model.theta), self.driven(candidates)
         runs = problem.slopes(phi[None])[0].information
         names = [problem.parameters.names[i] for i in problem.free]
-        at = [names.index(name) for name in (*self.model.parameter_names, COMMAND_DELAY) if name in names]
+        searched = np.array([*self.model.parameter_names, COMMAND_DELAY])[self.parameters.free]
+        at = [names.index(name) for name in searched if name in names]
         nuisance = [i for i in range(len(names)) if i not in at]
         total = runs.sum(axis=0) + problem.prior_information
         back = np.eye(len(names))[at]
@@ -358,7 +387,8 @@ class PriorResults:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (usual
     ones where the file does not say), how many runs were fitted, open doubts, a gyro's noise; what is `random` in
     driven runs, by name, in base units; the command delay [s], which is no effect of the model; effects that the fit
-    `proposed` and no diagnosis judged, with their deviance."""
+    `proposed` and no diagnosis judged, with their deviance; of what is steered the mean `speed` of its logs [m/s] and
+    the `side` of positive rudder (1 to starboard), None where the file does not say."""
 
     stored: StoredModels
     model: Model
@@ -374,6 +404,8 @@ class PriorResults:
     file: ModelFile | None = None
     diagnosis: DiagnosisFile | None = None
     command_delay: float = 0.0
+    speed: float | None = None
+    side: int | None = None
 
 
 def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
@@ -383,11 +415,11 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     entry, symbols = file.chosen, file.dof.symbols
     drag = {symbols.inertia: entry.inertia, symbols.quadratic: entry.quadratic, symbols.linear: entry.linear}
     added = {f"{effect.name} {n}": entry for effect in file.effects for n, entry in effect.parameters.items()}
-    now = _some({**drag, ANGLE: entry.ratio or file.ratio, **added})
+    now = _some({**drag, ANGLE: entry.ratio or file.ratio, **added}) | _nomoto_now(file.nomoto.get("first_order"))
     spread = file.gain_scatter.value if file.gain_scatter else None
     notes: tuple[str, ...] = ()
     doubts: tuple[Ambiguity, ...] = ()
-    judged = None
+    judged, unit = None, stored.model.moment_unit
     if diagnosis is not None:
         judged, new_effects, estimates, open_rivals = _read_diagnosis(diagnosis, stored)
         new_effects = {effect: values for effect, values in new_effects.items() if effect not in stored.effects}
@@ -401,21 +433,40 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
         now = {**now, **base, **estimates}
         if new_effects:
             now.pop(ANGLE, None)
-        doubts = tuple(doubt for doubt in open_rivals if not lacking(doubt.rival))
-        unlogged = [(doubt.rival, lacking(doubt.rival)[0]) for doubt in open_rivals if doubt not in doubts]
+        doubts = tuple(doubt for doubt in open_rivals if not lacking(doubt.rival, unit))
+        unlogged = [(doubt.rival, lacking(doubt.rival, unit)[0]) for doubt in open_rivals if doubt not in doubts]
         needs = "{} is left open: it needs the column {!r}, which planned runs do not have."
         notes = (*(needs.format(*rival) for rival in unlogged), *(() if doubts else (NO_RIVALS,)))
     out = "{} is left out: it acts by the column {!r}, which planned runs, on the spot, do not have."
-    notes += tuple(out.format(term.name, lacking(term.name)[0]) for term in chosen.terms if lacking(term.name))
-    chosen = replace(chosen, terms=tuple(term for term in chosen.terms if not lacking(term.name)))
+    absent = [(term.name, lacking(term.name, unit)) for term in chosen.terms]
+    notes += tuple(out.format(effect, columns[0]) for effect, columns in absent if columns)
+    chosen = replace(chosen, terms=tuple(term for term in chosen.terms if not lacking(term.name, unit)))
     rates = (sensor.noise for sensor in file.channels if sensor.used and sensor.quantity == stored.dof.velocity)
     rate = next((noise.value for noise in rates if noise is not None), None)
     random = {name: entry.value for name, entry in file.random.items() if entry.value is not None}
     noise, scatter, rate = (value if value is not None and value > 0 else None for value in (file.noise, spread, rate))
     return PriorResults(
         stored, chosen, now, noise or USUAL_NOISE_DEG, scatter or USUAL_SCATTER, file.runs.used, doubts, notes, rate,
-        random, {} if diagnosis is not None else file.proposed, file, judged, late,
+        random, {} if diagnosis is not None else file.proposed, file, judged, late, *_steered(file, chosen),
     )  # fmt: skip
+
+
+def _nomoto_now(first_order: object) -> dict[str, Estimate]:
+    """Sizes of K and T as the file of a steered vehicle tells them."""
+    entries = first_order if isinstance(first_order, Mapping) else {}
+    ends = {name: sorted(map(abs, entry["ci95"])) for name, entry in entries.items()}
+    return {
+        name: Estimate(abs(entry["value"]), entry["stderr"], (ends[name][0], ends[name][1]), entry["unit"])
+        for name, entry in entries.items()
+    }
+
+
+def _steered(file: ModelFile, model: Model) -> tuple[float | None, int | None]:
+    """The speed [m/s] and the side of positive rudder of a steered vehicle; None where its file does not say."""
+    usual = [term.values[1] for term in model.terms if term.name == "rudder-inflow"]
+    speeds = [value for value in (*usual, file.nomoto.get("speed_m_s")) if isinstance(value, float)]
+    sides = {"starboard": 1, "port": -1}
+    return next(iter(speeds), None), sides.get(str(file.nomoto.get("positive_rudder_turns_to")))
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
@@ -423,7 +474,7 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
     where a parameter has no standard error.
 
     Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio."""
-    names = [name for name in fitting.estimands if name != ANGLE]
+    names = [name for name in fitting.estimands if name not in DERIVED]
     if any(name not in now or not now[name].stderr > 0 for name in names):
         return None
     size = {n: now[n].stderr / (abs(now[n].value) if fitting.estimands[n].on_log else 1.0) for n in names}
@@ -453,12 +504,13 @@ def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
     for name in names:
         if name not in estimands:
             raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(estimands)}")
-    return np.stack([estimands[name].relative for name in names or [n for n in estimands if n != ANGLE]], axis=1)
+    return np.stack([estimands[name].relative for name in names or [n for n in estimands if n not in DERIVED]], axis=1)
 
 
-def lacking(effect: str) -> list[str]:
-    """List the columns that an effect needs and planned runs do not have."""
-    return [need for need in effects.get(effect).columns if need != "voltage"]
+def lacking(effect: str, unit: str) -> list[str]:
+    """List the columns that an effect needs and planned runs do not have; a vehicle with a rudder has way on."""
+    there = ("voltage", *(("surge", "rudder") if unit == STEERED else ()))
+    return [need for need in effects.get(effect).columns if need not in there]
 
 
 def _some(entries: Mapping[str, Given | None]) -> dict[str, Estimate]:

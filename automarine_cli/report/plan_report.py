@@ -40,7 +40,8 @@ def _(plan: Plan) -> Sections:
     figures = {"plan": Drawing("parameters.plan_figure", plan)} if plan.errors else {}
     return Sections(
         [_totals(plan), *plan.notes, *intervals], files, figures,
-        FILES if plan.errors else [name for name in FILES if name != "plan.png"], plan.runs(), details=[sheet, *splits],
+        [name for name in FILES if (name != "plan.png" or figures) and (name != "plan.toml" or specified)], plan.runs(),
+        details=[sheet, *splits],
     )  # fmt: skip
 
 
@@ -76,7 +77,8 @@ def _sheet_rows(plan: Plan) -> Table:
 def _sheet_table(plan: Plan) -> Table:
     rows = _sheet_rows(plan)
     columns = {title: rows.header.index(name) for name, title in SHEET.items()}
-    note = f"Every log begins with {plan.limits.runs.rest_before_s:g} s at rest, thrusters idle."
+    begins = "straight ahead at the run's speed" if plan.fitting.steered else "at rest, thrusters idle"
+    note = f"Every log begins with {plan.limits.runs.rest_before_s:g} s {begins}."
     return Table.of("Run sheet", [{title: row[i] for title, i in columns.items()} for row in rows.rows], [note])
 
 

@@ -85,7 +85,7 @@ def _page(tuning: Tuning, tables: list[Table]) -> str:
     rests_on = [
         *tuning.knowledge.notes,
         f"Explanations flown: {', '.join(crowd.name for crowd in tuning.crowds)}.",
-        f"The whole output gives {nominal.full:.4g} {nominal.force_unit}.",
+        f"The whole output gives {nominal.authority}.",
         f"Only {nominal.dof.name} is designed; roll, pitch, and what the motions do to each other are not.",
         f"Readings are off as those of the logs are, by {nominal.dof.shown(noise):.2g} {nominal.dof.words.units} "
         "(standard deviation); waves and the pilot are not simulated.",

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,12 @@ RUDDER_RATE = np.deg2rad(20.0)  # per s
 SPEED_LOSS = 0.5  # m/s² per (rad/s)²
 SPEED_TIME = 4.0  # s in which the speed comes back
 MEMORY_TIME = 3.0  # s
+SPEED, ERROR = 1.2, 0.03  # of models: m/s at which they are fitted; standard errors as shares
+
+
+def estimate(value: float, unit: str, share: float = ERROR) -> dict[str, object]:
+    error = abs(share * value)
+    return {"value": value, "stderr": error, "ci95": [value - 2 * error, value + 2 * error], "unit": unit}
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,25 @@ class Boat:
             log = self.zigzag(u if speed else 1.2, angle, 10 * seed + i)
             log.drop(columns=[] if speed else ["surge_m_s"]).to_csv(folder / f"zigzag_{i}.csv", index=False)
         return folder
+
+    def model(self, seed: int = 0, noise_deg: float = 0.02) -> dict[str, Any]:
+        """Content of a model of the boat, each parameter wrong by a draw of its standard error."""
+        draw = 1.0 + ERROR * np.random.default_rng(seed).standard_normal(3)
+        per_moment = 1.0 / (self.effect * SPEED**2)
+        inertia, quadratic, coupling = per_moment * draw * np.array([1.0, self.quadratic, -self.damping])
+        drag = {"I_r": estimate(inertia, "rad s²"), "k_rr": estimate(quadratic, "rad s²")}
+        inflow = {"race": estimate(0.0, "1") | {"stderr": 0.01}, "U": estimate(SPEED, "m/s", 0.0)}
+        coupled = {"c": estimate(coupling, "rad s²/m")}
+        return {
+            "schema": "automarine/yaw-model/1", "moment_unit": "rad", "preferred": "3", "gain_scatter": 0.01,
+            "heading_noise_deg": noise_deg, "models": {"3": drag},
+            "effects": [
+                {"name": "rudder-inflow", "parameters": inflow}, {"name": "cross-coupling", "parameters": coupled},
+            ],
+            "valid_range": {"moment": [-0.35, 0.35], "yaw_rate_rad_s": None},
+            "command_delay_s": estimate(0.0, "s") | {"stderr": 0.002},
+            "nomoto": {"speed_m_s": SPEED, "positive_rudder_turns_to": "starboard" if self.side > 0 else "port"},
+        }  # fmt: skip
 
 
 if __name__ == "__main__":

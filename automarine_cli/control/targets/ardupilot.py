@@ -2,7 +2,8 @@
 
 Source: ArduPilot, libraries AC_AttitudeControl (AC_AttitudeControl and AC_AttitudeControl_Sub, .cpp and .h),
 APM_Control/AR_AttitudeControl.cpp, AC_PID, AP_Math/control.cpp and AP_Scheduler; the gyro's low-pass in
-AP_InertialSensor (INS_GYRO_FILTER, 20 Hz in Sub, 4 Hz in Rover), the order of the loop in ArduSub/Sub.cpp."""
+AP_InertialSensor (INS_GYRO_FILTER, 20 Hz in Sub, 4 Hz in Rover), the order of the loop in ArduSub/Sub.cpp; what Rover
+does to the output to a rudder in AR_Motors/AP_MotorsUGV.cpp (output_regular)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
@@ -11,6 +12,7 @@ import numpy as np
 
 from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, Parameter, State, Target
 from automarine_cli.control.targets.loops import hold, leads, low_pass, share, spread, within
+from automarine_cli.errors import SettingError
 from automarine_cli.quantities import Complexes, Floats
 
 RAD = np.pi / 180.0
@@ -177,10 +179,21 @@ class ArduSub(ParameterFile):
         return angle, rate * gyro_response(z, dt, self.gyro_hz)
 
 
+SCALING = "MOT_SPD_SCA_BASE"
+
+
+def scaling_base(usual: float) -> float:
+    """Return the speed [m/s] above which Rover turns a rudder less: its default, or a fifth below the `usual` one."""
+    return min(1.0, round(0.8 * usual, 3))
+
+
 class ArduRover(ParameterFile):
     """Angle loop, rate loop with feed-forward of what the drag takes at a steady rate, fifty loops a second
-    (SCHED_LOOP_RATE), for boats that turn by their thrusters. Older sources have defaults of 2.5, 360 and 180 for
-    ATC_STR_ANG_P, RAT_MAX and ACC_MAX. Not flown: the limit by ATC_TURN_MAX_G, beyond 300 deg/s below 1 m/s."""
+    (SCHED_LOOP_RATE), for boats that turn by thrusters or a rudder. Older sources have defaults of 2.5, 360 and 180 for
+    ATC_STR_ANG_P, RAT_MAX and ACC_MAX. Not flown: the limit by ATC_TURN_MAX_G, beyond 300 deg/s below 1 m/s.
+
+    Above MOT_SPD_SCA_BASE the angle of a rudder is the output by that speed over the own one; below it the integrator
+    rests. So the file sets it below the speed of the logs where its default of 1 m/s is above."""
 
     name = "ardurover"
     file = "ardurover.param"
@@ -188,6 +201,7 @@ class ArduRover(ParameterFile):
     of = "Steering"
     rate = "ATC_STR_RAT"
     gyro_hz = 4.0
+    rudder = True
     period = 0.02
     parameters = (
         Parameter("ATC_STR_ANG_P", "requested turn rate per heading error", "1/s", 2.0, 1.0, 10.0, True),
@@ -214,6 +228,18 @@ class ArduRover(ParameterFile):
     @property
     def own_lag(self) -> float:
         return 0.5 * self.period + np.sqrt(2.0) / (2.0 * np.pi * self.gyro_hz) + 1.0 / (2.0 * np.pi * 10.0)
+
+    def steering(self, speed: float | None, usual: float | None) -> float:
+        if speed is None or usual is None:
+            raise SettingError(
+                "ArduPilot Rover turns a rudder less the faster it goes, and the model's logs have no speed; log "
+                "surge_m_s and fit again, or tune --for pid"
+            )
+        return min(scaling_base(usual) / speed, 1.0)
+
+    def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
+        text = super().text(gains, nominal, notes)
+        return f"{text}{SCALING},{scaling_base(nominal.speed):.6g}\n" if nominal.steered and nominal.speed else text
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
         zero = np.zeros_like(position)

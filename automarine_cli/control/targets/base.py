@@ -17,7 +17,7 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Source
-from automarine_cli.quantities import Complexes, Floats
+from automarine_cli.quantities import STEERED, Complexes, Floats
 from automarine_cli.text import printable, quoted
 
 Gains = Mapping[str, Floats]  # parameters by name, (S, 1) each
@@ -44,7 +44,8 @@ class Parameter:
 @dataclass(frozen=True)
 class NominalPlant:
     """The vehicle as a designer sees it: `inertia` per moment of the whole output `full`, all its lags and delays [s],
-    the `fastest` steady velocity, and the step of the reference."""
+    the `fastest` steady velocity, and the step of the reference. Of what is steered `full` is a rudder angle [rad] and
+    `speed` that of its logs [m/s] (None: not logged), `side` -1 where positive rudder turns to port."""
 
     dof: Dof
     inertia: float
@@ -53,6 +54,19 @@ class NominalPlant:
     step: float
     full: float
     force_unit: str
+    speed: float | None = None
+    side: int | None = None
+
+    @property
+    def steered(self) -> bool:
+        return self.force_unit == STEERED
+
+    @property
+    def authority(self) -> str:
+        """What the whole output gives, in words."""
+        if self.steered:
+            return f"a rudder of {np.rad2deg(self.full):.4g} degrees"
+        return f"{self.full:.4g} {self.force_unit}"
 
 
 class Target(ABC):
@@ -63,6 +77,7 @@ class Target(ABC):
     motions: ClassVar[tuple[str, ...]] = ("yaw",)
     numbers: ClassVar[int]  # how many design numbers `propose` takes
     period: float
+    rudder: ClassVar[bool] = False  # whether it can turn a vehicle by its rudder
     timed: ClassVar[bool] = False  # whether whoever flies it may choose its sample time
 
     def __init__(self, period: float | None = None, beyond: bool = False) -> None:
@@ -106,6 +121,11 @@ class Target(ABC):
     @abstractmethod
     def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
         """Write the file; `notes` are sentences on where it is from."""
+
+    def steering(self, speed: float | None, usual: float | None) -> float:
+        """Return how far it turns a rudder at a `speed`, by outputs that turn it all the way at rest; the parameters
+        are made for the `usual` speed [m/s]."""
+        return 1.0
 
     @property
     def own_lag(self) -> float:

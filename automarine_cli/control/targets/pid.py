@@ -24,7 +24,7 @@ class Pid(Target):
     motions = ("yaw", "surge", "heave", "sway")
     numbers = 4
     period = 0.05
-    timed = True
+    rudder = timed = True
     parameters = (
         Parameter("K_p", "output per position error", "1/{x}", None, searched=True),
         Parameter("K_i", "output per integral of the position error", "1/({x} s)", None, searched=True),
@@ -76,4 +76,6 @@ class Pid(Target):
             "first-order low-pass T_f; the sum rests while u is at its limit and the error would carry it further",
             "sample_time_s": self.period, "parallel": numbers, "notes": [*notes],
         }  # fmt: skip
+        if nominal.steered:  # an output of 1 turns to starboard
+            content["rudder_deg_at_full_output"] = float(np.rad2deg(nominal.full)) * (nominal.side or 1)
         return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
