@@ -96,8 +96,8 @@ class Vehicle(Subject):
     @property
     def mass(self) -> float:
         """The vehicle's mass; one where no translation is identified."""
-        own = next((axis.inertias[0] for axis in self.axes if not axis.dof.angular), 1.0)
-        return self.settings.rigid_mass or own
+        usual = self.settings.rigid_mass or 1.0
+        return next((axis.inertias[0] for axis in self.axes if not axis.dof.angular), usual)
 
     @property
     def moments(self) -> list[float]:
@@ -146,7 +146,8 @@ class Vehicle(Subject):
         turns = [axis for axis in self.axes if axis.dof.angular]
         own = [axis for axis in turns if axis.settings.rigid_inertia is not None]
         given += [f"{axis.dof.name} inertia {number(axis.inertias[0])} kg m^2" for axis in own]
-        first = f"Mass: {joined(given)} {'are' if len(given) > 1 else 'is'} the vehicle's own (given); {rest}."
+        mass = f"Mass: {joined(given)}" if len(turns) < len(self.axes) else joined(given).capitalize()
+        first = f"{mass} {'are' if len(given) > 1 else 'is'} the vehicle's own (given); {rest}."
         whole = [axis.about_inertia() for axis in turns if axis not in own]
         return (*([first] if given else []), *whole)
 

@@ -191,6 +191,8 @@ def mss_vehicle(text: str, nu: Floats) -> Floats:
     inertia, force = np.array([[float(x) for x in line.split()] for line in rows.split(";")]), np.zeros(6)
     entries = re.findall(r"^D\((\d),(\d)\) = D\(\1,\2\) \+ (\S+?)(?: \* (abs\()?(\w)\)?)?;", text, re.MULTILINE)
     assert entries and text.startswith("function [nu_dot, M, C, D, g] = vehicle6(nu, tau, eta, nu_c)")
+    assert "C = [zeros(3) -S(b(1:3)); -S(b(1:3)) -S(b(4:6))];" in text and "b = M * nu_r;" in text
+    assert "S = @(a) [0 -a(3) a(2); a(3) 0 -a(1); -a(2) a(1) 0];" in text  # S(a) b is the cross product of a and b
     for i, j, value, absolute, along in entries:
         size = nu[LETTERS.index(along)] if along else 1.0
         force[int(i) - 1] -= float(value) * (abs(size) if absolute else size) * nu[int(j) - 1]
