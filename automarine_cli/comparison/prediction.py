@@ -29,7 +29,7 @@ from automarine_cli.dofs import YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.fits.planar_fit import CHANNELS
-from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log
+from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require
 from automarine_cli.logs.find import as_logs
 from automarine_cli.logs.table import columns_of
 from automarine_cli.models.model import DELAY, Model
@@ -374,8 +374,10 @@ def _bare(file: LogFile, columns: ColumnMap, dof: Dof, planar: bool) -> LogFile 
     """A log that holds no position or velocity as one in memory, of a vehicle of which nothing was read, with rows
     between those that are far apart: each command holds until the next. None for another log."""
     table = read_log(file, columns, dof=dof, motion=PLANAR if planar else None)
-    if {dof.position, dof.velocity} & table.columns.keys() or "time" not in table.columns:
+    if {dof.position, dof.velocity} & table.columns.keys():
         return None
+    free = dof.restoring or {*dof.thrusters} & table.columns.keys()  # of a logged moment
+    require(table, ("time", *(() if free else (dof.command,))))
     sources = {*dof.thrusters, *(moved.command for moved in (PLANAR.dofs if planar else (dof,)))}
     names = sorted(sources & table.columns.keys())
     whole = np.all([np.isfinite(table.columns[name]) for name in ("time", *names)], axis=0)

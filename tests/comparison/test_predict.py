@@ -263,7 +263,7 @@ def test_what_cannot_be_predicted_is_refused_in_a_sentence(tmp_path: Path) -> No
     back = refused(tmp_path, "time_s,tau\n0,1\n5,1\n3,1\n")
     assert "row 4" in back and "the clock steps back from 5 s to 3 s" in back
     assert "at most a day" in refused(tmp_path, "time_s,tau\n0,1\n900000,1\n")
-    assert "no yaw moment" in refused(tmp_path, "time_s,x\n0,1\n5,1\n")
+    assert "no yaw moment; found the columns time_s, x;" in refused(tmp_path, "time_s,x\n0,1\n5,1\n")
     assert "no time" in refused(tmp_path, "t,tau\n0,1\n5,1\n")
     sag = [{"name": "voltage-exponent", "parameters": {"p": 1.2, "V_ref": 15.0}}]
     lacks = refused(tmp_path, "time_s,tau\n0,1\n5,1\n", effects=sag)
