@@ -46,7 +46,7 @@ COMMANDS = {
     },
     "Use": {
         "plan": "Plan the next campaign.",
-        "tune": "Gains of a controller, with the margin they need.",
+        "tune": "Tune a heading controller with a safety margin.",
         "export": "Write a model for a simulator, a controller or a paper.",
         "simulate": "Make a pool campaign with known truth.",
     },
