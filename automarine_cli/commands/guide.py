@@ -81,7 +81,7 @@ def _show(ctx: click.Context, result: Any) -> None:
         about = dict((*result.commands, *result.pages))
         topics = groups() | {f"Commands: {title}": list(group) for title, group in COMMANDS.items()}
         tables = [
-            Table(title, ("topic", "what it is about"), [(topic, about[topic]) for topic in group])
+            Table(title, ("topic", "what it is about"), tuple((topic, about[topic]) for topic in group))
             for title, group in topics.items()
         ]
         echo_result(result, as_json=False, tables=(*tables, "automarine guide TOPIC shows a page."), saves=False)
