@@ -47,7 +47,7 @@ COMMANDS = {
     "Use": {
         "predict": "Predict where commands take the vehicle.",
         "plan": "Plan the next campaign.",
-        "tune": "Gains of a controller, with the margin they need.",
+        "tune": "Tune a heading controller with a safety margin.",
         "export": "Write a model for a simulator, a controller or a paper.",
         "simulate": "Make a pool campaign with known truth.",
     },

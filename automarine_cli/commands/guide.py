@@ -64,7 +64,8 @@ def _width() -> int:
 
 
 def _show(ctx: click.Context, result: Any) -> None:
-    from automarine_cli.guide import Page, Places
+    from automarine_cli.commands import COMMANDS
+    from automarine_cli.guide import Page, Places, groups
     from automarine_cli.guide.text import to_text
     from automarine_cli.report.tables import Table
 
@@ -77,9 +78,12 @@ def _show(ctx: click.Context, result: Any) -> None:
         echo_result(result, as_json=False, tables=(table, "automarine guide TOPIC shows a page."), saves=False)
         return
     if not isinstance(result, Page):
-        lists = (("Commands", result.commands), ("More pages", result.pages))
-        header = ("topic", "what it is about")
-        tables = [Table(title, header, pages) for title, pages in lists]
+        about = dict((*result.commands, *result.pages))
+        topics = groups() | {f"Commands: {title}": list(group) for title, group in COMMANDS.items()}
+        tables = [
+            Table(title, ("topic", "what it is about"), tuple((topic, about[topic]) for topic in group))
+            for title, group in topics.items()
+        ]
         echo_result(result, as_json=False, tables=(*tables, "automarine guide TOPIC shows a page."), saves=False)
         return
     text = to_text(result.markdown, _width(), lambda line: coloured(line, sys.stdout, "cyan", bold=True))

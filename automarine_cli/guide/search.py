@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 SYNONYMS = {
     "6dof": ("degrees of freedom",), "6 dof": ("degrees of freedom",), "angular velocity": ("rate",),
-    "coefficients": ("drag", "added mass"), "confidence interval": ("interval",), "damping": ("drag",),
+    "coefficients": ("drag", "added mass"), "damping": ("drag",),
     "deadzone": ("dead band",), "error message": ("message",), "faq": ("questions",),
     "hydrodynamic": ("drag", "added mass"), "imu": ("gyro",), "latency": ("delay",), "nonlinear": ("quadratic",),
     "pid": ("gains",), "residuals": ("innovation",), "rms": ("root mean square",), "rmse": ("root mean square",),
