@@ -30,13 +30,13 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5770, "report": 4832, "logs": 3958, "diagnosis": 3856, "commands": 3342, "runs": 2675,
-    "thrusters": 2703, "link": 2655, "control": 2054, "effects": 2186, "planning": 1765, "simulation": 1640,
-    "exports": 1566, "comparison": 1191, "models": 1222, "filters": 997, "pipeline": 800, "dofs": 598, "top": 310,
-    "guide": 261,
+    "fits": 5838, "report": 5235, "logs": 4012, "diagnosis": 3898, "commands": 3515, "runs": 2741,
+    "thrusters": 2713, "link": 2657, "control": 2171, "effects": 2303, "planning": 1898, "simulation": 1664,
+    "exports": 1943, "comparison": 1629, "models": 1240, "filters": 997, "pipeline": 807, "dofs": 598, "top": 325,
+    "guide": 399,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 44_381
-MAX_FILES = 220
+MAX_LINES_IN_ALL = 46_549
+MAX_FILES = 228
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
