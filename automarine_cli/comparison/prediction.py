@@ -139,8 +139,18 @@ PREDICTION = ResultKind("prediction.json", "prediction", PredictionFile, "predic
 
 @dataclass(frozen=True, repr=False)
 class Prediction(Shown):
-    """What the preferred one of the `stored` models makes of the commands of each of `predicted`, with what it leaves
-    open as the band; `parquet` where its table is to be of that form."""
+    """Where commands take a vehicle, with 95 % bands, by the preferred one of the `stored` models of motion `dof`.
+
+    `predicted` has each run with its `start` and `bands`, `set_aside` those that could not be predicted. `doubt` is
+    what the model leaves open: covariance, thrust scatter, disturbance; `seed` that of its draws. `shown` has the
+    column of each quantity, `columns()` the whole table, `end(of_run)` the last values and the ends of their bands;
+    `parquet` says the table's form. `to_json()` is prediction.json.
+
+    Frame, a row per time: `time_s`, commands, and each quantity with its band, such as `heading_deg`,
+    `heading_deg_low`, `heading_deg_high`; several runs have `run` too.
+
+    Keys: `schema`, `motion`, `model`, `band`, `predicted`, `runs`.
+    """
 
     stored: StoredModels
     doubt: Doubt

@@ -89,9 +89,9 @@ class Tuning(Shown, Problem):
     open, `plan_command` how to plan it.
 
     `target` is the autopilot, `task` what is demanded, `knowledge` what the model says, `nominal` the vehicle as a
-    designer sees it, `crowds` the vehicles that the model allows, `omega(count)` frequencies that matter and
-    `limit_rate(share)` the same target with fewer loops a second. `target_text()` is the target's own file. `to_json()`
-    is tuning.json.
+    designer sees it, `crowds` the vehicles that the model allows, `at_speed(ratio)` these at another speed,
+    `omega(count)` frequencies that matter and `limit_rate(share)` the same target with fewer loops a second.
+    `target_text()` is the target's own file. `to_json()` is tuning.json.
 
     Frame, a row per gain: `parameter`, `value`, `before`, `unit`, `documented`.
     """

@@ -61,10 +61,12 @@ MIRROR_OF_MIXED: dict[str, Callable[[Values], Values]] = {
 @dataclass(frozen=True)
 class Exported:
     """The `text` of the file for a `target`, in a `form` and `frame`, with moments in `moment_unit`. `place` is where
-    it was written, or None. `origin` is the model's file, `carried` the effects in it, `left_out` those that are not,
-    `written` the text with its notes, `warnings` what its reader must be told. It has no frame.
+    it was written, or None. `origins` are the models' files, `carried` the effects in it, `left_out` those that are
+    not, `not_identified` the motions that no model is of, `written` the text with its notes, `warnings` what its reader
+    must be told. It has no frame.
 
-    Keys: `schema`, `target`, `form`, `frame`, `moment_unit`, `source`, `carried`, `left_out`, `notes`, `text`.
+    Keys: `schema`, `target`, `form`, `frame`, `moment_unit`, `source`, `sources`, `carried`, `not_identified`,
+    `left_out`, `notes`, `text`.
     """
 
     target: str

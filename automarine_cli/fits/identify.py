@@ -74,7 +74,7 @@ class YawFit(Shown):
     predicts, of whole runs; `priors` are what was known beforehand, `nomoto` the answer to a rudder, `buoyancy` that in
     heave, `swing` and `swing_of(number)` period and damping in roll and pitch. `warnings` are what a report says of all
     that. `mass` [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing showed
-    it. `to_json()` is yaw_model.json (or that of the motion).
+    it, and `ratios` has drag over inertia. `to_json()` is yaw_model.json (or that of the motion).
 
     Frame, a row per model, method and parameter: `model`, `method`, `parameter`, `value`, `stderr`, `low`, `high`,
     `unit`.
