@@ -40,6 +40,6 @@ def _meaning(param: click.Parameter) -> str:
 
 
 def _result(result: type) -> str:
-    first, *rest = (" ".join(part.split()) for part in (inspect.getdoc(result) or "").split("\n\n"))
-    shown = [SHOWN] if hasattr(result, "plot") else []
-    return "\n\n".join([f"`{result.__name__}`. {first}", *rest, *shown])
+    first, *remaining = (" ".join(part.split()) for part in (inspect.getdoc(result) or "").split("\n\n"))
+    documented = [SHOWN] if hasattr(result, "plot") else []
+    return "\n\n".join([f"`{result.__name__}`. {first}", *remaining, *documented])

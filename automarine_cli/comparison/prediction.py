@@ -331,12 +331,12 @@ def _pushes(model: Model, doubt: Doubt, batch: Batch, theta: Floats, rng: np.ran
     spread = size * np.sqrt(1.0 - fade**2)
     shared = np.divide(size**2 * time * (1.0 - fade) ** 2, spread, out=np.zeros_like(spread), where=spread > 0)
     way = 2.0 * size**2 * time**2 * (span - 2.0 * (1.0 - fade) + 0.5 * (1.0 - fade**2))
-    rest = np.sqrt(np.maximum(way - shared**2, 0.0))
+    remaining = np.sqrt(np.maximum(way - shared**2, 0.0))
     now = size * rng.standard_normal((len(doubt.size), count))
     means = np.empty((len(doubt.size), count, windows))
     for k in range(windows):
         first, second = rng.standard_normal((2, len(doubt.size), count))
-        means[..., k] = (now * time * (1.0 - fade) + shared * first + rest * second) / WINDOW_S
+        means[..., k] = (now * time * (1.0 - fade) + shared * first + remaining * second) / WINDOW_S
         now = now * fade + spread * first
     forces = np.einsum("pij,jpk->ipk", model.inertia_matrix(theta), means)
     seconds = np.bincount(batch.window[0], batch.length[0], windows)
@@ -356,10 +356,10 @@ def load_commands(
     dof, planar = stored.dof, stored.in_plane
     drive: dict[str, Any] = {"thrusters": thrusters, "arm": arm}
     execution: dict[str, Any] = {"strict": strict, "jobs": jobs, "progress": progress}
-    read = [(file, _bare(file, columns, dof, planar)) for file in find_logs(logs)]
+    tables = [(file, _bare(file, columns, dof, planar)) for file in find_logs(logs)]
     groups = (
-        ([file for file, bare in read if bare is None], columns),
-        ([bare for _, bare in read if bare is not None], ColumnMap(defaults=columns.defaults)),
+        ([file for file, bare in tables if bare is None], columns),
+        ([bare for _, bare in tables if bare is not None], ColumnMap(defaults=columns.defaults)),
     )
     runs, aside, inputs = list[Run](), list[ExcludedRun](), list[LogFile]()
     for files, rules in groups:
@@ -390,10 +390,10 @@ def _bare(file: LogFile, columns: ColumnMap, dof: Dof, planar: bool) -> LogFile 
     require(table, ("time", *(() if free else (dof.command,))))
     sources = {*dof.thrusters, *(moved.command for moved in (PLANAR.dofs if planar else (dof,)))}
     names = sorted(sources & table.columns.keys())
-    whole = np.all([np.isfinite(table.columns[name]) for name in ("time", *names)], axis=0)
+    full = np.all([np.isfinite(table.columns[name]) for name in ("time", *names)], axis=0)
     rows, times, runs = list[Any](), list[Floats](), list[str]()
     for name, chosen in rows_of_runs(table):
-        chosen = chosen[whole[chosen]]
+        chosen = chosen[full[chosen]]
         time = table.columns["time"][chosen]
         _require_clock(table, chosen, time, name)
         steps = np.diff(time)
@@ -406,9 +406,9 @@ def _bare(file: LogFile, columns: ColumnMap, dof: Dof, planar: bool) -> LogFile 
         times[-1][last[changes & (count[:-1] > 1)]] = time[1:][changes & (count[:-1] > 1)] - AT_ONCE_S
         runs += [name] * len(order)
     at = np.concatenate(rows)
-    held = {name: values[at] for name, values in table.columns.items()} | {"time": np.concatenate(times)}
+    constant = {name: values[at] for name, values in table.columns.items()} | {"time": np.concatenate(times)}
     extras = {name: values[at] for name, values in table.extras.items()}
-    bare = replace(table, columns={**held, dof.velocity: np.zeros(len(at))}, extras=extras, rows=at, labels={})
+    bare = replace(table, columns={**constant, dof.velocity: np.zeros(len(at))}, extras=extras, rows=at, labels={})
     content: dict[str, Any] = columns_of(bare, 0, len(at))
     if len(set(runs)) > 1:
         content["run"] = runs

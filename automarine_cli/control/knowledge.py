@@ -286,9 +286,9 @@ def _rudder(target: Target, knowledge: Knowledge, full: float | None, mapped: bo
         other = "--thrusters" if mapped else target.name
         raise SettingError(f"{source} is a model of a rudder, and {other} is for thrusters; leave it out")
     if full is None or not max(logged / OUTPUT_TOLERANCE, 1.0) <= full <= MAX_RUDDER_DEG:
-        given = "is not given" if full is None else f"is {full:g}"
+        values = "is not given" if full is None else f"is {full:g}"
         raise SettingError(
-            f"{source} is a model of a rudder and --full {given}; give the rudder angle of the whole output in "
+            f"{source} is a model of a rudder and --full {values}; give the rudder angle of the whole output in "
             f"degrees, from the {logged:.3g} of the logs to {MAX_RUDDER_DEG:g}"
         )
     return float(np.deg2rad(full))

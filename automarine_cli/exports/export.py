@@ -221,8 +221,8 @@ def _taking(target: Target, files: Sequence[ModelSource]) -> tuple[Target, bool]
     for file in files:
         for name in [dof.name for dof in file.dofs] or ["thrusters"]:
             if name in by_motion:
-                both = f"{by_motion[name]} and {file.origin.file} are both of {name}"
-                raise SettingError(f"{both}; a vehicle has one model of each motion, give one of them")
+                pair = f"{by_motion[name]} and {file.origin.file} are both of {name}"
+                raise SettingError(f"{pair}; a vehicle has one model of each motion, give one of them")
             by_motion[name] = file.origin.file
     if several is None or (len(files) == 1 and not files[0].in_plane):
         return target, False

@@ -102,8 +102,8 @@ class Vehicle(Subject):
     @property
     def moments(self) -> list[float]:
         """Its inertia about the three axes; where one is not identified the largest of the others, or one."""
-        known = {axis.dof.number: axis.inertias[0] for axis in self.axes if axis.dof.angular}
-        return [known.get(place, max(known.values(), default=1.0)) for place in (3, 4, 5)]
+        identified = {axis.dof.number: axis.inertias[0] for axis in self.axes if axis.dof.angular}
+        return [identified.get(place, max(identified.values(), default=1.0)) for place in (3, 4, 5)]
 
     @property
     def drags(self) -> list[Drag]:
@@ -140,16 +140,16 @@ class Vehicle(Subject):
         thrusters = [f"Thrusters: {self.thrusters.about_places()}."] if self.thrusters else []
         return (f"Not identified: {', '.join(self.not_identified)}.", *thrusters) if len(self.origins) > 1 else ()
 
-    def about_own(self, rest: str) -> tuple[str, ...]:
-        """Sentences on what of M is the vehicle's own, and where the `rest` of it stands."""
-        given = [f"{number(self.mass)} kg"] * any(not axis.dof.angular for axis in self.axes)
+    def about_own(self, remainder: str) -> tuple[str, ...]:
+        """Sentences on what of M is the vehicle's own, and where the `remainder` of it stands."""
+        stated = [f"{number(self.mass)} kg"] * any(not axis.dof.angular for axis in self.axes)
         turns = [axis for axis in self.axes if axis.dof.angular]
-        own = [axis for axis in turns if axis.settings.rigid_inertia is not None]
-        given += [f"{axis.dof.name} inertia {number(axis.inertias[0])} kg m^2" for axis in own]
-        mass = f"Mass: {joined(given)}" if len(turns) < len(self.axes) else joined(given).capitalize()
-        first = f"{mass} {'are' if len(given) > 1 else 'is'} the vehicle's own (given); {rest}."
-        whole = [axis.about_inertia() for axis in turns if axis not in own]
-        return (*([first] if given else []), *whole)
+        rigid = [axis for axis in turns if axis.settings.rigid_inertia is not None]
+        stated += [f"{axis.dof.name} inertia {number(axis.inertias[0])} kg m^2" for axis in rigid]
+        mass = f"Mass: {joined(stated)}" if len(turns) < len(self.axes) else joined(stated).capitalize()
+        first = f"{mass} {'are' if len(stated) > 1 else 'is'} the vehicle's own (given); {remainder}."
+        total = [axis.about_inertia() for axis in turns if axis not in rigid]
+        return (*([first] if stated else []), *total)
 
     def about_water(self) -> tuple[str, ...]:
         if self.water is None:

@@ -296,8 +296,8 @@ def _rough_decay(number: str, batch: Batch, x: Floats, rates: Sequence[float], i
     usual = [2.0 * ROUGH_DAMPING * rate, ROUGH_DAMPING]  # linear drag, quadratic drag
     least = usual[:1] if number == "1" else usual[::-1][: 1 + (number == "2")]
     drag = [value if value > small else small for value, small in zip(values, least)]
-    rest = [*values[len(drag) : len(drag) + batch.dof.biased], *([rate**2] if rates else []), *[0.0] * sided]
-    return Model.base(number, inertia, inertia * np.array([*drag, *rest]), batch.moment_unit, batch.dof)
+    remaining = [*values[len(drag) : len(drag) + batch.dof.biased], *([rate**2] if rates else []), *[0.0] * sided]
+    return Model.base(number, inertia, inertia * np.array([*drag, *remaining]), batch.moment_unit, batch.dof)
 
 
 MAX_P_WAYS = 0.05  # p-value below which the two ways are told apart
@@ -490,9 +490,9 @@ def _first_speeds(batch: Batch, blocks: RunEffects) -> Floats:
     """Run effects from which a fit starts, (R, q): runs without a command move at first, or drag would do nothing."""
     effects = np.zeros_like(blocks.scale)
     for i in np.flatnonzero(~np.any(batch.force[0] != 0.0, axis=1)) if not batch.dof.restoring else ():
-        seen = batch.seen[i]
+        observed = batch.seen[i]
         way = FIRST_WAYS * batch.dof.limits.start
-        speed, _ = start_motion(batch.time[i][seen], batch.position[i][seen], 0.0, way)
+        speed, _ = start_motion(batch.time[i][observed], batch.position[i][observed], 0.0, way)
         blocks.of(effects, START_VELOCITY)[i] = speed
     return effects
 

@@ -8,6 +8,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 SYNONYMS = {
     "6dof": ("degrees of freedom",), "6 dof": ("degrees of freedom",), "angular velocity": ("rate",),
@@ -50,8 +51,8 @@ def stems(text: str) -> list[str]:
 def alternatives(query: str) -> list[str]:
     """The query, then what the guide calls it."""
     plain = " ".join(query.lower().replace("-", " ").split())
-    known = [(key, words) for key, words in SYNONYMS.items() if re.search(rf"\b{re.escape(key)}s?\b", plain)]
-    return [plain, *(re.sub(rf"\b{re.escape(key)}s?\b", word, plain) for key, words in known for word in words)]
+    synonyms = [(key, words) for key, words in SYNONYMS.items() if re.search(rf"\b{re.escape(key)}s?\b", plain)]
+    return [plain, *(re.sub(rf"\b{re.escape(key)}s?\b", word, plain) for key, words in synonyms for word in words)]
 
 
 @dataclass(frozen=True)
@@ -89,15 +90,17 @@ class Index:
                 worths[number] = max(worths.get(number, 0.0), share * worth)
         for number, worth in sorted(worths.items()):
             pages.setdefault(self.sections[number].page, []).append((worth, -number))
-        best = {page: sorted(own, reverse=True)[:REST] for page, own in pages.items()}
-        order = {page: own[0][0] + REST_SHARE * sum(worth for worth, _ in own[1:]) for page, own in best.items()}
+        best = {page: sorted(weights, reverse=True)[:REST] for page, weights in pages.items()}
+        order = {
+            page: weights[0][0] + REST_SHARE * sum(worth for worth, _ in weights[1:]) for page, weights in best.items()
+        }
         return [self.sections[-best[page][0][1]] for page in sorted(order, key=lambda page: (-order[page], page))]
 
     def _worths_of(self, words: str) -> dict[int, float]:
         """What each section is worth that has one of the words, or words that begin so."""
         sums, present = defaultdict[int, float](float), Counter[int]()
-        wanted = stems(words)
-        for word in wanted:
+        terms = stems(words)
+        for word in terms:
             best = dict[int, float]()
             for other in (other for other in self.worths if other.startswith(word)):
                 share = 1.0 if other == word else BEGINNING_SHARE
@@ -108,8 +111,8 @@ class Index:
                 present[number] += 1
         for number in sums:
             section = self.sections[number]
-            sums[number] *= (present[number] / len(wanted)) ** 2
-            if len(wanted) > 1 and words in f"{section.heading}\n{section.text}".lower().replace("-", " "):
+            sums[number] *= (present[number] / len(terms)) ** 2
+            if len(terms) > 1 and words in f"{section.heading}\n{section.text}".lower().replace("-", " "):
                 sums[number] *= PHRASE_FACTOR
         return sums
 
@@ -117,7 +120,7 @@ class Index:
         """What the site's script needs, as plain data."""
         return {
             "sections": [[s.page, s.heading, s.text, s.anchor] for s in self.sections],
-            "worths": {word: [pair for each in own.items() for pair in each] for word, own in self.worths.items()},
+            "worths": {word: [*chain.from_iterable(weights.items())] for word, weights in self.worths.items()},
             "synonyms": SYNONYMS, "synonymShare": SYNONYM_SHARE, "beginningShare": BEGINNING_SHARE,
             "phraseFactor": PHRASE_FACTOR, "rest": REST, "restShare": REST_SHARE,
         }  # fmt: skip
@@ -127,5 +130,5 @@ def line_with(section: Section, terms: Sequence[str]) -> str:
     """The first line with one of the terms, else the one with most of their words; the text's first where none has."""
     lines = [*filter(None, section.text.split("\n"))] or [""]
     words = {word for term in terms for word in stems(term)}
-    whole = (line for term in terms for line in lines if term in line.lower().replace("-", " "))
-    return next(whole, max(lines, key=lambda line: sum(word in line.lower() for word in words)))
+    verbatim = (line for term in terms for line in lines if term in line.lower().replace("-", " "))
+    return next(verbatim, max(lines, key=lambda line: sum(word in line.lower() for word in words)))

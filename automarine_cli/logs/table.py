@@ -376,9 +376,9 @@ def _word(value: object) -> str | None:
     return printable(formats.decoded(value) if isinstance(value, bytes) else str(value))
 
 
-def require(table: LogTable, quantities: Sequence[str], beside: str = "") -> None:
-    """Raise LogError for a table that lacks one of the quantities, with what to write in a column map; `beside` is a
-    sentence on what else would serve."""
+def require(table: LogTable, quantities: Sequence[str], alternative: str = "") -> None:
+    """Raise LogError for a table that lacks one of the quantities, with what to write in a column map; `alternative` is
+    a sentence on what else would serve."""
     lacking = [quantity for quantity in quantities if quantity not in table.columns]
     if not lacking:
         return
@@ -392,7 +392,7 @@ def require(table: LogTable, quantities: Sequence[str], beside: str = "") -> Non
     raise LogError(
         f"{missing}; found the columns {listed(table.names)}{holds}; expected {'; '.join(map(_expected, lacking))}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in _unmet(table, lacking))
-        + beside
+        + alternative
         + (_meant_for(table, lacking) or f"If a column of another name is meant, write {hint} {GIVE_IT}")
     )
 
@@ -405,11 +405,11 @@ def _unmet(table: LogTable, quantities: Sequence[str]) -> list[str]:
 
 def is_let_go(table: LogTable) -> bool:
     """Tell whether no column of a log is, or may be meant as, a command: then nobody drove the vehicle."""
-    dof, held = table.dof, table.columns.keys() | naming.quantities_of(table.names)
+    dof, quantities = table.dof, table.columns.keys() | naming.quantities_of(table.names)
     possible = {*COMMANDS, "rudder", *(other.command for other in DOFS.values())}
-    asked, free = (dof.command, *dof.thrusters), _free(table.names)
-    unknown = not (held & possible or table.origin.why_not or _unmet(table, asked))
-    return unknown and not any(naming.likely_column(quantity, free) for quantity in asked)
+    required, free = (dof.command, *dof.thrusters), _free(table.names)
+    unknown = not (quantities & possible or table.origin.why_not or _unmet(table, required))
+    return unknown and not any(naming.likely_column(quantity, free) for quantity in required)
 
 
 def require_motion(table: LogTable, commanded: bool = True) -> None:

@@ -161,16 +161,16 @@ def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[Candidate
     parts = [
         (count, side * np.deg2rad(angle), until) for _ in speeds for _, count, angle, until in kinds for side in (1, -1)
     ]
-    rest = round(fitting.rest * fitting.rate)
+    rest_samples = round(fitting.rest * fitting.rate)
     for swing in range(pool.SWINGS):
         at = [i for i, (count, *_) in enumerate(parts) if swing < count]
-        held = [round(rest + run.driven * fitting.rate) for run in every]
+        ends = [round(rest_samples + run.driven * fitting.rate) for run in every]
         for i in at:
             way = (-1.0) ** swing * float(parts[i][1])
             every[i] = replace(every[i], commands=(*every[i].commands, (way, pool.MAX_DRIVEN_S)))
         for i, heading in zip(at, headings_of(fitting.model, fitting.logger, [every[i] for i in at])):
             *before, (way, _) = every[i].commands
-            over = np.sign(way) * heading[held[i] :] >= np.deg2rad(parts[i][2])
+            over = np.sign(way) * heading[ends[i] :] >= np.deg2rad(parts[i][2])
             seconds = round(max(int(np.argmax(over)), 1) / fitting.rate, 1) if over.any() else np.inf
             every[i] = replace(every[i], commands=(*before, (way, min(seconds, pool.MAX_DRIVEN_S))))
     runs = tuple(run for run in every if run.driven < pool.MAX_DRIVEN_S)

@@ -229,8 +229,8 @@ def mirrors(candidates: Sequence[Candidate]) -> list[int]:
     """Return the place of the same run to the other side, of each candidate; its own where it has no sides."""
     places = {(run.kind, run.commands, run.voltage, run.speed): i for i, run in enumerate(candidates)}
     turned = (tuple((-moment, seconds) for moment, seconds in run.commands) for run in candidates)
-    others = zip(candidates, turned)
-    return [places.get((run.kind, other, run.voltage, run.speed), i) for i, (run, other) in enumerate(others)]
+    remaining = zip(candidates, turned)
+    return [places.get((run.kind, other, run.voltage, run.speed), i) for i, (run, other) in enumerate(remaining)]
 
 
 def paper_grid(model: Model, largest: float) -> tuple[Candidate, ...]:

@@ -54,8 +54,8 @@ class Start:
             return array if array.ndim <= behind or array.shape[-1 - behind] == 1 else array.take(order, -1 - behind)
 
         moving = {name: rows(getattr(self, name)) for name in ("position", "velocity", "log_gain", "water")}
-        held = {name: getattr(self, name) for name in ("switch_delay", "disturbance")}
-        moving |= {name: rows(values, 1) for name, values in held.items() if values is not None}
+        stored = {name: getattr(self, name) for name in ("switch_delay", "disturbance")}
+        moving |= {name: rows(values, 1) for name, values in stored.items() if values is not None}
         return replace(self, own={name: rows(values, 1) for name, values in self.own.items()}, **moving)
 
     def bind(self, term: Bound) -> Bound:

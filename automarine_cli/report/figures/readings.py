@@ -50,8 +50,8 @@ def _axis(ax: Axes, side: str, figure: Figure) -> dict[str, Any]:
     column. Ticks with words give these."""
     axis: Axis = getattr(ax, f"{side}axis")
     ends = [float(end) for end in getattr(ax, f"get_{side}lim")()]
-    beside = (other for other in figure.axes if np.allclose(_edges(other, side), _edges(ax, side), atol=SAME_PLACE))
-    labels = (getattr(other, f"get_{side}label")() for other in (ax, *beside))
+    adjacent = (other for other in figure.axes if np.allclose(_edges(other, side), _edges(ax, side), atol=SAME_PLACE))
+    labels = (getattr(other, f"get_{side}label")() for other in (ax, *adjacent))
     told: dict[str, Any] = {"ends": ends, "label": _plain(next(filter(None, labels), side))}
     if axis.get_scale() == "log":
         told["log"] = True
@@ -65,23 +65,23 @@ def _edges(ax: Axes, side: str) -> Any:
 
 
 def _series(ax: Axes, number: int, looks: Mapping[object, str]) -> Iterator[dict[str, Any]]:
-    bars = [held for held in ax.containers if isinstance(held, BarContainer)]
-    inside = {held[0]: str(held.get_label()) for held in ax.containers if isinstance(held, ErrorbarContainer)}
+    bars = [series for series in ax.containers if isinstance(series, BarContainer)]
+    inside = {series[0]: str(series.get_label()) for series in ax.containers if isinstance(series, ErrorbarContainer)}
     drawn: list[Artist] = [line for line in ax.lines if line.get_transform() == ax.transData]
     kinds = LineCollection, PathCollection
-    drawn += [held for held in ax.collections if isinstance(held, kinds) and not _nameless(held)]
+    drawn += [series for series in ax.collections if isinstance(series, kinds) and not _nameless(series)]
     for place, artist in enumerate(drawn):
         artist.set_gid(f"series_{number}_{place}")
         name = inside.get(artist, "" if _nameless(artist) else str(artist.get_label()))
         yield {"id": artist.get_gid(), "name": _plain(name or looks.get(_look(artist), ""))}
-    for held in bars:
+    for series in bars:
         ends = [
             (bar.get_x() + bar.get_width(), bar.get_y() + bar.get_height() / 2)
-            if held.orientation == "horizontal"
+            if series.orientation == "horizontal"
             else (bar.get_x() + bar.get_width() / 2, bar.get_y() + bar.get_height())
-            for bar in held.patches
+            for bar in series.patches
         ]
-        name = "" if str(held.get_label()).startswith("_") else str(held.get_label())
+        name = "" if str(series.get_label()).startswith("_") else str(series.get_label())
         yield {"name": _plain(name), "at": [[float(x), float(y)] for x, y in ends]}
 
 
