@@ -62,7 +62,7 @@ NO_FUNCTIONS = {
     "__version__": "The version of automarine.",
     "effects": 'The library of effects, such as `am.effects.get("dead-band").equation`.',
 }
-LONG, MOST_WORDS = 6, 360
+LONG, MOST_WORDS = 6, 370
 
 
 def lines(text: str) -> Iterator[tuple[str, str, str, str]]:
