@@ -78,7 +78,7 @@ class Doubt:
 def read_doubt(source: Source) -> tuple[StoredModels, Doubt]:
     """Read the models of a file and what it leaves open of the preferred one. Raises ModelError."""
     data, name = read_plain(source, "JSON", ModelError), printable(source.name)
-    force_range, scatter = None, None
+    force_range, scatter, to_port = None, None, False
     if data.get("schema") == PLANAR_MODEL.schema:
         planar, stored = PLANAR_MODEL.of(data, name), models_of(data, name)
         model, random, delay, use = stored.model, planar.random, planar.command_delay_s, planar.prediction
@@ -91,6 +91,7 @@ def read_doubt(source: Source) -> tuple[StoredModels, Doubt]:
         for effect in file.effects if entry.effects is None else entry.effects:
             estimates |= effect.parameters
         scatter, force_range = file.gain_scatter, file.force_range
+        to_port = file.nomoto.get("positive_rudder_turns_to") == "port"
     errors = [getattr(estimates.get(name), "stderr", None) or 0.0 for name in names]
     matrix = np.diag(np.square(errors))
     if covariance is not None:
@@ -106,7 +107,7 @@ def read_doubt(source: Source) -> tuple[StoredModels, Doubt]:
     )
     gain = (scatter.value if scatter else None) or random.get("gain-scatter", 0.0)
     error = scatter.stderr / gain if scatter is not None and scatter.stderr and gain else 0.0
-    doubt = Doubt(matrix, gain, error, size, time, thrust, force_range, TO_PORT in str(data.get("runs")), use.refusal)
+    doubt = Doubt(matrix, gain, error, size, time, thrust, force_range, to_port, use.refusal)
     return stored, doubt
 
 

@@ -47,6 +47,7 @@ from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import MIN_STEP_S
 from automarine_cli.filters.kalman import MAX_Z, Predicted
+from automarine_cli.fits.characteristics import steering_json, steering_of
 from automarine_cli.fits.driven import ForecastScore, worth_of
 from automarine_cli.fits.identify import valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
@@ -57,7 +58,7 @@ from automarine_cli.models.model import COMMAND_DELAY, Model
 from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 
@@ -772,6 +773,7 @@ def _extended_model(study: DiagnosisProblem, trial: CandidateFit, number: str) -
     exponent = gain_exponent(study, fit)
     ends = (end for run in study.runs for end in (run.command.min(), run.command.max()))
     driven = {"driven": True, "random": random_estimates(fit, covariance, dof)} if fit.driven else {}
+    steered = study.base.moment_unit == STEERED
     return {
         **model_head(dof, study.base.moment_unit),
         "fitted_to": "whole runs",
@@ -784,6 +786,7 @@ def _extended_model(study: DiagnosisProblem, trial: CandidateFit, number: str) -
         COMMAND_DELAY: study.command_delay(fit),
         f"{dof.words.position}_noise_{dof.units.shown}": float(dof.shown(fit.noise)) if study.position_counts else None,
         **driven,
+        **({"nomoto": steering_json(*steering_of(study.runs))} if steered else {}),
         "gain_scatter": float(fit.factor(GAIN)),
         "gain_exponent": exponent and exponent.to_json(),
     }

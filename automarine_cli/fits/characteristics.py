@@ -158,8 +158,7 @@ class Nomoto:
     def to_json(self) -> dict[str, object]:
         degrees = np.rad2deg(np.array(self.overshoots).reshape(-1, 2))
         return {
-            "positive_rudder_turns_to": "starboard" if self.side > 0 else "port",
-            "speed_m_s": self.speed,
+            **steering_json(self.side, self.speed),
             "first_order": {"K": self.gain.to_json(), "T": self.time.to_json()},
             "norrbin": {name: e.to_json() for name, e in self.cubic.items()} | {"n1": self.n1} if self.cubic else None,
             "N_delta_over_I_r": self.effect.to_json(),
@@ -174,15 +173,24 @@ class Nomoto:
         }
 
 
+def steering_of(runs: Sequence[Run]) -> tuple[int, float | None]:
+    """Give the side to which positive rudder turned as logged (-1: port) and the mean speed [m/s], None without."""
+    speeds = [run.extras["surge"] for run in runs if "surge" in run.extras]
+    speed = float(np.nanmean(np.concatenate(speeds))) if len(speeds) == len(runs) else None
+    return -1 if TO_PORT in runs[0].reading else 1, speed
+
+
+def steering_json(side: int, speed: float | None) -> dict[str, object]:
+    return {"positive_rudder_turns_to": "starboard" if side > 0 else "port", "speed_m_s": speed}
+
+
 def answer_to_rudder(
     runs: Sequence[Run], first: OutputErrorFit, cubic: OutputErrorFit | None, best: Model, fastest: float,
     length: float | None = None,
 ) -> Nomoto:  # fmt: skip
     """Give the answer to the rudder by a model of linear drag, one of linear and `cubic` drag if it could be fitted,
     and overshoots and turning by the `best` one."""
-    side = -1 if TO_PORT in runs[0].reading else 1
-    speeds = [run.extras["surge"] for run in runs if "surge" in run.extras]
-    speed = float(np.nanmean(np.concatenate(speeds))) if len(speeds) == len(runs) else None
+    side, speed = steering_of(runs)
     speed = next((term.values[1] for term in first.model.terms if term.name == "rudder-inflow"), speed)
 
     def damping(model: Model) -> float:

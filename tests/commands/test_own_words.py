@@ -34,7 +34,7 @@ SHARED = {
 }  # fmt: skip
 OF_NAMES = (
     *effects.names(), "tau_max", "tau_ref", "inertia.png", "inertia.svg", "start_heading", "fit-yaw", "yaw_model.json",
-    "n_port", "n_stbd", "propeller turns", "Basset's force", "y starboard",
+    "n_port", "n_stbd", "force_X", "propeller turns", "Basset's force", "y starboard",
 )  # fmt: skip
 """Names of effects, of their parameters, of files, options and commands, which are the same for every motion."""
 

@@ -83,11 +83,11 @@ def test_what_does_not_fit_is_named_or_follows_below() -> None:
 
 def test_what_takes_minutes_is_foretold_in_a_pipe_and_on_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     for progress in (terminal_progress(), Bar()):
-        foretell(progress, "the diagnosis", 59.0)
-        foretell(progress, "the diagnosis", 230.0)
+        foretell(progress, 59.0)
+        foretell(progress, 230.0)
         progress("fitting", 0, 10)
         assert capsys.readouterr().err == "The diagnosis takes about 4 min.\n"
     with click.Context(click.Command("quiet")) as ctx:
         ctx.meta["automarine.verbosity"] = -1
-        foretell(terminal_progress(), "the diagnosis", 230.0)
+        foretell(terminal_progress(), 230.0)
     assert capsys.readouterr().err == ""

@@ -219,7 +219,8 @@ def test_a_model_that_runs_away_is_told_of(stored: StoredModels) -> None:
 
 def test_every_effect_of_the_library_can_be_validated(stored: StoredModels) -> None:
     run = sequence_run((0.6, -0.4), hold=2.0, noise_deg=1.0)
-    signals = {name: np.full(len(run), value) for name, value in (("voltage", 12.0), ("surge", 1.0), ("rudder", 0.2))}
+    values = {"voltage": 12.0, "surge": 1.0, "rudder": 0.2, "force_X": 0.5}
+    signals = {name: np.full(len(run), value) for name, value in values.items()}
     run = replace(run, extras=signals | parts_of([0.5 * run.command, 0.5 * run.command], run.dof))
     for name in effects.names():
         model = TRUE.with_effect(name, [parameter.start for parameter in effects.get(name).parameters])

@@ -159,7 +159,9 @@ def test_a_mirror_twice_is_nothing(name: str) -> None:
 
 NEEDS = {
     "current-deviation": ((0.06, 0.04, 1.0), "it acts on the reading, not on the vehicle"),
-    "rudder-race": ((0.4,), "it needs the logged force_X"),
+    "rudder-race": ((0.4,), "it needs the logged rudder, force_X"),
+    "rudder-rate": ((0.3,), "it needs the logged rudder"),
+    "rudder-stall": ((0.5, 0.5), "it needs the logged rudder"),
     "voltage-exponent": ((1.2, 12.0), "it needs the logged voltage"),
     "thruster-dead-band": ((0.05,), "it needs the logged n_port, n_stbd"),
     "thruster-imbalance": ((0.1, 0.1, 0.0), "it needs the logged n_port, n_stbd"),

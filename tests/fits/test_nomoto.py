@@ -1,14 +1,13 @@
 """Vehicles that a rudder steers: the sign of the rudder, K and T against boats of known truth, overshoot angles."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import Result
 from made_rudder import MEMORY_TIME, RUDDER_RATE, Boat
 
 from automarine_cli.commands.fit_motion import fit_yaw
@@ -77,20 +76,6 @@ def test_gain_and_time_are_within_their_errors(side: int, speed: bool, tmp_path:
     path = tmp_path / "yaw_model.json"
     path.write_text(json.dumps(fit.to_json()), encoding="utf-8")
     assert validate([tmp_path], model=path).runs
-
-
-def test_plans_and_gains_of_a_rudder_stop_with_a_remedy(run: Callable[..., Result], tmp_path: Path) -> None:
-    path = tmp_path / "model.json"
-    path.write_text(
-        '{"schema": "automarine/yaw-model/1", "moment_unit": "rad", "preferred": "1", "effects": [],'
-        ' "models": {"1": {"k_r": 1.0, "I_r": 1.0}}}'
-    )
-    for arguments, remedy in (
-        (("tune", path, "--for", "pid", "-o", tmp_path / "tune"), "K and T of fit-yaw"),
-        (("plan", path, "-o", tmp_path / "plan"), "automarine guide rudder"),
-    ):
-        result = run(*arguments)
-        assert result.exit_code == 1 and remedy in result.stderr
 
 
 def planar_boat() -> Model:

@@ -73,6 +73,8 @@ def test_sample_runs_are_small_and_nothing_else_is_there() -> None:
         "planar_bare.json",
         "paper.toml",
         "rudder",
+        "real_boat",
+        "real_boat_validation",
     }
     assert listed == {*others, *(f"{name}.toml" for name in PRODUCTS), *products}
     assert sum(len(data) for _, data in files(SAMPLE_RUNS, products)) < 1_000_000  # three times less than allowed
