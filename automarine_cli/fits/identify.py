@@ -415,9 +415,10 @@ def _fit_whole(
         how = f"by output error, {reason}"
     if by_filter:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, priors)
-        if steered and DRIFT not in with_effects:
-            fits |= _drifting(fits, moving, course, with_effects, priors)
-        preference, use = _preferred_driven(fits, course, map_jobs)
+        asks_drift = steered and DRIFT not in with_effects
+        drifting = _drifting(fits, moving, course, with_effects, priors) if asks_drift else {}
+        preference, use = _preferred_driven(drifting or fits, course, map_jobs)
+        fits |= drifting
         use = replace(use, large=use.large or pushed)
         how = _by_filter(moving, asked)
     words, nomoto = dof.words, None
