@@ -425,9 +425,10 @@ def _fit_whole(
         how = f"by output error, {reason}"
     if by_filter:
         fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, priors)
-        if steered and DRIFT not in with_effects:
-            fits |= _drifting(fits, moving, course, with_effects, priors)
-        preference, use = _preferred_driven(fits, course, map_jobs)
+        asks_drift = steered and DRIFT not in with_effects
+        drifting = _drifting(fits, moving, course, with_effects, priors) if asks_drift else {}
+        preference, use = _preferred_driven(drifting or fits, course, map_jobs)
+        fits |= drifting
         use = replace(use, large=use.large or pushed)
         how = _by_filter(moving, asked)
     words, nomoto = dof.words, None
@@ -474,14 +475,18 @@ def _drifting(
     fits: dict[str, whole_runs.OutputErrorFit], runs: tuple[Run, ...], course: Course, with_effects: tuple[str, ...],
     priors: Priors,
 ) -> dict[str, whole_runs.OutputErrorFit]:  # fmt: skip
-    """Model 2 with the drift of its hull in place of model 2, where it predicts runs left out better than every one of
-    the `fits` by more than chance; else nothing."""
+    """Model 2 with the drift of its hull in place of model 2, where it predicts runs left out clearly better than every
+    one of the `fits`, and the factor by which it does, run by run, is no chance; else nothing."""
     wider, _ = driven.fit_driven_model("2", runs, course, (*with_effects, DRIFT), priors)
     if wider is None:
         return {}
     ahead = {number: driven.predictions_of(course, fit) for number, fit in {**fits, DRIFT: wider}.items()}
     losses = forecast_losses(ahead, len(runs), STEERED_HORIZONS_S)
-    better = losses is not None and all(is_ahead(losses[DRIFT], losses[number]) for number in fits)
+    if losses is None:
+        return {}
+    loss, most = losses[DRIFT], (1.0 - driven.MIN_DRIVEN_GAIN) ** 2
+    rivals = [losses[number] for number in fits]
+    better = all(loss.sum() < most * rival.sum() and is_ahead(np.log(loss), np.log(rival)) for rival in rivals)
     return {"2": wider} if better else {}
 
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from made_rudder import MEMORY_TIME, RUDDER_RATE, Boat
+from made_rudder import MEMORY_TIME, Boat
 
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
@@ -144,19 +143,3 @@ def test_the_drift_of_the_hull_is_found_where_there_is_one(memory: float, tmp_pa
     assert ("history-force" in {term.name for term in fit.preferred.model.terms}) == (memory > 0.0)
     logged, modelled = np.rad2deg(np.array(fit.nomoto.overshoots).T)
     assert np.sqrt(np.mean((logged - modelled) ** 2)) < max(1.0, 0.05 * logged.mean()) + 0.5  # of the log's own noise
-
-
-@pytest.mark.slow
-def test_a_slow_steering_gear_is_found_where_the_command_is_logged(tmp_path: Path) -> None:
-    """Logs of the commanded angle: the rudder itself goes over at 20 degrees in a second."""
-    boat = Boat(effect=1.6)
-    boat.write(tmp_path, seed=4)
-    for path in tmp_path.glob("*.csv"):
-        log = pd.read_csv(path)
-        full, change = log["rudder_deg"].abs().max(), np.diff(log["rudder_deg"], append=0.0)
-        log["rudder_deg"] = np.where(np.abs(change) > 0.1, full * np.sign(change), log["rudder_deg"])
-        log.to_csv(path, index=False)
-    fit = fit_yaw([tmp_path], with_effects="rudder-rate")
-    rate = fit.preferred.estimates["rate"]
-    assert abs(rate.value - RUDDER_RATE) < 4.0 * rate.stderr and rate.stderr < 0.3 * RUDDER_RATE
-    assert rate.unit == "rad/s"
