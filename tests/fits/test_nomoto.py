@@ -143,3 +143,27 @@ def test_the_drift_of_the_hull_is_found_where_there_is_one(memory: float, tmp_pa
     assert ("history-force" in {term.name for term in fit.preferred.model.terms}) == (memory > 0.0)
     logged, modelled = np.rad2deg(np.array(fit.nomoto.overshoots).T)
     assert np.sqrt(np.mean((logged - modelled) ** 2)) < max(1.0, 0.05 * logged.mean()) + 0.5  # of the log's own noise
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "side"), [(1, 1.0), (2, -1.0)])
+def test_a_slow_steering_gear_is_found_where_the_command_is_logged(seed: int, side: float, tmp_path: Path) -> None:
+    """Logs of the commanded angle at one speed: Nomoto's first order by Euler steps of 0.01 s, the rudder limited."""
+    random, gain, time, limit, step = np.random.default_rng(seed), 1.0, 1.2, 0.25, 0.01
+    for number in range(4):
+        angles = np.deg2rad(random.choice([-20.0, -10.0, 10.0, 20.0], 12))
+        thrust, rudder, heading, rate, rows = 1.0 + 0.02 * random.standard_normal(), 0.0, 0.0, 0.0, []
+        for k in range(3600):
+            angle = angles[k // 300]
+            if k % 20 == 0:
+                rows.append((k * step, np.rad2deg(heading) + random.normal(0.0, 0.3), side * np.rad2deg(angle)))
+            rudder += np.clip(angle - rudder, -limit * step, limit * step)
+            rate += step * (thrust * gain * rudder - rate) / time
+            heading += step * rate
+        header = "time_s,heading_deg,rudder_deg"
+        np.savetxt(tmp_path / f"{number}.csv", rows, delimiter=",", header=header, comments="", fmt="%.4f")
+    fit = fit_yaw([tmp_path], with_effects="rudder-rate")
+    estimates = fit.preferred.by_name
+    for name, truth in (("rudder-rate.rate", limit), ("yaw.I_r", time / gain), ("yaw.k_r", 1.0 / gain)):
+        assert abs(estimates[name].value - truth) < 3.0 * estimates[name].stderr < 0.3 * truth
+    assert estimates["rudder-rate.rate"].unit == "rad/s" and fit.nomoto is not None and fit.nomoto.side == side
