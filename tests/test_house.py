@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5851, "report": 5235, "logs": 4012, "diagnosis": 3901, "commands": 3515, "runs": 2741,
+    "fits": 5851, "report": 5237, "logs": 4012, "diagnosis": 3901, "commands": 3515, "runs": 2741,
     "thrusters": 2713, "link": 2657, "control": 2171, "effects": 2303, "planning": 1898, "simulation": 1664,
-    "exports": 1945, "comparison": 1640, "models": 1240, "filters": 997, "pipeline": 807, "dofs": 598, "top": 325,
+    "exports": 1945, "comparison": 1661, "models": 1240, "filters": 997, "pipeline": 807, "dofs": 598, "top": 325,
     "guide": 402,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 46_581
+MAX_LINES_IN_ALL = 46_604
 MAX_FILES = 228
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -114,12 +114,14 @@ def read_doubt(source: Source) -> tuple[StoredModels, Doubt]:
 @dataclass(frozen=True)
 class PredictedRun:
     """The commands of one `run` and what the model makes of them from its `start`: by quantity the prediction and the
-    ends of its band, (3, N) [base units], positions as sensors show them; `lost` is how many draws ran away."""
+    ends of its band, (3, N) [base units], positions as sensors show them; `lost` is how many draws ran away. A command
+    of which only samples are known may have changed anywhere between two of them: `sampled`."""
 
     run: Run
     start: State
     bands: Mapping[str, Floats]
     lost: int = 0
+    sampled: bool = False
 
 
 class Column(NamedTuple):
@@ -295,7 +297,10 @@ def _predicted(
     of_line = np.array([[1.0, 0.0], [-(0.75**0.5), 0.5]])  # how position and rate at the end of a line go together
     off = sure[:, None] * (of_line @ rng.standard_normal((2, count)))
     log_gain[0], off[:, 0] = 0.0, 0.0
-    pushed = _pushes(model, doubt, batch, theta, rng) if doubt.disturbed else None
+    sampled = not doubt.disturbed and run.dof.fill(NOT_LOGGED) not in start.how
+    pushed = _late_switches(model, run, batch, count, rng) if sampled else None
+    if doubt.disturbed:
+        pushed = _pushes(model, doubt, batch, theta, rng)
     readings = {channel.quantity: np.empty((count, len(run))) for channel in batch.channels}
     together = max(1, int(SIMULATED_STEPS / batch.length.shape[1]))
     axis = (len(motion.dofs), 1, 1) if motion.turns else (1, 1)
@@ -320,7 +325,23 @@ def _predicted(
         quantity: np.stack([values[0], *np.percentile(values[sound], tails, axis=0)])
         for quantity, values in readings.items()
     }
-    return PredictedRun(run, start, bands, int(count - np.count_nonzero(sound)))
+    return PredictedRun(run, start, bands, int(count - np.count_nonzero(sound)), sampled)
+
+
+def _late_switches(model: Model, run: Run, batch: Batch, count: int, rng: np.random.Generator) -> Floats:
+    """Moments or forces of each window, (D, P, windows), none of the first set: what the vehicle gets more or less if a
+    logged command changed anywhere between two samples, uniform about the mean, which a delay tells."""
+    motion, ends = model.motion, np.cumsum(batch.length[0])
+    seconds = np.bincount(batch.window[0], batch.length[0], batch.windows)
+    window = batch.window[0][np.minimum(np.searchsorted(ends, run.time[1:] - run.time[0]), len(ends) - 1)]
+    pushes = np.zeros((len(motion.dofs), count, batch.windows))
+    late = rng.uniform(-0.5, 0.5, (count, len(run) - 1)) * np.diff(run.time)
+    late[0] = 0.0
+    for k, dof in enumerate(motion.dofs):
+        impulses = -np.diff(run.command_of(dof)) * late
+        changed = np.flatnonzero(np.any(impulses, axis=0))
+        np.add.at(pushes[k].T, window[changed], impulses[:, changed].T)
+    return pushes / np.maximum(seconds, 1e-9)
 
 
 def _pushes(model: Model, doubt: Doubt, batch: Batch, theta: Floats, rng: np.random.Generator) -> Floats:

@@ -88,6 +88,8 @@ def _included(result: Prediction) -> str:
     doubt = result.doubt
     parts = ["the errors of the parameters"] if np.any(doubt.covariance) else []
     parts += [f"thrust that differs by {100 * doubt.scatter:.1f} % from run to run"] if doubt.scatter else []
+    sampled = any(of_run.sampled for of_run in result.predicted)
+    parts += ["commands that changed somewhere between two samples"] if sampled else []
     parts += ["the disturbance of the runs that were fitted"] if doubt.disturbed else []
     *others, last = parts or ["no error, as the file has none"]
     return f"The 95 % band includes {', '.join(others)}{' and ' * bool(others)}{last}."
