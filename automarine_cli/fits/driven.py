@@ -440,15 +440,12 @@ def fit_driven_model(
 MIN_DRIVEN_GAIN = 0.2  # share of the error of forecasts that innovations have to take off runs of held commands
 
 
-def predicts_better(course: Course, quiet: OutputErrorFit, runs: Sequence[Run], priors: Priors) -> bool:
-    """Whether innovations forecast runs left out better than the `quiet` fit of the same model.
+def predicts_better(course: Course, quiet: OutputErrorFit, fit: OutputErrorFit) -> bool:
+    """Whether a `fit` by innovations, the preferred one, forecasts runs left out better than the preferred `quiet` one.
 
     Of runs of held commands the evidence alone does not decide: an effect that a model lacks looks like a disturbance,
     and there predicts hardly better.
     """
-    fit, _ = fit_driven_model(quiet.number, runs=runs, course=course, with_effects=(), priors=priors)
-    if fit is None:
-        return False
     ahead = {"quiet": whole_predictions(course, quiet, alone=True), "driven": predictions_of(course, fit, alone=True)}
     losses = forecast_losses(ahead, len(course.names))
     return losses is not None and bool(losses["driven"].sum() < (1.0 - MIN_DRIVEN_GAIN) ** 2 * losses["quiet"].sum())

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -299,7 +300,8 @@ def identify_turns(
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
     steered = any(turn.step.run.moment_unit == STEERED for turn in turns)  # its thrust may be anything
-    stepped = fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)
+    few_steps = not enough or 2 * len(turns) < runs
+    stepped = fit_to == "half-turns" or (fit_to == "auto" and not few_steps)
     if stepped and not (with_effects or steered or dof.restoring):
         return _fit_steps(turns, set_aside, fit_to, priors, map_jobs, channels, tail)
     if tail is not None:
@@ -307,7 +309,7 @@ def identify_turns(
             f"{plural(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
-    fit = _fit_whole(tuple(load_runs()), turns, fit_to, priors, map_jobs, channels, with_effects, length)
+    fit = _fit_whole(tuple(load_runs()), turns, few_steps, fit_to, priors, map_jobs, channels, with_effects, length)
     return replace(fit, mass=mass)
 
 
@@ -384,6 +386,7 @@ def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], Ch
 def _fit_whole(
     runs: tuple[Run, ...],
     turns: Sequence[HalfTurn],
+    few_steps: bool,
     fit_to: str,
     priors: Priors,
     map_jobs: Each,
@@ -408,29 +411,28 @@ def _fit_whole(
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
     course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
     asks = bool(with_effects) or steered or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
-    pushed, by_filter = "", asks and (bool(with_effects) or steered or not driven.mostly_stepped(moving))
-    if not by_filter:
+    drifts = steered and DRIFT not in with_effects
+    by_innovations = partial(_fit_driven, moving, course, map_jobs, with_effects, drifts, priors)
+    by_filter = asks and (bool(with_effects) or steered or not driven.mostly_stepped(moving))
+    if by_filter:
+        fits, preference, use, refused = by_innovations()
+    else:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, priors=priors)
         fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
         ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
-        few_steps = 2 * len(turns) < len(runs)  # what differs between steps from rest is their thrust
         judged = idle if 0 < len(idle) - idle.sum() < MIN_DRIVEN < len(idle) else None
+        # what differs between steps from rest is their thrust
         preference = prefer_quiet(fits, ahead, dof, judged) if few_steps else prefer(fits, judged)
         fit = fits[preference.number]
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
-        pushed = driven.unknown_push(fit, moving)
-        use = driven.Judgement(worth, len(moving), large=pushed)
-        by_filter = asks and few_steps and driven.predicts_better(course, fit, moving, priors)
-        reason = "which predicts runs left out as well" if asks else "for the evidence asks for no disturbance"
-        how = f"by output error, {reason}"
-    if by_filter:
-        fits, refused = driven.fitted_driven(moving, course, map_jobs, with_effects, priors)
-        asks_drift = steered and DRIFT not in with_effects
-        drifting = _drifting(fits, moving, course, with_effects, priors) if asks_drift else {}
-        preference, use = _preferred_driven(drifting or fits, course, map_jobs)
-        fits |= drifting
-        use = replace(use, large=use.large or pushed)
-        how = _by_filter(moving, asked)
+        use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
+        rival = _unless_refused(by_innovations) if asks and few_steps else None
+        if rival and driven.predicts_better(course, fit, rival.fits[rival.preference.number]):
+            by_filter, pushed = True, use.large
+            fits, preference, use, refused = rival
+            use = replace(use, large=use.large or pushed)
+    reason = "which predicts runs left out as well" if asks else "for the evidence asks for no disturbance"
+    how = _by_filter(moving, asked) if by_filter else f"by output error, {reason}"
     words, nomoto = dof.words, None
     if steered and "1" in fits:
         cubic = (*with_effects, *({"cubic-drag"} - {*with_effects}))
@@ -490,11 +492,28 @@ def _drifting(
     return {"2": wider} if better else {}
 
 
-def _preferred_driven(
-    fits: dict[str, whole_runs.OutputErrorFit], course: Course, map_jobs: Each
-) -> tuple[Preference, driven.Judgement]:
-    """Prefer one of the fits, allow in its intervals for what it lacks (in place), and judge it."""
-    dof = course.motion.dofs[0]
+class _Driven(NamedTuple):
+    fits: dict[str, whole_runs.OutputErrorFit]
+    preference: Preference
+    use: driven.Judgement
+    refused: dict[str, str]
+
+
+def _unless_refused(fit: Callable[[], _Driven]) -> _Driven | None:
+    try:
+        return fit()
+    except FitError:
+        return None
+
+
+def _fit_driven(
+    runs: tuple[Run, ...], course: Course, map_jobs: Each, with_effects: tuple[str, ...], drifts: bool, priors: Priors
+) -> _Driven:
+    """Fit driven runs, of a hull that `drifts` with its drift if need be, prefer one of the fits, allow in its
+    intervals for what it lacks, and judge it."""
+    fits, refused = driven.fitted_driven(runs, course, map_jobs, with_effects, priors)
+    drifting = _drifting(fits, runs, course, with_effects, priors) if drifts else {}
+    every, fits, dof = {**fits, **drifting}, drifting or fits, course.motion.dofs[0]
     predict, inflate = partial(driven.predictions_of, course), partial(driven.inflate_for_missing, course)
     ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], PREDICTING)))
     horizons = STEERED_HORIZONS_S if course.moment_unit == STEERED else COMPARISON_HORIZONS_S
@@ -502,10 +521,11 @@ def _preferred_driven(
     number = preference.number
     if estimator := fits[number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
-    [(fits[number], proposed)] = map_jobs(inflate, [fits[number]], "widening intervals")
-    fit, worth = fits[number], {dof.position: driven.worth_of(ahead[number])}
+    [(fit, proposed)] = map_jobs(inflate, [fits[number]], "widening intervals")
+    worth = {dof.position: driven.worth_of(ahead[number])}
     large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
-    return preference, driven.Judgement(worth, len(course.names), ahead[number], course, proposed, large)
+    use = driven.Judgement(worth, len(course.names), ahead[number], course, proposed, large)
+    return _Driven({**every, number: fit}, preference, use, refused)
 
 
 def _by_filter(runs: Sequence[Run], with_effects: Sequence[str]) -> str:

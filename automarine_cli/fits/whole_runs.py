@@ -364,8 +364,9 @@ def directional_drag(fit: "OutputErrorFit") -> Ways:
 
 
 ENOUGH_RUNS = 8
-"""From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
-likelihood's."""
+MIN_JACKKNIFE_DOF = 3.0
+"""From this many runs on, and with so many degrees of freedom, standard errors are the jackknife's alone; with fewer
+the larger of it and the likelihood's. A run that shows a parameter alone leaves nothing to resample."""
 
 MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
 
@@ -503,16 +504,21 @@ def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
     Given the `changes` (R, p) of `left_out_changes`, it is exact where instants are confined to their sample intervals;
     without, it is the linearised jackknife, which is too wide there.
     """
-    runs = len(mixed.left_out)
-    if runs < 2:
+    if len(mixed.left_out) < 2:
         return mixed.covariance
     by_runs = jackknife(mixed.left_out if changes is None else changes) + mixed.error_of_known
-    if runs >= ENOUGH_RUNS:
+    few = np.array([_few_carry(mixed, axis) for axis in np.eye(len(mixed.phi))])
+    if not few[mixed.parameters.of_model].any():
         return by_runs
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, by_runs))
     ratio = np.divide(between, likely, out=np.ones_like(between), where=likely > 0)  # none at a bound
-    grow = np.clip(ratio, 1.0, MAX_GROWTH)
+    grow = np.clip(ratio, few.astype(float), MAX_GROWTH)
     return mixed.covariance * np.outer(grow, grow)
+
+
+def _few_carry(mixed: Fit, direction: Floats) -> bool:
+    """Whether too few runs show what lies along `direction` (p,) of phi for their spread to tell its error."""
+    return len(mixed.left_out) < ENOUGH_RUNS or degrees_of_freedom(mixed, direction) < MIN_JACKKNIFE_DOF
 
 
 def run_dof(mixed: Fit, direction: Floats) -> float:
@@ -521,7 +527,7 @@ def run_dof(mixed: Fit, direction: Floats) -> float:
     runs = len(mixed.left_out)
     if runs == 1:
         return float(sum(mixed.readings.values()) - len(mixed.theta))
-    return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(runs - 1)
+    return float(runs - 1) if _few_carry(mixed, direction) else degrees_of_freedom(mixed, direction)
 
 
 def covariance_json(
