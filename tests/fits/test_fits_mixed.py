@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize, special, stats
 from tolerances import assert_close
 
 from automarine_cli.errors import FitError
@@ -22,7 +22,7 @@ from automarine_cli.fits.linear_mixed import (
     scored_deviance,
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
-from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance
+from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance, run_dof
 from automarine_cli.models.parameter import Parameter, Parameters
 
 Floats = NDArray[np.float64]
@@ -298,17 +298,36 @@ def test_of_a_linear_problem_it_is_the_linearised_jackknife() -> None:
     )
 
 
+def slope_fit(steep: Floats, seed: int = 1) -> MixedFit:
+    """One common slope of 2 through runs of such reach (R,)."""
+    x = steep[:, None] * np.linspace(0.1, 1.0, 30)
+    noise = 0.1 * np.random.default_rng(seed).standard_normal(x.shape)
+    problem = Problem(
+        lambda theta, b: theta[:, 0, None, None] * x + b[:, :, :1], 2.0 * x + noise, np.ones(x.shape, dtype=bool),
+        RunEffects((Block("offset", np.zeros((len(x), 1))),)), Parameters((Parameter("slope", 0.0),)),
+        (Slot("heading", slice(0, 30)),),
+    )  # fmt: skip
+    return fit_mixed(problem, np.ones(1), noise=0.2, factors=np.array([]))
+
+
 def test_two_runs_that_carry_a_parameter_count_as_two() -> None:
-    """One common slope through runs of equal reach, and through runs of which all but two show next to nothing."""
+    """Runs of equal reach, and runs of which all but two show next to nothing."""
     few = np.full(10, 0.01)
     few[[2, 7]] = 1.0
     for steep, expected in ((np.ones(10), 9.0), (few, 2 * 9 / 10)):
-        x = steep[:, None] * np.linspace(0.1, 1.0, 30)
-        noise = 0.1 * np.random.default_rng(1).standard_normal(x.shape)
-        problem = Problem(
-            lambda theta, b, x=x: theta[:, 0, None, None] * x + b[:, :, :1], 2.0 * x + noise, x > 0.0,
-            RunEffects((Block("offset", np.zeros((10, 1))),)), Parameters((Parameter("slope", 0.0),)),
-            (Slot("heading", slice(0, 30)),),
-        )  # fmt: skip
-        fit = fit_mixed(problem, np.ones(1), noise=0.2, factors=np.array([]))
+        fit = slope_fit(steep)
         assert degrees_of_freedom(fit, np.ones(1)) == pytest.approx(expected, rel=1e-2 if expected < 9.0 else 1e-6)
+
+
+def test_what_one_run_shows_has_the_error_of_its_readings() -> None:
+    """Leaving out any of the nine others moves the slope by nothing, and says nothing of its error."""
+    steep = np.where(np.arange(10) == 3, 1.0, 0.0)
+    fits = [slope_fit(steep, seed) for seed in range(40)]
+    errors = np.array([fit.theta[0] - 2.0 for fit in fits])
+    stderrs = np.sqrt([run_covariance(fit)[0, 0] for fit in fits])
+    reach = special.stdtrit([run_dof(fit, np.ones(1)) for fit in fits], 0.975)
+    assert 0.75 < np.sqrt(np.mean((errors / stderrs) ** 2)) < 1.25  # 1 expected, with an error of 0.11
+    assert np.mean(np.abs(errors) < reach * stderrs) >= 0.875
+    assert np.all(reach < 2.3)
+    alike = slope_fit(np.ones(10))
+    assert run_covariance(alike) == pytest.approx(jackknife(alike.left_out))

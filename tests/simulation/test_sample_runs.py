@@ -67,6 +67,7 @@ def test_sample_runs_are_small_and_nothing_else_is_there() -> None:
     listed = {path.name for path in SAMPLE_RUNS.iterdir() if not path.name.startswith(".")}
     others = {
         "README.md",
+        "coasts",
         "pool_day.toml",
         "forces.toml",
         "planar_day.toml",
