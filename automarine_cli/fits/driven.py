@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -17,7 +16,6 @@ from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE
-from automarine_cli.fits.paper import MODELS
 from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
@@ -30,7 +28,6 @@ from automarine_cli.fits.whole_runs import (
 )
 from automarine_cli.models.model import MAX_DELAY_S, Model, base_roles
 from automarine_cli.models.parameter import NOTHING_KNOWN, Parameters, Priors
-from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.half_turn import segments
 from automarine_cli.runs.run import Run
@@ -407,19 +404,6 @@ def is_driven(runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[s
         return shows_disturbance(runs, rough_model("2", make_batch(runs, MAX_STEPS_S[0])), at_rest, channels)
     except FitError:  # what is wrong with them, their fit will say
         return not mostly_stepped(runs)
-
-
-def fitted_driven(
-    runs: Sequence[Run], course: Course, map_jobs: Each, with_effects: Sequence[str], priors: Priors
-) -> tuple[dict[str, OutputErrorFit], dict[str, str]]:
-    """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
-    ask = partial(fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects), priors=priors)
-    outcomes = dict(zip(MODELS, map_jobs(ask, MODELS, "fitting models")))
-    fits = {number: fit for number, (fit, _) in outcomes.items() if fit is not None}
-    refused = {number: why for number, (fit, why) in outcomes.items() if fit is None}
-    if not fits:
-        raise FitError(next(iter(refused.values())))
-    return fits, refused
 
 
 def fit_driven_model(

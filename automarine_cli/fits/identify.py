@@ -1,9 +1,9 @@
 """From runs to a yaw fit: which runs serve for what, then both estimators, and the preferred model."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -411,8 +411,7 @@ def _fit_whole(
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
     course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
     asks = bool(with_effects) or steered or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
-    drifts = steered and DRIFT not in with_effects
-    by_innovations = partial(_fit_driven, moving, course, map_jobs, with_effects, drifts, priors)
+    by_innovations = partial(_fit_driven, moving, course, map_jobs, with_effects, priors)
     by_filter = asks and (bool(with_effects) or steered or not driven.mostly_stepped(moving))
     if by_filter:
         fits, preference, use, refused = by_innovations()
@@ -426,11 +425,12 @@ def _fit_whole(
         fit = fits[preference.number]
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
         use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
-        rival = _unless_refused(by_innovations) if asks and few_steps else None
-        if rival and driven.predicts_better(course, fit, rival.fits[rival.preference.number]):
-            by_filter, pushed = True, use.large
-            fits, preference, use, refused = rival
-            use = replace(use, large=use.large or pushed)
+        if asks and few_steps:
+            with suppress(FitError):  # where innovations fit no model
+                rivals, best, judgement, without = by_innovations()
+                if by_filter := driven.predicts_better(course, fit, rivals[best.number]):
+                    fits, preference, refused = rivals, best, without
+                    use = replace(judgement, large=judgement.large or use.large)
     reason = "which predicts runs left out as well" if asks else "for the evidence asks for no disturbance"
     how = _by_filter(moving, asked) if by_filter else f"by output error, {reason}"
     words, nomoto = dof.words, None
@@ -492,26 +492,18 @@ def _drifting(
     return {"2": wider} if better else {}
 
 
-class _Driven(NamedTuple):
-    fits: dict[str, whole_runs.OutputErrorFit]
-    preference: Preference
-    use: driven.Judgement
-    refused: dict[str, str]
-
-
-def _unless_refused(fit: Callable[[], _Driven]) -> _Driven | None:
-    try:
-        return fit()
-    except FitError:
-        return None
-
-
 def _fit_driven(
-    runs: tuple[Run, ...], course: Course, map_jobs: Each, with_effects: tuple[str, ...], drifts: bool, priors: Priors
-) -> _Driven:
-    """Fit driven runs, of a hull that `drifts` with its drift if need be, prefer one of the fits, allow in its
-    intervals for what it lacks, and judge it."""
-    fits, refused = driven.fitted_driven(runs, course, map_jobs, with_effects, priors)
+    runs: tuple[Run, ...], course: Course, map_jobs: Each, with_effects: tuple[str, ...], priors: Priors
+) -> tuple[dict[str, whole_runs.OutputErrorFit], Preference, driven.Judgement, dict[str, str]]:
+    """Fit the models that driven runs can carry, prefer one, allow in its intervals for what it lacks, and judge it;
+    last comes why others are not fitted. Raises FitError with the first one's refusal where there is none."""
+    ask = partial(driven.fit_driven_model, runs=runs, course=course, with_effects=with_effects, priors=priors)
+    outcomes = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
+    fits = {number: fit for number, (fit, _) in outcomes.items() if fit is not None}
+    refused = {number: why for number, (fit, why) in outcomes.items() if fit is None}
+    if not fits:
+        raise FitError(next(iter(refused.values())))
+    drifts = course.moment_unit == STEERED and DRIFT not in with_effects
     drifting = _drifting(fits, runs, course, with_effects, priors) if drifts else {}
     every, fits, dof = {**fits, **drifting}, drifting or fits, course.motion.dofs[0]
     predict, inflate = partial(driven.predictions_of, course), partial(driven.inflate_for_missing, course)
@@ -525,7 +517,7 @@ def _fit_driven(
     worth = {dof.position: driven.worth_of(ahead[number])}
     large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
     use = driven.Judgement(worth, len(course.names), ahead[number], course, proposed, large)
-    return _Driven({**every, number: fit}, preference, use, refused)
+    return {**every, number: fit}, preference, use, refused
 
 
 def _by_filter(runs: Sequence[Run], with_effects: Sequence[str]) -> str:

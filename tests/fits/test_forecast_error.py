@@ -7,11 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from identified import identify
 from made_driven import Sea, steered
 
 from automarine_cli.dofs import YAW
-from automarine_cli.filters.course import make_course
+from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, follow, smoothed
+from automarine_cli.fits import driven
 from automarine_cli.fits.driven import base_starts, driven_problem, fit_driven, inflate_for_missing, large_disturbance
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
@@ -109,6 +111,21 @@ def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance
     assert large_disturbance(problem.course, np.ones(1), found.of_chance) == ""
     sentence = large_disturbance(problem.course, np.ones(1), {"yaw.disturbance": 2.0})
     assert sentence.startswith("The disturbance is as large as the commands: yaw moment 2 of ")
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_of_too_few_steps_forecasts_choose_the_likelihood(better: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both runs are steps, too few to be fitted as such: the preferred fit of either kind is compared."""
+    compared: list[bool] = []
+
+    def predicts_better(course: Course, quiet: OutputErrorFit, fit: OutputErrorFit) -> bool:
+        compared.append(fit.mixed.driven and not quiet.mixed.driven)
+        return better
+
+    monkeypatch.setattr(driven, "predicts_better", predicts_better)
+    fit = identify(steered(2, 0, Sea(size=0.15), length=30.0, period=0.5, free=True))
+    assert compared == [True] and {of.mixed.driven for of in fit.output_error.values()} == {better}
+    assert ("by output error" in fit.why_no_velocity_error) != better
 
 
 @pytest.mark.slow
