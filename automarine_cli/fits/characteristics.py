@@ -16,11 +16,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.whole_runs import OutputErrorFit, run_dof
 from automarine_cli.models.model import Model, steady_rate
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import TO_PORT
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -230,30 +230,26 @@ def executes(run: Run) -> list[tuple[int, int]]:
 
 def overshoots(model: Model, run: Run) -> list[tuple[float, float]]:
     """Give overshoot angles [rad] of a run, of its log and of the model from the logged state at each execute on: how
-    far the heading goes on after the rudder began to go back. What the model remembers then is of the swing before.
+    far the heading goes on after the rudder began to go back. What the model remembers then is of all swings before.
     Swings that do not come back in the log are left out."""
-    swings = [(a, b) for a, b in executes(run) if a > 0 and b - a > 2]
-    if not swings:
-        return []
-    before = [(first, a) for first, (a, _) in zip([0, *(a for a, _ in swings[:-1])], swings)]
-    remembered = _from_log(model, run, before).water[0, np.arange(len(swings)), [a - first for first, a in before]]
-    path = _from_log(model, run, swings, remembered.T[:, None]).position[0]
-    pairs = []
-    for (a, b), modelled in zip(swings, path):
-        way, heading = float(np.sign(run.command[a])), run.position
+    swings, pairs, water = executes(run), [], np.zeros((1, 1, 1))
+    for a, b in [(0, swings[0][0]), *swings] if swings else []:
+        if b - a < 3:
+            continue
+        path = _from_log(model, run, a, b, water)
+        way, heading, water = float(np.sign(run.command[a])), run.position, path.water[0, 0, b - a, :, None, None]
         logged = way * (heading[a : b + 1] - heading[a])
-        if logged[-1] < 0.9 * logged.max():
-            pairs.append((float(logged.max()), float((way * (modelled[: b + 1 - a] - heading[a])).max())))
+        if a > 0 and logged[-1] < 0.9 * logged.max():
+            pairs.append((float(logged.max()), float((way * (path.position[0, 0, : b + 1 - a] - heading[a])).max())))
     return pairs
 
 
-def _from_log(model: Model, run: Run, pieces: Sequence[tuple[int, int]], water: ArrayLike = 0.0) -> Trajectory:
-    """Simulate pieces of a run, by first and last sample, each from the logged heading and rate of its first one."""
-    time, at = run.time, [a for a, _ in pieces]
-    ends = np.clip(time[at] + 0.5 * RATE_WINDOW_S * np.array([[-1.0], [1.0]]), time[0], time[-1])
-    rates = np.diff(np.interp(ends, time, run.position), axis=0) / np.diff(ends, axis=0)
-    batch = make_batch([run.cut(a, b + 1) for a, b in pieces], STEP_S, model.signals)
-    return simulate(model, batch, start=Start(run.position[None, at], rates, water=water))
+def _from_log(model: Model, run: Run, first: int, last: int, water: Floats) -> Trajectory:
+    """Simulate a run from the logged heading and rate of its `first` sample to the `last` one."""
+    ends = np.clip(run.time[first] + 0.5 * RATE_WINDOW_S * np.array([-1.0, 1.0]), run.time[0], run.time[-1])
+    rate = np.diff(np.interp(ends, run.time, run.position)) / np.diff(ends)
+    batch = make_batch([run.cut(first, last + 1)], STEP_S, model.signals)
+    return simulate(model, batch, start=Start(run.position[None, [first]], rate[None], water=water))
 
 
 def mean_miss(pairs: Sequence[tuple[float, float]]) -> float:

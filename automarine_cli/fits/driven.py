@@ -16,7 +16,7 @@ from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE
-from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, forecast_losses, is_ahead
+from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, STEERED_HORIZONS_S, forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
     directional_drag,
@@ -212,7 +212,7 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     of what is positive): of two estimates that err in different ways it is never far from the better one. The
     square of the way from innovations is added to the covariance, for one of the two is biased by so much on any
     number of runs. Commands that are held (`is_held`) answer nothing within a forecast: the estimate counts with
-    which the model alone forecasts better.
+    which the model alone forecasts better. Of what is steered the one counts that predicts best over longer horizons.
     """
     innovations, dof, count = likely.mixed, likely.model.dof, len(likely.model.theta)
     assert isinstance(innovations, InnovationsFit)
@@ -230,29 +230,30 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     fits: dict[str, InnovationsFit] = {INNOVATIONS: innovations, FORECASTS: plain}
     if not is_biased:
         fits[MIDDLE] = with_chance(problem, forecasts.towards(innovations))
-    ahead = {name: left_out_predictions(problem, fit, alone=is_held)[0] for name, fit in fits.items()}
+    steered = course.moment_unit == STEERED
+    over = STEERED_HORIZONS_S if steered else COMPARISON_HORIZONS_S
+    ahead = {name: left_out_predictions(problem, fit, alone=is_held and not steered)[0] for name, fit in fits.items()}
     sizes = {
-        name: [p.rmse() for p in predicted if p.horizon in COMPARISON_HORIZONS_S and len(p.error)]
-        for name, predicted in ahead.items()
+        name: [p.rmse() for p in predicted if p.horizon in over and len(p.error)] for name, predicted in ahead.items()
     }
     if not sizes[FORECASTS] or not np.all(np.isfinite(sizes[FORECASTS])):
         return likely
-    losses = forecast_losses(ahead, len(course.names))
+    losses = forecast_losses(ahead, len(course.names), over)
     pairs = list(zip(sizes[FORECASTS], sizes[INNOVATIONS]))
     better = all(a < (1.0 - MIN_GAIN) * b for a, b in pairs)
     level = all(a < (1.0 + MAX_LOSS) * b for a, b in pairs)
     better = better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))
     if is_held and losses is not None:
         better = bool(losses[FORECASTS].sum() < losses[INNOVATIONS].sum())
-    if course.moment_unit == STEERED:  # its forecasts reach over the answer of the hull
-        chosen = FORECASTS
+    if steered:  # forecasts reach over the answer of its hull
+        chosen = FORECASTS if losses is None else min(losses, key=lambda name: losses[name].sum())
     elif is_biased or (losses is None and not better):
         chosen = INNOVATIONS
     elif losses is None or (better and losses[FORECASTS].sum() <= losses[MIDDLE].sum()):
         chosen = FORECASTS
     else:
         chosen = MIDDLE if better or not is_ahead(losses[INNOVATIONS], losses[FORECASTS]) else INNOVATIONS
-    horizons = " and ".join(f"{h:g}" for h in COMPARISON_HORIZONS_S[: len(pairs)])
+    horizons = " and ".join(f"{h:g}" for h in over[: len(pairs)])
     errors = {name: " and ".join(f"{dof.shown(x):.3g}" for x in of_fit) for name, of_fit in sizes.items()}
     rivals = [
         f"by {name} to {errors[name]} ({dof.parameters['inertia']} {fit.theta[0]:.3g})"

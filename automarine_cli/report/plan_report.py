@@ -14,7 +14,7 @@ from automarine_cli.report.sections import Content, Drawing, Sections, bullets, 
 from automarine_cli.report.tables import MISSING, Table, interval, number
 from automarine_cli.text import plural
 
-CERTAIN = 1000.0
+CERTAIN, MAX_PERCENT = 1000.0, 100.0
 SHEET = {
     "number": "run", "begins_min": "begin at min", "start_heading_deg": "start heading deg",
     "turn_there_deg": "turn there by deg", "do": "after the rest", "wait_s": "then wait s",
@@ -92,15 +92,18 @@ def _interval_table(plan: Plan) -> Table:
         | {column: _precision(estimates.get(name)) for column, estimates in columns.items()}
         for name, alone in plan.alone.items()
     ]
-    note = "Value, predicted 95 % interval, and half its width in percent."
+    note = "Value, predicted 95 % interval, and half its width in percent, or that the value may be 0."
     return Table.of("Intervals before and after", rows, [note])
 
 
 def _precision(estimate: Estimate | None) -> str:
     if estimate is None:
         return MISSING
-    half = 50.0 * float(np.ptp(estimate.ci95)) / abs(estimate.value) if estimate.value else None
-    return f"{interval(estimate)} ({number(half, 2)} %)"
+    low, high = estimate.ci95
+    if low <= 0.0 <= high:  # a share of nearly nothing says nothing
+        return f"{interval(estimate)} (may be 0)"
+    half = 50.0 * (high - low) / abs(estimate.value)
+    return f"{interval(estimate)} ({f'{number(half, 2)} %' if half <= MAX_PERCENT else 'over 100 %'})"
 
 
 def _split_table(plan: Plan) -> Table:

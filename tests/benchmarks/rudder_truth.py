@@ -39,9 +39,11 @@ def log_of(truth: KTParams, angle_deg: float, noise: np.random.Generator | None,
     time, angle = np.arange(0.0, LENGTH_S, STEP_S), np.deg2rad(angle_deg)
     if turn:
         rudder = np.minimum(RATE * time, angle) - np.minimum(RATE * np.maximum(time - LENGTH_S / 2, 0.0), angle)
-        rate = simulate_kt(truth, time.tolist(), rudder.tolist()).sol(time)[0]
     else:
-        rudder, rate = map(np.array, zigzag_test_kt(truth, angle, angle, time.tolist(), δ_rad_rate=RATE))
+        zigzag, _ = zigzag_test_kt(truth, angle, angle, time.tolist(), δ_rad_rate=RATE, max_step=STEP_S)
+        rudder = np.array(zigzag)
+    # Without max_step the integrator steps over what the rudder does, and a zigzag's rates stand still at each execute.
+    rate = simulate_kt(truth, time.tolist(), rudder.tolist(), max_step=STEP_S).sol(time)[0]
     heading = np.rad2deg(np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * STEP_S)]))
     rows = slice(None, None, EVERY)
     shown = heading[rows] + (0.0 if noise is None else NOISE_DEG * noise.standard_normal(len(heading[rows])))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_rudder import MEMORY_TIME, Boat
+from scipy import integrate
 
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
@@ -167,3 +168,29 @@ def test_a_slow_steering_gear_is_found_where_the_command_is_logged(seed: int, si
     for name, truth in (("rudder-rate.rate", limit), ("yaw.I_r", time / gain), ("yaw.k_r", 1.0 / gain)):
         assert abs(estimates[name].value - truth) < 4.0 * estimates[name].stderr < 0.4 * truth  # of four runs
     assert estimates["rudder-rate.rate"].unit == "rad/s" and fit.nomoto is not None and fit.nomoto.side == side
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "side"), [(1, -1.0), (2, 1.0), (3, -1.0)])
+def test_a_rudder_that_stalls_is_found_with_its_boat(seed: int, side: float, tmp_path: Path) -> None:
+    """Nomoto's first order by scipy's integrator, under a rudder that loses lift beyond 0.35 rad."""
+    random, gain, time, stall, fall = np.random.default_rng(seed), 1.0, 1.2, 0.35, 0.6
+    clock = np.arange(0.0, 40.0, 0.2)
+    for number in range(5):
+        angles = np.deg2rad(random.permutation([-35.0, -30.0, -25.0, -18.0, -8.0, 8.0, 18.0, 25.0, 30.0, 35.0]))
+        sizes, thrust = np.abs(angles), 1.0 + 0.02 * random.standard_normal()
+        lifts = np.sign(angles) * np.where(sizes < stall, sizes, stall - fall * (sizes - stall))
+
+        def slope(t: float, x: np.ndarray, lifts: np.ndarray = thrust * lifts) -> list[float]:
+            return [x[1], (gain * lifts[min(int(t / 4.0), 9)] - x[1]) / time]
+
+        path = integrate.solve_ivp(slope, (0.0, 40.0), [0.0, 0.0], t_eval=clock, max_step=0.02).y[0]
+        heading = np.rad2deg(path) + random.normal(0.0, 0.3, len(clock))
+        rows = np.column_stack([clock, heading, side * np.rad2deg(angles[(clock / 4.0 + 1e-9).astype(int)])])
+        header = "time_s,heading_deg,rudder_deg"
+        np.savetxt(tmp_path / f"{number}.csv", rows, delimiter=",", header=header, comments="", fmt="%.4f")
+    fit = fit_yaw([tmp_path], with_effects="rudder-stall")
+    estimates, truths = fit.preferred.by_name, {"rudder-stall.stall": stall, "rudder-stall.fall": fall}
+    assert fit.preference.number == "1" and fit.nomoto is not None and fit.nomoto.side == side
+    for name, truth in {**truths, "yaw.I_r": time / gain, "yaw.k_r": 1.0 / gain}.items():
+        assert abs(estimates[name].value - truth) < 3.0 * estimates[name].stderr < 0.1 * truth, name
