@@ -25,8 +25,7 @@ from automarine_cli.comparison.simulated_runs import (
     step_of,
 )
 from automarine_cli.comparison.validation import load_usable
-from automarine_cli.dofs import YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, YAW, Dof
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.fits.planar_fit import CHANNELS
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR
 from automarine_cli.fits.planar_fit import CHANNELS, rough_velocities
 from automarine_cli.models.model import Model
 from automarine_cli.quantities import Floats

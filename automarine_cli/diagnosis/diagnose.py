@@ -40,8 +40,7 @@ from automarine_cli.diagnosis.search import (
     without,
 )
 from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, LimitCycle, log_density, study_of
-from automarine_cli.dofs import YAW, Dof
-from automarine_cli.dofs.motion import Motion
+from automarine_cli.dofs import YAW, Dof, Motion
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate

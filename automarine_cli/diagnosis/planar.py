@@ -37,8 +37,7 @@ from automarine_cli.diagnosis.residual_regions import (
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
 from automarine_cli.diagnosis.study import HORIZON
-from automarine_cli.dofs import SWAY, YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, SWAY, YAW
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict

@@ -7,8 +7,7 @@ from typing import Any
 
 from automarine_cli import effects
 from automarine_cli import exports as targets
-from automarine_cli.dofs import Dof
-from automarine_cli.dofs.motion import PLANAR, alone
+from automarine_cli.dofs import PLANAR, Dof, alone
 from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError

@@ -12,8 +12,7 @@ from collections.abc import Iterable, Iterator
 from types import ModuleType
 
 from automarine_cli import effects
-from automarine_cli.dofs import HEAVE
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import HEAVE, PLANAR
 from automarine_cli.effects import base
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned

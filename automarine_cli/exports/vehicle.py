@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.dofs import DOFS
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR
 from automarine_cli.exports.base import FRAME_AXES, MapSubject, MotionSubject, Subject, joined, mirrored, number
 from automarine_cli.models.model import CONSTANT, INERTIA_COUPLINGS, RESTORING, Model
 from automarine_cli.quantities import Floats

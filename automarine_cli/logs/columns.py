@@ -8,9 +8,8 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import Motion
-from automarine_cli.dofs.yaw import DEGREE
+from automarine_cli.dofs import DOFS, YAW, Dof, Motion
+from automarine_cli.dofs.rotations import DEGREE
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.records import Codec, Source, everything, keyed, read_plain
 from automarine_cli.text import in_words, listed, printable, quoted

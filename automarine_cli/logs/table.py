@@ -12,8 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import Motion
+from automarine_cli.dofs import DOFS, YAW, Dof, Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs import columns as naming
 from automarine_cli.logs import formats

@@ -21,8 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR, YAW, Dof
 from automarine_cli.effects import Effect
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from automarine_cli.dofs import DOFS, YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR, YAW
 from automarine_cli.logs import LogFile
 from automarine_cli.logs.columns import BY, CANONICAL, OPEN, RUN, names_of, open_questions
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, in_newtons, places_of, pulses

@@ -15,8 +15,7 @@ from export_readers import constants_of, number_in
 
 from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
-from automarine_cli.dofs import DOFS, YAW
-from automarine_cli.dofs.motion import alone
+from automarine_cli.dofs import DOFS, YAW, alone
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import MotionSubject, Origin, Settings, Written
 from automarine_cli.exports.export import in_enu

@@ -18,8 +18,7 @@ from scipy.integrate import solve_ivp
 import automarine_cli as am
 from automarine_cli.commands.export import export
 from automarine_cli.comparison.simulated_runs import roll
-from automarine_cli.dofs import DOFS, YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.vehicle import MOTIONS, SIDES
 from automarine_cli.logs import ColumnMap, find_logs
