@@ -78,7 +78,7 @@ def symbols(angle: str, rate: str, printed: str) -> Symbols:
 
 
 _MOMENTS = {"phi": "K", "theta": "M"}
-UNITS = Units(
+SWING_UNITS = Units(
     base="rad", log="deg", per_base=1 / DEGREE, shown="deg", shown_per_base=1 / DEGREE, mark="°", forces=("nu", "N m")
 )
 
@@ -96,7 +96,7 @@ def words(name: str, ways: tuple[str, str]) -> Words:
     )  # fmt: skip
 
 
-LIMITS = Limits(
+SWING_LIMITS = Limits(
     least=2 * DEGREE, unmoved=0.5 * DEGREE, start=1 * DEGREE, plausible=(0.01, 1000.0), spike=6 * DEGREE,
     end_spike=20 * DEGREE, jump=15 * DEGREE, acceleration=60.0, far=180 * DEGREE, fast=8 * 180 * DEGREE,
     position_sd=90 * DEGREE, velocity_sd=2.0, least_noise=0.02 * DEGREE, bias_sd=2 * DEGREE, long=180 * DEGREE,
@@ -112,8 +112,8 @@ ROLL = Dof(
     sides=(),
     symbols=symbols("phi", "p", "φ"),
     words=words("roll", ("starboard down", "port down")),
-    units=UNITS,
-    limits=LIMITS,
+    units=SWING_UNITS,
+    limits=SWING_LIMITS,
     restoring=True,
     columns={
         "roll": (("roll_deg", "deg"), ("roll_rad", "rad")),
@@ -142,8 +142,8 @@ PITCH = Dof(
     sides=(),
     symbols=symbols("theta", "q", "θ"),
     words=words("pitch", ("bow up", "bow down")),
-    units=UNITS,
-    limits=LIMITS,
+    units=SWING_UNITS,
+    limits=SWING_LIMITS,
     restoring=True,
     columns={
         "pitch": (("pitch_deg", "deg"), ("pitch_rad", "rad")),

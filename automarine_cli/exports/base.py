@@ -27,7 +27,7 @@ MATRICES = "Entries of motions that are not identified are placeholders: merge w
 
 
 @dataclass(frozen=True)
-class Settings:
+class Options:
     """The user's numbers; each target says in `uses` which of them mean something to it.
 
     `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] its mass;
@@ -55,7 +55,7 @@ class Unsupported:
 
 
 @dataclass(frozen=True)
-class Origin:
+class ModelOrigin:
     """The file that a model came from: its name, its hash, and which of its models was taken."""
 
     file: str
@@ -71,14 +71,14 @@ class Origin:
 class Subject:
     """What is to be written in a `frame` and a `form`, and what of it the target does not carry."""
 
-    origins: tuple[Origin, ...]
+    origins: tuple[ModelOrigin, ...]
     frame: str
     form: str
-    settings: Settings
+    settings: Options
     left_out: tuple[Unsupported, ...]
 
     @property
-    def origin(self) -> Origin:
+    def origin(self) -> ModelOrigin:
         return self.origins[0]
 
     def headed(self, lines: Iterable[str]) -> list[str]:
@@ -203,7 +203,7 @@ class Target:
     several: Several | None = None
 
 
-def refuse_part(option: str, value: float, total: float, origin: Origin) -> None:
+def refuse_part(option: str, value: float, total: float, origin: ModelOrigin) -> None:
     """Raise SettingError for a rigid mass or inertia that is no part of the total, rigid and added together."""
     if not 0.0 < value <= total:
         raise SettingError(

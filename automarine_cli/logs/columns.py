@@ -215,12 +215,12 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATE_WORDS = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
-SWINGS = tuple(dof.name for dof in DOFS.values() if dof.restoring)  # how words in names of their columns begin
+SWING_NAMES = tuple(dof.name for dof in DOFS.values() if dof.restoring)  # how words in names of their columns begin
 
 
 def other_axis(name: str, quantity: str = "") -> bool:
     """Whether a name is of roll or pitch, and the `quantity` that is looked for is not."""
-    axes = tuple(axis for axis in SWINGS if quantity not in quantities_by_motion(DOFS[axis]))
+    axes = tuple(axis for axis in SWING_NAMES if quantity not in quantities_by_motion(DOFS[axis]))
     return any(word.startswith(axes) for word in re.split(r"[^a-z]+", name.lower()))
 
 

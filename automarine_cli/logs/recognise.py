@@ -617,7 +617,7 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
     mapped = {name: rule.source for name, rule in rules.columns.items() if rule.source in raw.names}
     dof = naming.motion_of(raw.names, mapped)
     if dof is YAW and not any(is_called(quantity, raw.names) for quantity in (YAW.position, YAW.command)):
-        swings = [DOFS[name] for name in naming.SWINGS if is_called(DOFS[name].position, raw.names)]
+        swings = [DOFS[name] for name in naming.SWING_NAMES if is_called(DOFS[name].position, raw.names)]
         dof = next(iter(swings), YAW)
     names = tuple(name for name in raw.names if name)
     labels = categorical_columns(raw, {*LABELS, *mapped.values()})

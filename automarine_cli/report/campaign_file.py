@@ -22,7 +22,7 @@ from automarine_cli.text import listed, plural, printable
 
 SCHEMA = "automarine/campaign/1"
 WIDEST = 120  # of a line with its comment; a longer one has it above
-MAX_LISTED = 20  # logs without a place that are listed
+MAX_LISTED_LOGS = 20  # logs without a place that are listed
 SAY = {
     "thrusters": "bollard tests",
     "steps": "one constant {force} each",
@@ -193,7 +193,7 @@ def _not_used(look: Survey) -> Iterator[Line]:
         yield "join", [to_mapping(join) for join in look.maps.user_map.join], joined
     if runs := look.not_used:
         yield f"# Not used: {len(runs)}"
-        yield from (f"#   {run.file}{run.run and f', run {run.run}'}: {run.why}" for run in runs[:MAX_LISTED])
+        yield from (f"#   {run.file}{run.run and f', run {run.run}'}: {run.why}" for run in runs[:MAX_LISTED_LOGS])
 
 
 def _motion(motion: str) -> Iterator[Line]:
