@@ -11,7 +11,6 @@ from typing import Any
 
 from automarine_cli import __version__, effects
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.errors import SettingError
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import ModelFile
 from automarine_cli.thrusters.map import ThrusterMap
@@ -201,15 +200,6 @@ class Target:
     varying: bool = False
     motions: tuple[str, ...] = tuple(DOFS)
     several: Several | None = None
-
-
-def refuse_part(option: str, value: float, total: float, origin: ModelOrigin) -> None:
-    """Raise SettingError for a rigid mass or inertia that is no part of the total, rigid and added together."""
-    if not 0.0 < value <= total:
-        raise SettingError(
-            f"{option}: found {value:g}, expected more than 0 and no more than {total:.6g}, the total of rigid and "
-            f"added inertia in {origin.file}; check unit and axis"
-        )
 
 
 def joined(names: Sequence[str]) -> str:

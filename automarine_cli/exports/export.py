@@ -426,8 +426,11 @@ def refuse_inertia(target: Target, rigid: float | None, model: Model, origin: Mo
             f"{origin.file}: the identified {model.dof.words.inertia}, {model.inertia:.4g}, holds the water that moves "
             f"along; as a link's mass it would weigh on the vehicle: give the vehicle's own with {option}"
         )
-    if rigid is not None:
-        base.refuse_part(option, rigid, model.inertia, origin)
+    if rigid is not None and not 0.0 < rigid <= model.inertia:
+        raise SettingError(
+            f"{option}: found {rigid:g}, expected more than 0 and no more than {model.inertia:.6g}, the total of rigid "
+            f"and added inertia in {origin.file}; check unit and axis"
+        )
 
 
 def _refuse_driving(model: Model, target: Target, origin: ModelOrigin) -> None:

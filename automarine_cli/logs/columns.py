@@ -215,17 +215,13 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATE_WORDS = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
-SWING_NAMES = tuple(dof.name for dof in DOFS.values() if dof.restoring)  # how words in names of their columns begin
+SWING_DOFS = tuple(dof for dof in DOFS.values() if dof.restoring)  # words in names of their columns begin with theirs
 
 
 def other_axis(name: str, quantity: str = "") -> bool:
     """Whether a name is of roll or pitch, and the `quantity` that is looked for is not."""
-    axes = tuple(axis for axis in SWING_NAMES if quantity not in quantities_by_motion(DOFS[axis]))
+    axes = tuple(dof.name for dof in SWING_DOFS if quantity not in (dof.position, dof.velocity, dof.command))
     return any(word.startswith(axes) for word in re.split(r"[^a-z]+", name.lower()))
-
-
-def quantities_by_motion(dof: Dof) -> tuple[str, ...]:
-    return (dof.position, dof.velocity, dof.command)
 
 
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
