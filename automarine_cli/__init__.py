@@ -25,7 +25,7 @@ def __getattr__(name: str) -> Any:
         commands = import_module(f"{__name__}.commands")
         if name in commands.in_python():
             function = commands.load(commands.in_python()[name])
-            function.__doc__ = import_module(f"{__name__}.commands.reference").python_help(function)
+            function.__doc__ = import_module(f"{__name__}.commands.command").python_help(function)
             globals()[name] = function
     if name in globals():
         return globals()[name]

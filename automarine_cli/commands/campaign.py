@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.commands import load
-from automarine_cli.dofs import ALL_BUT_YAW, DOFS, YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import ALL_BUT_YAW, DOFS, PLANAR, YAW
 from automarine_cli.errors import AutomarineError, LogError, SettingError
 from automarine_cli.pipeline.records import read_mapping
 from automarine_cli.text import format_value, listed, printable

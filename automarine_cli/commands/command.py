@@ -5,6 +5,7 @@ records them. A result is shown and saved by its sections, in the module of `rep
 """
 
 import inspect
+import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -28,6 +29,14 @@ HOLD_OUT = "hold_out"
 INPUT, OUTPUT, GENERAL = "Input", "Output", "General"
 """Groups of options in a help, between the first two those of the command itself."""
 PNG = ("png",)
+READS = {
+    "": "A new folder.",
+    "logs": "Logs, as places or as tables.",
+    "file": "A file, or its result.",
+    "folders": "Folders of results.",
+}
+"""What arguments without a help are."""
+SHOWN = "Printed, it is what the terminal shows; `to_frame()` is a pandas table, `plot(figure)` a matplotlib figure."
 
 Function = Callable[..., Any]
 
@@ -395,3 +404,29 @@ def _document(value: object, name: str) -> Any:
     if value is None or isinstance(value, Path) or is_result:
         return value
     raise SettingError(f"{name}: found {type(value).__name__}, expected a file or a result")
+
+
+def result_classes(command: Command) -> list[type]:
+    """List the classes of a command's result, as its function's annotation names them."""
+    names = str(inspect.signature(command).return_annotation).split(" | ")
+    rooms = [import_module(f"automarine_cli.{name}") for name in (f"report.{command.report}", "exports.export")]
+    return [next(vars(room)[name] for room in rooms if name in vars(room)) for name in names]
+
+
+def python_help(command: Command) -> str:
+    """Write what `help()` and the site say of a function: what it does, its settings by name, what it returns."""
+    flags = {flag: f"`{param.name}`" for param in command.params for flag in param.opts if flag.startswith("--")}
+    about = str(command.help).partition("\b")[0].strip()
+    settings = [
+        f"- **{param.name}**: {getattr(param, 'help', '') or READS[getattr(param, 'reads', '')]}"
+        for param in command.own
+    ]
+    text = "\n".join([about, "", "Settings:", "", *settings])
+    text = re.sub(r"--[a-z][a-z-]*", lambda flag: flags.get(flag[0], flag[0]), text)
+    return "\n\n".join([text, "Returns:", *map(_result, result_classes(command))])
+
+
+def _result(result: type) -> str:
+    first, *remaining = (" ".join(part.split()) for part in (inspect.getdoc(result) or "").split("\n\n"))
+    documented = [SHOWN] if hasattr(result, "plot") else []
+    return "\n\n".join([f"`{result.__name__}`. {first}", *remaining, *documented])

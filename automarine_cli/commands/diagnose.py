@@ -104,7 +104,7 @@ def _of_the_plane(
 ) -> "Diagnosis":
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
     from automarine_cli.diagnosis.diagnose import PLANAR_S, readings_of, split_off
-    from automarine_cli.diagnosis.planar import MIN_RUNS, diagnose_planar
+    from automarine_cli.diagnosis.planar import MIN_TO_SPLIT, diagnose_planar
     from automarine_cli.fits.planar_fit import observed
     from automarine_cli.models.store import read_model
     from automarine_cli.pipeline.results_folder import sha256
@@ -112,9 +112,9 @@ def _of_the_plane(
 
     stored = read_model(model)
     campaign, other = load_planar(logs, **settings), load_planar(hold_out, **settings) if hold_out else None
-    runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, MIN_RUNS)
+    runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, MIN_TO_SPLIT)
     if not held_out:
-        raise SettingError(f"no run is held out: expected at least {MIN_RUNS} logs, or some given with --hold-out")
+        raise SettingError(f"no run is held out: expected at least {MIN_TO_SPLIT} logs, or some given with --hold-out")
     foretell(settings["progress"], readings_of(runs) * PLANAR_S)
     diagnosis = diagnose_planar(stored, runs, held_out, observed(campaign.runs), seed)
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from automarine_cli.commands import options
 from automarine_cli.commands.command import command, option
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR
 
 if TYPE_CHECKING:
     from automarine_cli.fits.planar_fit import PlanarFit

@@ -28,13 +28,13 @@ def report(folder: Path, title: str | None, overwrite: bool) -> Any:
       automarine report out/pool_day
     """
     from automarine_cli.pipeline.results_folder import write_whole
-    from automarine_cli.report.campaign import REPORT_FILES, RUN, make_report
+    from automarine_cli.report.campaign import REPORT_FILES, RUN_RESULT, make_report
 
     there = [name for name in REPORT_FILES if (folder / name).exists()]
     if there and not overwrite:
         raise OutputError(f"{folder} already holds {there[0]}; give --overwrite to replace it")
-    record = folder / RUN.file
-    result = make_report(folder, title, RUN.read(record, refuse=OutputError) if record.is_file() else None)
+    record = folder / RUN_RESULT.file
+    result = make_report(folder, title, RUN_RESULT.read(record, refuse=OutputError) if record.is_file() else None)
     for name, text in result.files.items():
         write_whole(folder / name, text)
     return result

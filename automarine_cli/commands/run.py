@@ -204,7 +204,7 @@ def _content(
     campaign: Campaign, out: Path, steps: "Sequence[CampaignStep]", outcomes: "Sequence[StepOutcome]"
 ) -> "RunFile":
     from automarine_cli.pipeline.results_folder import MANIFEST, sha256
-    from automarine_cli.report.campaign import RUN, RunFile, StepDone, cautions
+    from automarine_cli.report.campaign import RUN_RESULT, RunFile, StepDone, cautions
     from automarine_cli.thrusters.map import THRUSTER_MAP
 
     entries = []
@@ -217,7 +217,7 @@ def _content(
     tested = THRUSTER_MAP.read(place) if place.is_file() else None
     cautioned = tuple(cautions(tested, campaign.sections["vehicle"].get("supply_V")))
     vehicle = campaign.sections["vehicle"].get("name", "")
-    return RunFile(RUN.schema, campaign.title, campaign.path.name, tuple(entries), cautioned, vehicle)
+    return RunFile(RUN_RESULT.schema, campaign.title, campaign.path.name, tuple(entries), cautioned, vehicle)
 
 
 def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> tuple[str, str]:
@@ -225,7 +225,7 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
     from automarine_cli.logs import with_joined
     from automarine_cli.pipeline.records import json_text, to_mapping
     from automarine_cli.pipeline.results_folder import Input, result_folder
-    from automarine_cli.report.campaign import RUN, make_report
+    from automarine_cli.report.campaign import RUN_RESULT, make_report
     from automarine_cli.runs.load import has_bytes
 
     logs = with_joined(campaign.every_log(), campaign.columns)
@@ -235,13 +235,13 @@ def _report(campaign: Campaign, out: Path, content: "RunFile", force: bool) -> t
     manifest: dict[str, Any] = {"command": "run", "options": {}, "inputs": inputs, "seed": None}
     why = why_made_again(out, **manifest)
     record = to_mapping(content)
-    if why is None and (out / RUN.file).read_text(encoding="utf-8") != json_text(record):
+    if why is None and (out / RUN_RESULT.file).read_text(encoding="utf-8") != json_text(record):
         why = "results of the steps changed"
     to_show = any(step.folder for step in content.steps)
     if why is None and not force:
         return ("kept", "results of the steps unchanged") if to_show else ("skipped", NO_PAGE)
     with result_folder(out, **manifest, overwrite=True) as folder:
-        folder.write(RUN.file, record)
+        folder.write(RUN_RESULT.file, record)
         for name, page in make_report(out, campaign.title, content).files.items() if to_show else ():
             folder.write(name, page)
     return ("done", "--force" if why is None else why) if to_show else ("skipped", NO_PAGE)

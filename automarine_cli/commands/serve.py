@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from automarine_cli.link.vehicles.base import Vehicle
     from automarine_cli.link.vehicles.simulated import Rehearsal
 
-POSITIVE = click.FloatRange(min=0, min_open=True)
+ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
 VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", "can": "bus"}
 """The option that each vehicle needs."""
 
@@ -41,14 +41,14 @@ VEHICLES = {"simulated": "model", "replay": "recordings", "ardusub": "mavlink", 
 @option("--bus", metavar="INTERFACE:CHANNEL", help="The CAN bus, as python-can names it: socketcan:can0.")
 @options.columns
 @option(
-    "--full", type=POSITIVE, metavar="MOMENT",
+    "--full", type=ABOVE_ZERO, metavar="MOMENT",
     help="Largest moment of ArduSub or the simulated vehicle, in the plan's unit.",
 )  # fmt: skip
 @options.thrusters
 @options.arm
-@option("--depth-limit", type=POSITIVE, default=math.inf, metavar="METRES", help="Stop ArduSub below this depth.")
+@option("--depth-limit", type=ABOVE_ZERO, default=math.inf, metavar="METRES", help="Stop ArduSub below this depth.")
 @option(
-    "--heading-limit", type=POSITIVE, default=1080.0, show_default=True, metavar="DEGREES",
+    "--heading-limit", type=ABOVE_ZERO, default=1080.0, show_default=True, metavar="DEGREES",
     help="Stop ArduSub if a run turns it further to one side.",
 )  # fmt: skip
 @option(
@@ -127,9 +127,9 @@ def _vehicle(
     if speed != 1.0:
         raise SettingError("a vehicle in the water goes by the clock; leave out --speed")
     if kind == "ardusub":
-        from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, Limits
+        from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, ArduSubLimits
 
-        return ArduSub(mavlink, full, thrusters, arm, Limits(depth_limit, heading_limit))
+        return ArduSub(mavlink, full, thrusters, arm, ArduSubLimits(depth_limit, heading_limit))
     from automarine_cli.link.vehicles.can import CanBus
 
     return CanBus.of(bus, columns, thrusters, arm)

@@ -13,7 +13,7 @@ import click
 
 from automarine_cli.pipeline.parallel import Progress, silent
 
-MAX_LISTED = 8  # runs set aside that are listed one by one without -v
+MAX_LISTED_RUNS = 8  # runs set aside that are listed one by one without -v
 BAR_FROM_S = 1.0  # work shorter than this shows no bar
 LINE_EVERY_S = 15.0  # between two lines on work that lasts, in a pipe
 NARROWEST = 30
@@ -226,7 +226,7 @@ def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
     alike: dict[object, list[Mapping[str, str]]] = {}
     for i, run in enumerate(runs):
         alike.setdefault(i if verbosity_level() > 0 else run["why"], []).append(run)
-    groups = list(alike.values())[: None if verbosity_level() > 0 else MAX_LISTED]
+    groups = list(alike.values())[: None if verbosity_level() > 0 else MAX_LISTED_RUNS]
     width = width_of(sys.stderr)
     for first, *more in groups:
         name = first["file"] if first["run"] in ("", first["file"]) else f"{first['file']}, run {first['run']}"

@@ -16,17 +16,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from automarine_cli.comparison.simulated_runs import (
+    FREE_RUN_STEP_S,
     MAX_WAY,
-    PLANAR_STEP_S,
     START_WINDOW_S,
-    State,
+    StartState,
     planar_start,
     start_states,
     step_of,
 )
 from automarine_cli.comparison.validation import load_usable
-from automarine_cli.dofs import YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, YAW, Dof
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.fits.planar_fit import CHANNELS
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require
@@ -45,10 +44,10 @@ from automarine_cli.simulation.rollout import Start, simulate
 from automarine_cli.text import format_value, printable
 from automarine_cli.thrusters.map import load_planar
 
-DRAWS, MIN_DRAWS = 1000, 200  # vehicles drawn for a band, fewer for runs of many samples
+BAND_DRAWS, MIN_DRAWS = 1000, 200  # vehicles drawn for a band, fewer for runs of many samples
 DRAWN_SAMPLES = 4e6  # samples times draws of one run that are held in memory
 SIMULATED_STEPS = 1e6  # steps times draws that are simulated together
-LEVEL = 0.95
+BAND_LEVEL = 0.95
 MAX_ROW_GAP_S, ROW_S = 0.5, 0.1  # rows of commands that are further apart get rows between them, so far apart
 AT_ONCE_S = 1e-3  # within which a command changes at its row
 MAX_COMMANDS_S = 86_400.0  # a day: longer commands are a clock in another unit
@@ -118,7 +117,7 @@ class PredictedRun:
     of which only samples are known may have changed anywhere between two of them: `sampled`."""
 
     run: Run
-    start: State
+    start: StartState
     bands: Mapping[str, Floats]
     lost: int = 0
     sampled: bool = False
@@ -211,7 +210,7 @@ class Prediction(Shown):
             "motion": stored.model.motion.name,
             "model": {"file": stored.source, "number": stored.preferred, "effects": list(stored.effects)},
             "band": {
-                "level": LEVEL,
+                "level": BAND_LEVEL,
                 "draws": max(draws_of(run) for run in runs),
                 "parameters": [name for name, error in zip(names, np.diagonal(doubt.covariance)) if error > 0],
                 "gain_scatter": doubt.scatter,
@@ -234,7 +233,7 @@ class Prediction(Shown):
 
 
 def draws_of(run: Run) -> int:
-    return int(np.clip(DRAWN_SAMPLES / len(run), MIN_DRAWS, DRAWS))
+    return int(np.clip(DRAWN_SAMPLES / len(run), MIN_DRAWS, BAND_DRAWS))
 
 
 def predict_runs(
@@ -253,7 +252,7 @@ def predict_runs(
 NOT_LOGGED = "no {position} in the commands"
 
 
-def _start(model: Model, run: Run, position: float | None, rate: float | None) -> tuple[State, Floats]:
+def _start(model: Model, run: Run, position: float | None, rate: float | None) -> tuple[StartState, Floats]:
     """The state in which a run begins, and standard deviations (2,) of its position and rate as far as they are read,
     those of a straight line through the first second where it is under way."""
     turns = model.motion.turns
@@ -268,9 +267,9 @@ def _start(model: Model, run: Run, position: float | None, rate: float | None) -
     how = list[str]()
     if turns:
         start = planar_start(run, model) if logged else np.zeros(6)
-        state = State(start[:3].copy(), start[3:].copy(), "read" if logged else "")
+        state = StartState(start[:3].copy(), start[3:].copy(), "read" if logged else "")
     else:
-        state = start_states(model, [run])[0] if logged else State(0.0, 0.0)
+        state = start_states(model, [run])[0] if logged else StartState(0.0, 0.0)
     how.append(state.how if logged else run.dof.fill(f"{NOT_LOGGED}: it starts at 0"))
     for k, (value, name) in enumerate(((position, "position"), (rate, "rate"))):
         if value is not None:
@@ -283,11 +282,11 @@ def _start(model: Model, run: Run, position: float | None, rate: float | None) -
 
 
 def _predicted(
-    model: Model, doubt: Doubt, run: Run, start: State, sure: Floats, rng: np.random.Generator
+    model: Model, doubt: Doubt, run: Run, start: StartState, sure: Floats, rng: np.random.Generator
 ) -> PredictedRun:
     """Simulate the model itself and vehicles drawn about it."""
     motion, count = model.motion, draws_of(run)
-    step = PLANAR_STEP_S if motion.turns else step_of(model, [run]) / 2
+    step = FREE_RUN_STEP_S if motion.turns else step_of(model, [run]) / 2
     channels = CHANNELS if motion.turns else run.dof.channels
     batch = make_batch([run], step, model.signals, motion=motion, channels=channels)
     theta = model.drawn(doubt.covariance, count, rng)
@@ -320,7 +319,7 @@ def _predicted(
             f"{run.source}, run {run.name!r}: the model runs away under these commands; check their unit, or give a "
             "model that was fitted to commands as large"
         )
-    tails = 50.0 * (1.0 - LEVEL), 100.0 - 50.0 * (1.0 - LEVEL)
+    tails = 50.0 * (1.0 - BAND_LEVEL), 100.0 - 50.0 * (1.0 - BAND_LEVEL)
     bands = {
         quantity: np.stack([values[0], *np.percentile(values[sound], tails, axis=0)])
         for quantity, values in readings.items()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR
 from automarine_cli.fits.planar_fit import CHANNELS, rough_velocities
 from automarine_cli.models.model import Model
 from automarine_cli.quantities import Floats
@@ -79,7 +79,7 @@ MIN_GAIN = 0.1  # of what a sensor shows of a small move
 
 
 @dataclass(frozen=True)
-class State:
+class StartState:
     """Position [rad or m] and rate [rad/s or m/s] at the first sample, three of each in the plane, and how a free
     run's were found."""
 
@@ -88,16 +88,16 @@ class State:
     how: str = ""
 
 
-def rest_state(run: Run) -> State | None:
+def rest_state(run: Run) -> StartState | None:
     """Find the position of the rest with which the run begins, rate 0; None where it does not begin so."""
     count, words = released(run), run.dof.words
     if not count:
         return None
     how = f"from rest: mean {words.position} of {count} samples, {words.speed} 0"
-    return State(float(run.position[:count].mean()), 0.0, how)
+    return StartState(float(run.position[:count].mean()), 0.0, how)
 
 
-def start_states(model: Model, runs: Sequence[Run]) -> list[State]:
+def start_states(model: Model, runs: Sequence[Run]) -> list[StartState]:
     """Find the start of each run: at rest, or with the position and rate from which the model follows the first second
     (at least 5 samples) of the measured position best, by least squares."""
     rests = [rest_state(run) for run in runs]
@@ -107,7 +107,7 @@ def start_states(model: Model, runs: Sequence[Run]) -> list[State]:
     return [_fitted(model, run, step) if rest is None else next(at_rest) for run, rest in zip(runs, rests)]
 
 
-def aligned(model: Model, runs: Sequence[Run], states: Sequence[State]) -> list[State]:
+def aligned(model: Model, runs: Sequence[Run], states: Sequence[StartState]) -> list[StartState]:
     """Return true states at which the model's sensor shows the positions and rates of `states` at the first sample."""
     sensors = [term for term in model.terms if effects.get(term.name).place is effects.Place.SENSOR]
     if not runs or not sensors:
@@ -121,10 +121,10 @@ def aligned(model: Model, runs: Sequence[Run], states: Sequence[State]) -> list[
         gain = (readings[1] - readings[2]) / (2 * NUDGE)
         gain = np.where(np.isfinite(gain) & (np.abs(gain) > MIN_GAIN), gain, 1.0)
         position = position + np.nan_to_num((targets - readings[0]) / gain, posinf=0.0, neginf=0.0)
-    return [State(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
+    return [StartState(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 
 
-def _fitted(model: Model, run: Run, step: float) -> State:
+def _fitted(model: Model, run: Run, step: float) -> StartState:
     """Fit start position and rate by least squares, from a line through the same samples, with steps of `step` [s].
     What a velocity sensor reads there counts with the ratio of the position's noise to its own."""
     end = int(np.searchsorted(run.time, run.time[0] + START_WINDOW_S * (1 + 1e-9), side="right"))
@@ -143,7 +143,7 @@ def _fitted(model: Model, run: Run, step: float) -> State:
 
     (x, r), words = _least_squares(residuals, line), model.dof.words
     how = f"fitted: {words.position} and {words.speed} that follow the first {len(begin)} samples best"
-    return State(float(x), float(r), how)
+    return StartState(float(x), float(r), how)
 
 
 def _least_squares(residuals: Callable[[Floats], Floats], initial: Floats) -> Floats:
@@ -166,7 +166,7 @@ class FreeRun:
 
     run: Run
     simulated: Mapping[str, Floats]
-    start: State
+    start: StartState
     water: Floats
 
     @property
@@ -206,7 +206,7 @@ def free_runs(model: Model, runs: Sequence[Run]) -> Iterator[FreeRun]:
 
 
 def _paths(
-    model: Model, runs: Sequence[Run], states: Sequence[State], water: Sequence[Floats] = ()
+    model: Model, runs: Sequence[Run], states: Sequence[StartState], water: Sequence[Floats] = ()
 ) -> Iterator[tuple[Floats, ...]]:
     """Simulate each run from its state and that of the `water` (W,): position and rate (N,) and water (N, W)."""
     size = max(1, GROUP_SAMPLES // max(map(len, runs), default=1))
@@ -236,7 +236,7 @@ class Restarts:
     at: tuple[int, ...]
     rule: str
     horizon: float
-    states: tuple[State, ...]
+    states: tuple[StartState, ...]
 
 
 def find_restarts(run: Run) -> Restarts:
@@ -259,7 +259,7 @@ def find_restarts(run: Run) -> Restarts:
     reach = float(np.clip(noise ** (2 / 7), MIN_SMOOTHED * run.sample_period, MAX_REACH_S)) * (1 + 1e-9)
     rest = rest_state(run)
     states = tuple(
-        State(rest.position, 0.0)
+        StartState(rest.position, 0.0)
         if rest is not None and begins[0] == i + 1
         else _smoothed(run, i, [] if driven else begins, reach)
         for i in at[1:]
@@ -294,7 +294,7 @@ def remade(model: Model, free: Sequence[FreeRun], gain: float, rng: np.random.Ge
     return again
 
 
-def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
+def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> StartState:
     """Smooth position and rate at sample `i` by a parabola over `reach` [s] to either side, fewer samples: a line.
     Where a change or ramp `begins` right after `i`, the parabola bends differently before and after the middle of that
     interval; it does not reach across where another begins unless too few samples are left. With a velocity sensor: the
@@ -315,16 +315,16 @@ def _smoothed(run: Run, i: int, begins: Sequence[int], reach: float) -> State:
         position = float(np.mean(run.position[low:high] - way + way[i - low]))
         lines = sides if bend and high > i + 2 and i > low else [t]
         start, by_time, *_ = np.linalg.lstsq(np.stack([np.ones_like(t), *lines], axis=1), velocity, rcond=None)[0]
-        return State(position, float(start + by_time * at))
+        return StartState(position, float(start + by_time * at))
     after = [side**2 for side in sides] if bend else [t**2]
     powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, count - 1)]
     c = np.zeros(4)
     c[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
     position, rate = c[0] + c[1] * at + c[2] * at**2, c[1] + 2 * c[2] * at
-    return State(float(position), float(rate))
+    return StartState(float(position), float(rate))
 
 
-PLANAR_STEP_S = 0.05  # longest step of the simulation [s]
+FREE_RUN_STEP_S = 0.05  # longest step of the simulation [s]
 BEGIN_S = 2.0  # s of a run from which its start is told
 MIN_IN_THE_PLANE = 3  # samples of a rest, and of a start under way
 NOISE = {"heading": 0.02, "yaw_rate": 0.02, "surge": 0.03, "sway": 0.03, "north": 0.05, "east": 0.05}
@@ -336,10 +336,10 @@ def planar_free_runs(model: Model, runs: Sequence[Run]) -> Iterator[FreeRun]:
     """Simulate every run by its commands from the state with which its log begins."""
     for run in runs:
         start = planar_start(run, model)
-        batch = make_batch([run], PLANAR_STEP_S, model.signals, motion=PLANAR, channels=CHANNELS)
+        batch = make_batch([run], FREE_RUN_STEP_S, model.signals, motion=PLANAR, channels=CHANNELS)
         path = simulate(model, batch, start=Start(start[:3, None, None], start[3:, None, None]))
         simulated = {channel.quantity: path.reading(channel)[0, 0] for channel in batch.channels}
-        yield FreeRun(run, simulated, State(start[:3], start[3:]), np.zeros((len(run), 0)))
+        yield FreeRun(run, simulated, StartState(start[:3], start[3:]), np.zeros((len(run), 0)))
 
 
 def planar_start(run: Run, model: Model) -> Floats:
@@ -359,7 +359,7 @@ def planar_start(run: Run, model: Model) -> Floats:
     if at_rest:
         return initial
     first = run.cut(0, max(int(np.count_nonzero(until)), MIN_IN_THE_PLANE))
-    batch = make_batch([first], PLANAR_STEP_S, model.signals, motion=PLANAR, channels=CHANNELS)
+    batch = make_batch([first], FREE_RUN_STEP_S, model.signals, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 
     def residuals(state: Floats) -> Floats:

@@ -23,8 +23,7 @@ from automarine_cli.comparison.simulated_runs import (
     remade,
     restarted_errors,
 )
-from automarine_cli.dofs import YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, YAW, Dof
 from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import FitError, ModelError, RunError, SettingError
 from automarine_cli.filters.course import make_course

@@ -81,7 +81,7 @@ def fly(
 
 
 @dataclass(frozen=True)
-class Scores:
+class FlightScores:
     """Of S sets, (S,) each: `overshoot` in shares of the step, `settling` [s] (or infinite), `rms` from then on,
     `error` of the load [base units], and what is `left` of it after the time of recovery."""
 
@@ -107,14 +107,14 @@ def step_and_load(
     return fly(target, gains, vehicles, reference, loads, longest=longest, sets=sets)
 
 
-def scores(flight: ClosedLoopRun, step: float, band: float, recovery: float = np.inf) -> Scores:
+def scores(flight: ClosedLoopRun, step: float, band: float, recovery: float = np.inf) -> FlightScores:
     """Score flights of a `step`, settled within a `band`, and of a load; what is left of that is the mean over the
     second before the time of `recovery` [s] or the end."""
     overshoot, settling, rms = step_scores(flight.time, flight.position[:, 0], step, band)
     pushed = np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6)
     last = max(10, int(np.searchsorted(flight.time, recovery)))
     left = np.abs(pushed[:, last - 10 : last].mean(axis=1))
-    return Scores(overshoot, settling, rms, np.abs(pushed).max(axis=1), left)
+    return FlightScores(overshoot, settling, rms, np.abs(pushed).max(axis=1), left)
 
 
 def step_scores(time: Floats, position: Floats, step: float, band: float) -> tuple[Floats, Floats, Floats]:
@@ -245,13 +245,13 @@ def probes(vehicles: Vehicles) -> Vehicles:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class GainResult:
     """Margins, scores and flights of the whole crowd, which vehicles rest in a further flight, and disk margins of what
     is steered at further speeds, by their ratio to that of the logs."""
 
     gains: Mapping[str, float]
     margins: Margins
-    scores: Scores
+    scores: FlightScores
     flight: ClosedLoopRun
     rest: NDArray[np.bool_]
     at_speeds: Mapping[float, Floats] = field(default_factory=dict)
@@ -265,7 +265,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Problem:
+class GainProblem:
     """What gains are looked for: stack, task, knowledge, the designer's view of the vehicle, the crowds."""
 
     target: Target
@@ -304,7 +304,7 @@ def nominal_of(vehicles: Vehicles, step: float) -> NominalPlant:
 
 def problem_of(
     target: Target, task: Task, knowledge: Knowledge, full: float, bend: TwinThrusters | None, seed: int
-) -> Problem:
+) -> GainProblem:
     """Draw vehicles of every explanation, `full` the moment at the whole output, `bend` the map to it or None."""
     rng, crowds = np.random.default_rng(seed), []
     size = max(CROWD_VEHICLES // len(knowledge.explanations), FEW_VEHICLES)
@@ -315,7 +315,7 @@ def problem_of(
             crowd = crowd.at_speed(1.0, target.steering(knowledge.speed, knowledge.speed))
         crowds.append(crowd)
     nominal = replace(nominal_of(crowds[0], task.step), speed=knowledge.speed, side=knowledge.side)
-    return Problem(target, task, knowledge, nominal, tuple(crowds))
+    return GainProblem(target, task, knowledge, nominal, tuple(crowds))
 
 
 def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats) -> Margins:
@@ -341,19 +341,19 @@ def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega
     return disk
 
 
-def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> Scores:
+def flown(target: Target, gains: Mapping[str, Floats], vehicles: Vehicles, task: Task) -> FlightScores:
     """Fly sets of gains (C,) on some vehicles (V) and return their scores, (C, V) each."""
     sets, count = len(next(iter(gains.values()))), len(vehicles)
     repeated: Gains = {name: np.repeat(value, count)[:, None] for name, value in gains.items()}
     many = vehicles.pick(np.tile(np.arange(count), sets))
     flight = step_and_load(target, repeated, many, task.step, task.load, task.seconds, MAX_LOOP_S, sets)
     result = scores(flight, task.step, task.band, task.recovery)
-    return Scores(*(value.reshape(sets, count) for value in vars(result).values()))
+    return FlightScores(*(value.reshape(sets, count) for value in vars(result).values()))
 
 
 def tried(
-    problem: Problem, margin: float, numbers: Floats, vehicles: int, count: int, few: Callable[[Vehicles], Vehicles],
-    loops: float,
+    problem: GainProblem, margin: float, numbers: Floats, vehicles: int, count: int,
+    few: Callable[[Vehicles], Vehicles], loops: float,
 ) -> Trials:  # fmt: skip
     """Fly a few vehicles of every crowd, with `loops` as for `limit_rate`, under those gains of design numbers (C, n)
     that keep the disk margin on 95 % of the first `vehicles`, from `count` frequencies: the worst of them."""
@@ -361,7 +361,7 @@ def tried(
     gains = target.propose(numbers, problem.nominal)
     disks = [screened(target, gains, part.pick(slice(0, vehicles)), omega) for part in crowds]
     least = np.min([np.sort(disk)[:, int((1.0 - PASS_RATE) * disk.shape[1] + 1e-9)] for disk in disks], axis=0)
-    good, columns = least >= margin, [(field.name, float) for field in fields(Scores)]
+    good, columns = least >= margin, [(field.name, float) for field in fields(FlightScores)]
     trials = np.empty(np.count_nonzero(good), [("numbers", float, target.numbers), ("disk", float), *columns])
     trials["numbers"], trials["disk"] = numbers[good], least[good]
     if good.any():
@@ -400,7 +400,7 @@ def spread_numbers(count: int, size: int) -> Floats:
     return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
 
 
-def shorten(problem: Problem) -> tuple[Problem, float]:
+def shorten(problem: GainProblem) -> tuple[GainProblem, float]:
     """Shorten the flights to `FLIGHT_SETTLINGS` times the quickest settling time on the first vehicle, and set the time
     of recovery where none is set. Return also how long flights that are promised take [s]."""
     task = problem.task
@@ -414,7 +414,7 @@ def shorten(problem: Problem) -> tuple[Problem, float]:
     return short, 2.0 * max(task.seconds, recovery, quiet)
 
 
-def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST_SETS) -> Trials:
+def searched(problem: GainProblem, margin: float, rounds: int, first: int = FIRST_SETS) -> Trials:
     """Find, from `first` sets of gains, the best that keep the margin on some vehicles of all crowds, if any."""
     size, task = problem.target.numbers, problem.task
     rough = FEW_VEHICLES, COARSE_FREQUENCIES, probes, ROUGH_LOOP_SHARE
@@ -427,7 +427,7 @@ def searched(problem: Problem, margin: float, rounds: int, first: int = FIRST_SE
     return leaders(trials, task, LAST_SETS)
 
 
-def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
+def outcome(problem: GainProblem, gains: Mapping[str, float]) -> GainResult:
     sets: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega, task, crowds = problem.omega(FINE_FREQUENCIES), problem.task, problem.crowds
     parts = [all_margins(problem.target, sets, part, omega) for part in crowds]
@@ -441,17 +441,17 @@ def outcome(problem: Problem, gains: Mapping[str, float]) -> Outcome:
     flight = ClosedLoopRun(flights[0].time[:half], position[:, :, :half])
     rest = np.all(np.abs(position[:, 0, half:] - task.step) <= MAX_REST_BANDS * task.band, axis=1)
     every = Margins(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Margins)))
-    return Outcome(dict(gains), every, scores(flight, task.step, task.band, task.recovery), flight, rest, at_speeds)
+    return GainResult(dict(gains), every, scores(flight, task.step, task.band, task.recovery), flight, rest, at_speeds)
 
 
-def keeps(result: Outcome, problem: Problem) -> bool:
+def keeps(result: GainResult, problem: GainProblem) -> bool:
     """Tell whether 95 % of every explanation's vehicles keep the margin, settle and rest (none may hunt)."""
     good = (result.margins.disk >= problem.task.margin) & result.scores.settles & result.rest
     ends = np.cumsum([len(part) for part in problem.crowds])[:-1]
     return all(np.mean(part) >= PASS_RATE for part in np.split(good, ends))
 
 
-def best_gains(problem: Problem) -> dict[str, float] | None:
+def best_gains(problem: GainProblem) -> dict[str, float] | None:
     """Find the best gains that all crowds can live with; looked for with more margin on the few where that fails."""
     crowd = CROWD_VEHICLES, FINE_FREQUENCIES, lambda part: part.pick(slice(0, JUDGED_FEW)), CHOSEN_LOOPS
     for more in (1.0, 1.12, 1.3):

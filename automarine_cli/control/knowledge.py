@@ -21,7 +21,7 @@ from automarine_cli.text import printable
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
 LATE_EFFECTS = (DELAY, "thruster-lag", "sensor-lag")  # effects that make a vehicle answer late
-WILD_SCATTER, MIN_GAIN_EXPONENT = 0.25, 0.1  # from which on the thrust is not known: fits allow a scatter of 0.3
+WILD_SCATTER, WILD_EXPONENT = 0.25, 0.1  # from which on the thrust is not known: fits allow a scatter of 0.3
 MAX_DEAD_BAND_SHARE = 0.1  # of the whole output: Blue Robotics T200 data (2019), 7 to 10 %
 CURVE_EFFECTS = ("dead-band", "thrust-exponent")  # what the curve of the thrust against its command is made of
 LAW_ERROR_SHARE = 0.03  # of parameters beyond their errors: no vehicle follows a law to the letter
@@ -136,7 +136,7 @@ def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] |
     """Why the thrust is not known well enough for promises: its wild scatter, or a curve that the model lacks."""
     power = file.gain_exponent
     low, high = power.ci95 if power and power.ci95 else (0.0, 0.0)
-    if low > MIN_GAIN_EXPONENT or high < -MIN_GAIN_EXPONENT:
+    if low > WILD_EXPONENT or high < -WILD_EXPONENT:
         why = "The gain of the thrust goes with the size of the command, as with a dead-band or a curve of the thrust"
     elif prior.scatter >= WILD_SCATTER:
         why = f"The thrust seems to scatter by {100 * prior.scatter:.0f} % from run to run, more than thrusters do"

@@ -10,7 +10,7 @@ import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.control import design
-from automarine_cli.control.design import Outcome, Problem, Task
+from automarine_cli.control.design import GainProblem, GainResult, Task
 from automarine_cli.control.knowledge import EXTENDED, SUPPLY_SHARES, authority, read_knowledge
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import present_gains
@@ -45,7 +45,7 @@ def set_up(
     thrusters: Source | ThrusterMap | None = None, arm: float | None = None, columns: Source | ColumnMap | None = None,
     delay: float | None = None, supply: tuple[float, float] = SUPPLY_SHARES, sample_time: float | None = None,
     beyond_range: bool = False, seed: int = 0,
-) -> Problem:  # fmt: skip
+) -> GainProblem:  # fmt: skip
     """Read and check what a tuning is made of. `model` is that of a fit, or a diagnosis whose model is `extended`;
     `step` in degrees or metres, `load` [%] of the whole output, to be rejected in `load_recovery` [s]; `delay` [s] that
     the logs cannot show, `supply` voltage in shares of the logs'. Raises ModelError or SettingError."""
@@ -81,7 +81,7 @@ TUNING = ResultKind("tuning.json", "tuning", TuningFile, "tune")
 
 
 @dataclass(frozen=True, repr=False)
-class Tuning(Shown, Problem):
+class Tuning(Shown, GainProblem):
     """The `verdict` ("gains", "leave" or "cannot-promise") and `why`. `gains` has the new gains by name, each with
     `value`, `before` and `unit`; `old` and `new` are the outcomes of present and new gains, `beyond` those of gains
     beyond their documented ranges where these limit, `outcomes` all of them by name. `open` is the effect that is
@@ -99,9 +99,9 @@ class Tuning(Shown, Problem):
     verdict: Verdict
     why: str
     open: str = ""
-    old: Outcome | None = None
-    new: Outcome | None = None
-    beyond: Outcome | None = None
+    old: GainResult | None = None
+    new: GainResult | None = None
+    beyond: GainResult | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -151,7 +151,7 @@ class Tuning(Shown, Problem):
             "made_from": {"settings": {name: self.settings[name] for name in RECORDED}, "files": files},
         }  # fmt: skip
 
-    def outcomes(self) -> list[tuple[str, Outcome]]:
+    def outcomes(self) -> list[tuple[str, GainResult]]:
         outcomes = ("present", self.old), ("new", self.new), ("with --beyond-range", self.beyond)
         return [(name, outcome) for name, outcome in outcomes if outcome is not None]
 
@@ -169,7 +169,7 @@ class Tuning(Shown, Problem):
             for gain in self.target.parameters
         }  # fmt: skip
 
-    def _promised(self, outcome: Outcome) -> dict[str, Any]:
+    def _promised(self, outcome: GainResult) -> dict[str, Any]:
         bands = {name: _json(value) for name, value in promises(outcome, self.nominal.dof).items()}
         return bands | {"settles": float(outcome.scores.settles.mean())}
 
@@ -206,7 +206,7 @@ def make_tuning(*, present: Source | None, **settings: Any) -> Tuning:
     return replace(judge(problem, present_gains(problem.target, present)), settings=settings)
 
 
-def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
+def judge(problem: GainProblem, present: Mapping[str, float] | None) -> Tuning:
     """Reach the verdict on a problem; `present` gains by name, or None. Flights take seven times the shortest turn and
     the delays many times over, and twice as long where gains do not settle in time."""
     task, nominal, settled = problem.task, problem.nominal, problem.knowledge.settled
@@ -222,16 +222,16 @@ def judge(problem: Problem, present: Mapping[str, float] | None) -> Tuning:
     return _cannot(problem, f"{why} of the vehicles that the model allows.")
 
 
-def _cannot(problem: Problem, why: str, **outcomes: Any) -> Tuning:
+def _cannot(problem: GainProblem, why: str, **outcomes: Any) -> Tuning:
     remedy = f"Try {'--beyond-range or ' if problem.target.ranged else ''}a smaller --margin, or a smaller --step."
     return _reached(problem, "cannot-promise", f"{why} {remedy}", **outcomes)
 
 
-def _reached(problem: Problem, verdict: Verdict, why: str, effect: str = "", **outcomes: Any) -> Tuning:
+def _reached(problem: GainProblem, verdict: Verdict, why: str, effect: str = "", **outcomes: Any) -> Tuning:
     return Tuning(**vars(problem), verdict=verdict, why=why, open=effect, **outcomes)
 
 
-def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | None:
+def _judged(problem: GainProblem, present: Mapping[str, float] | None) -> Tuning | None:
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
     short, seconds = design.shorten(problem)
     task, target = replace(short.task, seconds=seconds), problem.target
@@ -259,7 +259,7 @@ def _judged(problem: Problem, present: Mapping[str, float] | None) -> Tuning | N
     return _reached(problem, "gains", why, old=old, new=new, beyond=beyond)
 
 
-def _beyond(short: Problem, problem: Problem) -> Outcome | None:
+def _beyond(short: GainProblem, problem: GainProblem) -> GainResult | None:
     """What the best gains beyond the documented ranges do, where there are ranges and such gains."""
     if not short.target.ranged:
         return None
@@ -269,13 +269,13 @@ def _beyond(short: Problem, problem: Problem) -> Outcome | None:
     return result if result is not None and design.keeps(result, problem) else None
 
 
-def _leave(old: Outcome, task: Task) -> str:
+def _leave(old: GainResult, task: Task) -> str:
     share = f"{100 * old.share_with(task.margin):.0f} % of the vehicles that the model allows"
     more = "" if old.rejects(task) else " No others reject the load in time."
     return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle.{more}"
 
 
-def _price(problem: Problem, chosen: Mapping[str, float] | None) -> tuple[str, str] | None:
+def _price(problem: GainProblem, chosen: Mapping[str, float] | None) -> tuple[str, str] | None:
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
     crowds, knowledge = problem.crowds, problem.knowledge
     parts = list(zip(crowds, [e.instead for e in knowledge.explanations])) if len(crowds) > 1 else []
@@ -311,7 +311,7 @@ def banded(values: Floats, unit: str) -> Estimate | None:
     return Estimate(middle, float(np.std(finite)), (low, high), unit)
 
 
-def promises(outcome: Outcome, dof: Dof) -> dict[str, Estimate | None]:
+def promises(outcome: GainResult, dof: Dof) -> dict[str, Estimate | None]:
     """What a set of gains comes to, by key of the result file."""
     scores, unit = outcome.scores, dof.units.shown
     lengths = {"rms_after": scores.rms, "load_error": scores.error, "load_left": scores.left}
@@ -319,14 +319,14 @@ def promises(outcome: Outcome, dof: Dof) -> dict[str, Estimate | None]:
     return shares | {f"{name}_{unit}": banded(dof.shown(values), unit) for name, values in lengths.items()}
 
 
-def margins_of(outcome: Outcome) -> dict[str, Estimate | None]:
+def margins_of(outcome: GainResult) -> dict[str, Estimate | None]:
     margins = outcome.margins
     sizes = {"gain_margin_dB": margins.gain, "phase_margin_deg": margins.phase, "delay_margin_s": margins.delay}
     bands = {name: banded(values, name.rpartition("_")[2]) for name, values in sizes.items()}
     return {"disk_margin": banded(margins.disk, "1"), **bands}
 
 
-def labels(problem: Problem) -> dict[str, str]:
+def labels(problem: GainProblem) -> dict[str, str]:
     """Return what each figure of `margins_of` and `promises` is called; the first four make the answer."""
     unit, load = problem.nominal.dof.units.shown, f"{100 * problem.task.load:g} % load"
     return {
@@ -452,7 +452,7 @@ def check_tuning(
     return TuningCheck(tuple(steps), dof)
 
 
-def _of_tuning(tuning: Source) -> tuple[Problem, dict[str, float]]:
+def _of_tuning(tuning: Source) -> tuple[GainProblem, dict[str, float]]:
     """What a tuning was made of, and the gains that it gave or left."""
     data = read_plain(tuning, "JSON", ModelError)
     recipe: Any = data.get("made_from")

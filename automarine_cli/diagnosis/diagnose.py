@@ -40,8 +40,7 @@ from automarine_cli.diagnosis.search import (
     without,
 )
 from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, LimitCycle, log_density, study_of
-from automarine_cli.dofs import YAW, Dof
-from automarine_cli.dofs.motion import Motion
+from automarine_cli.dofs import YAW, Dof, Motion
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
@@ -435,7 +434,7 @@ def detectable(result: SearchResult) -> dict[str, float]:
     return sizes
 
 
-WELL_ABOVE = 0.05
+MIN_EXCESS_SHARE = 0.05
 FLOOR_ERROR = 1.5
 """Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the
 root of the samples), before runs may hold something more."""
@@ -457,7 +456,7 @@ answer disturbances are biased against true effects, innovations are not (Forsse
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
 effect shows plainly says no more than that."""
-MANY = 0.25
+MIN_EXCESS_OF_MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
 
@@ -585,7 +584,7 @@ def _unexplained(result: SearchResult, where: ResidualRegions, holdout: Gap | No
     if holdout is not None and holdout.after > ASTRAY * holdout.before:
         return f"What explains the fitted runs makes the held-out runs worse: their gap is {holdout.in_noises}."
     excess = [max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (result.base, final)]
-    margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
+    margin = max(MIN_EXCESS_SHARE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
     times = final.fit.noise / study.sensor_floor
     closed = bool(final.added) and excess[1] <= LEFT_OVER * excess[0] and times <= STANDS
     if times > 1.0 + margin and not closed and is_autocorrelated(study, final):
@@ -594,7 +593,7 @@ def _unexplained(result: SearchResult, where: ResidualRegions, holdout: Gap | No
     unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and gains_drift(study, final):
         return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
-    if result.more or (final.count == MAX_EFFECTS and excess[0] < MANY):
+    if result.more or (final.count == MAX_EFFECTS and excess[0] < MIN_EXCESS_OF_MANY):
         more = " or more" if result.more else ""
         return f"The runs would take {MAX_EFFECTS} effects{more}, more than they can support."
     return ""

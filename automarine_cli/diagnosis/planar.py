@@ -24,7 +24,7 @@ from automarine_cli.diagnosis.diagnose import (
     outlook_of,
 )
 from automarine_cli.diagnosis.residual_regions import (
-    Column,
+    Factor,
     Gap,
     ResidualGrid,
     ResidualRegions,
@@ -37,8 +37,7 @@ from automarine_cli.diagnosis.residual_regions import (
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
 from automarine_cli.diagnosis.study import HORIZON
-from automarine_cli.dofs import SWAY, YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, SWAY, YAW
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
@@ -105,9 +104,9 @@ def run_to_split(candidate: Candidate) -> str:
     return SPLIT_BY.get(candidate.added[0].rpartition(".")[2]) or effects.get(candidate.name).card(YAW).separated_by
 
 
-MIN_RUNS = 4  # runs of which one is held out: those of motion in the plane are few and long
+MIN_TO_SPLIT = 4  # runs of which one is held out: those of motion in the plane are few and long
 HEAD_START = 10.0  # deviance beyond the penalty that an effect has to gain
-ERRORS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
+MIN_STDERRS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
 FULLY, LOOK = 4, 6  # candidates of a round that are fitted at most, those that promise most; iterations of each
 MOST = 3  # effects that are named at most
 
@@ -130,7 +129,7 @@ class FittedCandidate:
     def is_rival_of(self, best: "FittedCandidate") -> bool:
         """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
         behind = best.estimate.mixed.density - self.estimate.mixed.density
-        return best.surplus - self.surplus < HEAD_START or not clear(behind, ERRORS)
+        return best.surplus - self.surplus < HEAD_START or not clear(behind, MIN_STDERRS)
 
 
 @dataclass(frozen=True)
@@ -181,7 +180,7 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
         sums = (float(_densities(self.other, estimate).sum()) for estimate in (wide, current))
         after, before = (density if np.isfinite(density) else -np.inf for density in sums)
         surplus = 2.0 * float(gained.sum()) - penalty(len(candidate.added), len(gained))
-        return FittedCandidate(candidate, wide, surplus, clear(gained, ERRORS), after - before)
+        return FittedCandidate(candidate, wide, surplus, clear(gained, MIN_STDERRS), after - before)
 
     def _on_the_best_summit(
         self, current: OutputErrorFit, tried: list[FittedCandidate]
@@ -260,7 +259,7 @@ def verdict_of(rounds: Sequence[PlanarStep], where: ResidualRegions) -> tuple[st
         most = max(gaining, key=lambda trial: trial.surplus)
         passed = (
             f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but not in the "
-            f"mean of runs by {ERRORS:g} standard errors."
+            f"mean of runs by {MIN_STDERRS:g} standard errors."
         )
     return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}. {passed}"
 
@@ -355,24 +354,24 @@ def judged(predictions: Sequence[Predicted]) -> Predicted:
 
 def _columns(
     runs: tuple[Run, ...], course: Course, states: Floats, command: Floats, observed: NDArray[np.bool_]
-) -> list[Column]:
+) -> list[Factor]:
     """Motion as filtered, products of velocities, commands, clocks and what else all runs log, at the nodes (R, K)."""
     heading = np.asarray(YAW.shown(states[2]))
     (u, v), turning = states[3:5], np.asarray(YAW.shown(states[5]))
     number = np.any(np.diff(command, axis=2, prepend=0.0) != 0.0, axis=0).cumsum(axis=1).astype(float)
     columns = [
-        Column("surge", "m/s", u),
-        Column("sway", "m/s", v),
-        Column("yaw-rate", "deg/s", turning),
-        Column("surge times yaw-rate", "m/s deg/s", u * turning),
-        Column("surge times sway", "m²/s²", u * v),
-        Column(YAW.words.position, YAW.units.shown, heading % 360.0),
+        Factor("surge", "m/s", u),
+        Factor("sway", "m/s", v),
+        Factor("yaw-rate", "deg/s", turning),
+        Factor("surge times yaw-rate", "m/s deg/s", u * turning),
+        Factor("surge times sway", "m²/s²", u * v),
+        Factor(YAW.words.position, YAW.units.shown, heading % 360.0),
         *(
-            Column(dof.words.full_force.replace(" ", "-"), dof.units.forces[1], force)
+            Factor(dof.words.full_force.replace(" ", "-"), dof.units.forces[1], force)
             for dof, force in zip(PLANAR.dofs, command)
         ),
-        Column("time-in-run", "s", course.time),
-        Column("time-since-command-change", "s", since_change(number, course.time)),
+        Factor("time-in-run", "s", course.time),
+        Factor("time-since-command-change", "s", since_change(number, course.time)),
     ]
     forces = {dof.command for dof in PLANAR.dofs}
     for name in sorted(set.intersection(*(set(run.extras) for run in runs)) - {*CHANNELS, *forces}):

@@ -32,12 +32,12 @@ from automarine_cli.runs.run import LOGGED_COMMAND, Run
 
 MIN_IN_A_BIN = 2  # runs that a bin needs: one run alone says nothing about chance
 OF_THE_RUN = 0.1  # a column that varies within runs by less than this share of its spread is one of the run
-UNITS = {"voltage": "V", "sway": "m/s"}  # of columns that are no velocity of a motion
-VELOCITIES = {dof.velocity: dof.units for dof in DOFS.values()}
+COLUMN_UNITS = {"voltage": "V", "sway": "m/s"}  # of columns that are no velocity of a motion
+VELOCITY_UNITS = {dof.velocity: dof.units for dof in DOFS.values()}
 
 
 @dataclass(frozen=True)
-class Column:
+class Factor:
     """One variable: values (R, N) with NaN where it means nothing, or (R,) for a property of the whole run."""
 
     name: str
@@ -49,7 +49,7 @@ class Column:
         return self.values.ndim == 1
 
 
-def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None) -> list[Column]:
+def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None) -> list[Factor]:
     """Every variable of the runs of `study`; `fitted` (R, N) are headings [rad] and `rate` [rad/s] their rate, by
     default the slope of headings smooth enough to differentiate."""
     batch, dof = study.batch, study.base.dof
@@ -70,24 +70,24 @@ def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None)
         measured, start = measured % 360.0, start % 360.0
     order = np.argsort(np.argsort(batch.start, kind="stable"), kind="stable").astype(np.float64) + 1.0
     variables = [
-        Column("time-since-command-change", "s", since_change(moment, time)),
-        Column("time-in-run", "s", time),
-        Column(hyphened(words.travelled), position, dof.shown(fitted - fitted[:, :1])),
-        Column(words.position, position, measured),
-        Column(hyphened(words.rate), f"{position}/s", dof.shown(rate)),
-        Column(words.force, force, moment),
-        Column(words.force, force, first),
-        Column(f"{words.force}-size", force, np.abs(first)),
-        Column(f"start-{words.position}", position, start),
-        Column("run-order", "", order),
-        Column("campaign-clock", "s", batch.start),
+        Factor("time-since-command-change", "s", since_change(moment, time)),
+        Factor("time-in-run", "s", time),
+        Factor(hyphened(words.travelled), position, dof.shown(fitted - fitted[:, :1])),
+        Factor(words.position, position, measured),
+        Factor(hyphened(words.rate), f"{position}/s", dof.shown(rate)),
+        Factor(words.force, force, moment),
+        Factor(words.force, force, first),
+        Factor(f"{words.force}-size", force, np.abs(first)),
+        Factor(f"start-{words.position}", position, start),
+        Factor("run-order", "", order),
+        Factor("campaign-clock", "s", batch.start),
     ]
     for name in sorted(set.intersection(*(set(run.extras) for run in study.runs)) - {LOGGED_COMMAND, *PARTS}):
-        units = VELOCITIES.get(name)
-        scale, unit = (1.0, UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
+        units = VELOCITY_UNITS.get(name)
+        scale, unit = (1.0, COLUMN_UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
         column = of_run_or_sample(name, unit, scale * at_samples(study, [run.extras[name] for run in study.runs]))
         variables.append(replace(column, name=hyphened(words.rate) if name == dof.velocity else name))
-    varying: dict[tuple[str, bool], Column] = {}
+    varying: dict[tuple[str, bool], Factor] = {}
     for column in variables:
         values = column.values if column.of_the_run else np.where(observed, column.values, np.nan)
         if np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values):
@@ -136,14 +136,14 @@ def since_change(moment: Floats, time: Floats) -> Floats:
     return np.where(at >= 0, since, np.nan)
 
 
-def of_run_or_sample(name: str, unit: str, values: Floats) -> Column:
+def of_run_or_sample(name: str, unit: str, values: Floats) -> Factor:
     """A logged column as a property of the run, (R,), where it hardly changes within runs (R, N)."""
     if np.isfinite(values).any(axis=1).all():
         mean = np.asarray(np.nanmean(values, axis=1))
         within = float(np.sqrt(np.nanmean((values - mean[:, None]) ** 2)))
         if within < OF_THE_RUN * float(np.nanstd(values)) or within < 1e-12:
             values = mean
-    return Column(name, unit, values)
+    return Factor(name, unit, values)
 
 
 STANDS_OUT = 0.05
@@ -175,7 +175,7 @@ class Variable:
     """The gap in the bins of one variable, and the largest |t| that each draw of `chance` gives; `p_value` is corrected
     for the number of variables."""
 
-    column: Column
+    column: Factor
     edges: Floats
     middle: Floats
     rows: tuple[Row, ...]
@@ -188,7 +188,7 @@ class Variable:
         return max(self.rows, key=lambda row: float(np.nanmax(np.abs(row.t), initial=0.0)))
 
 
-def of_samples(column: Column, kinds: Mapping[str, tuple[str, Floats]], sign: Floats, flips: Floats) -> Variable | None:
+def of_samples(column: Factor, kinds: Mapping[str, tuple[str, Floats]], sign: Floats, flips: Floats) -> Variable | None:
     """Bin samples; compare sums over runs with those of runs whose signs are turned at random."""
     cut = edges(column.values, MAX_BINS)
     count = len(cut) - 1
@@ -215,7 +215,7 @@ def of_samples(column: Column, kinds: Mapping[str, tuple[str, Floats]], sign: Fl
 
 
 def of_runs(
-    column: Column, gain: Floats, mirrored: Floats, size: Floats, drawn: Floats, unit: str = "%"
+    column: Factor, gain: Floats, mirrored: Floats, size: Floats, drawn: Floats, unit: str = "%"
 ) -> Variable | None:
     """Bin runs; compare the bins' mean gain [unit], and size of the gap, with those of runs drawn in another order."""
     have = np.isfinite(column.values)
@@ -243,7 +243,7 @@ def of_runs(
 
 
 def _tested(
-    column: Column, cut: Floats, values: Floats, which: NDArray[np.int64], rows: list[Row], chance: Floats
+    column: Factor, cut: Floats, values: Floats, which: NDArray[np.int64], rows: list[Row], chance: Floats
 ) -> Variable:
     """The variable with p-values from the largest |t| that chance gives over all its bins and rows."""
     bins = [values[which == b] for b in range(len(cut) - 1)]
@@ -329,7 +329,7 @@ class ResidualRegions:
 
 
 def find_regions(
-    of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: ResidualGrid, seed: int
+    of: Sequence[Factor], kinds: Mapping[str, tuple[str, Floats]], gap: ResidualGrid, seed: int
 ) -> ResidualRegions:
     """Look at a gap against the columns `of` its runs; `kinds` are what is averaged over samples (R, N), with its unit,
     by name. `seed` draws the signs of the runs."""

@@ -39,7 +39,7 @@ HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirr
 # A controller's limit cycle: command and position that swing together, as a loop with a lag or a dead-band does. A wave
 # would show in the position first, and the command would answer it; in a limit cycle neither comes from outside. The
 # two cannot be distinguished by their period, so that there a periodic disturbance is the last thing to believe.
-STEP, SEGMENT = 0.25, 30.0  # of the spectra [s]
+SPECTRUM_STEP_S, SEGMENT = 0.25, 30.0  # of the spectra [s]
 SLOWEST, QUICKEST = 15.0, 1.0  # periods [s] at which loops of small vehicles swing
 MOST = 0.4  # share of the command's variance that one period has to hold, and of coherence between command and position
 NEAR = 0.25  # share by which another period may differ from that of a cycle and still be the same
@@ -79,12 +79,12 @@ def limit_cycle(runs: Sequence[Run]) -> LimitCycle | None:
     Electroacoustics 15:70); None where there is none, or the runs are too short to show one."""
     from scipy import signal  # here, as it loads half of scipy and only driven runs need it
 
-    length = int(SEGMENT / STEP)
-    settings: dict[str, Any] = {"fs": 1.0 / STEP, "nperseg": length, "detrend": "linear"}
-    frequency = np.fft.rfftfreq(length, STEP)
+    length = int(SEGMENT / SPECTRUM_STEP_S)
+    settings: dict[str, Any] = {"fs": 1.0 / SPECTRUM_STEP_S, "nperseg": length, "detrend": "linear"}
+    frequency = np.fft.rfftfreq(length, SPECTRUM_STEP_S)
     spectra = np.zeros((3, len(frequency)), dtype=complex)  # of the command, of the position, across
     for run in runs:
-        time = np.arange(run.time[0], run.time[-1], STEP)
+        time = np.arange(run.time[0], run.time[-1], SPECTRUM_STEP_S)
         if len(time) >= length:
             command, position = (np.interp(time, run.time, column) for column in (run.command, run.position))
             pairs = ((command, command), (position, position), (command, position))

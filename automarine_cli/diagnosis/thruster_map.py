@@ -7,7 +7,7 @@ import numpy as np
 
 from automarine_cli.diagnosis import diagnose as rules
 from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, NamedEffect
-from automarine_cli.diagnosis.residual_regions import Column, Gap, ResidualGrid, ResidualRegions, find_regions, stretch
+from automarine_cli.diagnosis.residual_regions import Factor, Gap, ResidualGrid, ResidualRegions, find_regions, stretch
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.fits.stepwise import NamedRival
@@ -20,7 +20,7 @@ from automarine_cli.thrusters.curves import EFFECT_PARAMETERS, FORMS
 from automarine_cli.thrusters.fit import ASYMMETRY, SAG, VOLTAGE, BollardData, MapFit, Shape
 from automarine_cli.thrusters.map import SIDES, ThrusterMap
 
-WELL_ABOVE = 1.5
+MIN_NOISE_RATIO = 1.5
 """Residual over the noise level from which a map may lack something; the floor itself is known to some 20 %."""
 MATERIAL = 0.005  # share of full scale below which what remains is not worth a verdict: bollard tests repeat no better
 STRUCTURED, THROWS = 0.01, 999
@@ -177,14 +177,14 @@ def _rms(data: BollardData, thrust: Floats) -> float:
 
 
 def _verdict(
-    base: MapFit, final: selection.CandidateFit, effects: tuple[NamedEffect, ...], where: ResidualRegions,
+    base: MapFit, final: selection.MapTrial, effects: tuple[NamedEffect, ...], where: ResidualRegions,
     held_out: Gap | None, floor: float, seed: int,
 ) -> tuple[str, str]:  # fmt: skip
     """What may be said, and why no more: the rules of the diagnosis of a motion, with levels for runs."""
     scale, fit = base.data.full_scale, final.fit
     floor = max(floor, 1e-9 * scale)
     before, after = (max((fit.rmse / floor) ** 2 - 1.0, 0.0) for fit in (base, fit))
-    well_above = fit.rmse > max(WELL_ABOVE * floor, MATERIAL * scale)
+    well_above = fit.rmse > max(MIN_NOISE_RATIO * floor, MATERIAL * scale)
     names = " and ".join(final.added)
     if well_above and after > rules.LEFT_OVER * before and _neighbours_p_value(fit, seed) <= STRUCTURED:
         best = "No effect of the library gains more than chance."
@@ -230,7 +230,7 @@ def _named_effects(search: selection.MapSearch, floor: float) -> tuple[NamedEffe
     return tuple(effects)
 
 
-def _split_by(fit: MapFit, effect: str, rival: selection.CandidateFit, floor: float) -> str:
+def _split_by(fit: MapFit, effect: str, rival: selection.MapTrial, floor: float) -> str:
     """The pull that tells the named effect from its rival: where both fitted curves differ most."""
     for name in (rival.effect, effect):
         if name in SPLIT_BY:
@@ -272,11 +272,11 @@ def _regions(fit: MapFit, floor: float, seed: int) -> ResidualRegions:
     data, count = fit.data, len(fit.data)
     if not np.any(np.abs(fit.residual) > 1e-9 * data.full_scale):
         return ResidualRegions()
-    columns = [Column("n", data.n_unit, data.n)]
+    columns = [Factor("n", data.n_unit, data.n)]
     if data.by_voltage:
-        columns.append(Column("voltage", "V", data.voltage))
+        columns.append(Factor("voltage", "V", data.voltage))
     if abs(np.corrcoef(data.order, data.n)[0, 1]) < SWEEP:
-        columns.append(Column("run-order", "", np.arange(1.0, count + 1.0)))
+        columns.append(Factor("run-order", "", np.arange(1.0, count + 1.0)))
     residual = (np.sqrt(data.weight) * fit.residual)[:, None]
     sign = np.sign(data.n)[:, None]
     gap = ResidualGrid(

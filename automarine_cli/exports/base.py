@@ -11,7 +11,6 @@ from typing import Any
 
 from automarine_cli import __version__, effects
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.errors import SettingError
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import ModelFile
 from automarine_cli.thrusters.map import ThrusterMap
@@ -27,7 +26,7 @@ MATRICES = "Entries of motions that are not identified are placeholders: merge w
 
 
 @dataclass(frozen=True)
-class Settings:
+class Options:
     """The user's numbers; each target says in `uses` which of them mean something to it.
 
     `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] its mass;
@@ -55,7 +54,7 @@ class Unsupported:
 
 
 @dataclass(frozen=True)
-class Origin:
+class ModelOrigin:
     """The file that a model came from: its name, its hash, and which of its models was taken."""
 
     file: str
@@ -71,14 +70,14 @@ class Origin:
 class Subject:
     """What is to be written in a `frame` and a `form`, and what of it the target does not carry."""
 
-    origins: tuple[Origin, ...]
+    origins: tuple[ModelOrigin, ...]
     frame: str
     form: str
-    settings: Settings
+    settings: Options
     left_out: tuple[Unsupported, ...]
 
     @property
-    def origin(self) -> Origin:
+    def origin(self) -> ModelOrigin:
         return self.origins[0]
 
     def headed(self, lines: Iterable[str]) -> list[str]:
@@ -201,15 +200,6 @@ class Target:
     varying: bool = False
     motions: tuple[str, ...] = tuple(DOFS)
     several: Several | None = None
-
-
-def refuse_part(option: str, value: float, total: float, origin: Origin) -> None:
-    """Raise SettingError for a rigid mass or inertia that is no part of the total, rigid and added together."""
-    if not 0.0 < value <= total:
-        raise SettingError(
-            f"{option}: found {value:g}, expected more than 0 and no more than {total:.6g}, the total of rigid and "
-            f"added inertia in {origin.file}; check unit and axis"
-        )
 
 
 def joined(names: Sequence[str]) -> str:

@@ -7,8 +7,7 @@ from typing import Any
 
 from automarine_cli import effects
 from automarine_cli import exports as targets
-from automarine_cli.dofs import Dof
-from automarine_cli.dofs.motion import PLANAR, alone
+from automarine_cli.dofs import PLANAR, Dof, alone
 from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError
@@ -16,9 +15,9 @@ from automarine_cli.exports import base
 from automarine_cli.exports.base import (
     DRAGS,
     MapSubject,
+    ModelOrigin,
     MotionSubject,
-    Origin,
-    Settings,
+    Options,
     Target,
     Unsupported,
     Written,
@@ -72,7 +71,7 @@ class Exported:
     target: str
     form: str
     frame: str
-    origins: tuple[Origin, ...]
+    origins: tuple[ModelOrigin, ...]
     moment_unit: str | None
     carried: tuple[str, ...]
     left_out: tuple[Unsupported, ...]
@@ -153,7 +152,7 @@ def export_model(
     `number` is which of a file's models (by default the preferred one), `frame` ENU or NED (by default the target's
     own); the other settings are those of `exports.base.Settings`. Raises ModelError, SettingError or OutputError, for
     an effect too that the target cannot represent, unless `allow_partial`."""
-    target, chosen = targets.get(to), Settings(**settings)
+    target, chosen = targets.get(to), Options(**settings)
     _refuse_unused(target, chosen)
     files = [ModelSource(source, read_plain(source, "JSON", ModelError)) for source in model]
     takes, several = _taking(target, files)
@@ -190,8 +189,8 @@ class ModelSource:
     data: Mapping[str, object]
 
     @property
-    def origin(self) -> Origin:
-        return Origin(printable(self.source.name), sha256(self.source))
+    def origin(self) -> ModelOrigin:
+        return ModelOrigin(printable(self.source.name), sha256(self.source))
 
     @property
     def in_plane(self) -> bool:
@@ -229,7 +228,7 @@ def _taking(target: Target, files: Sequence[ModelSource]) -> tuple[Target, bool]
     return replace(target, forms=several.forms, carries=several.carries or target.carries), True
 
 
-def _map_subject(file: ModelSource, form: str, frame: str, settings: Settings) -> MapSubject:
+def _map_subject(file: ModelSource, form: str, frame: str, settings: Options) -> MapSubject:
     name = file.origin.file
     if not file.of_thrusters and "models" in file.data:
         wrong = f"{name} is a {motion_of(file.data).name} model"
@@ -268,7 +267,7 @@ def _of_motions(option: str, value: Any, motions: Sequence[str]) -> Mapping[str,
     return value
 
 
-def _axes(file: ModelSource, frame: str, form: str, settings: Settings, number: str | None) -> list[MotionSubject]:
+def _axes(file: ModelSource, frame: str, form: str, settings: Options, number: str | None) -> list[MotionSubject]:
     """The motions of a file as they stand in it, but for commands that its logger showed late."""
     name, origin = file.origin.file, file.origin
     if file.in_plane:
@@ -289,7 +288,7 @@ def _axes(file: ModelSource, frame: str, form: str, settings: Settings, number: 
 
 
 def _vehicle(
-    target: Target, files: Sequence[ModelSource], form: str, frame: str, settings: Settings, number: str | None,
+    target: Target, files: Sequence[ModelSource], form: str, frame: str, settings: Options, number: str | None,
     several: bool,
 ) -> Vehicle:  # fmt: skip
     """The models of the files with what the target carries, in its frame and unit. Raises SettingError, ModelError."""
@@ -360,7 +359,7 @@ def _of_vehicle(effect: Unsupported, model: Model, frame: str, mass: float | Non
     return Unsupported(name, effect.why + size)
 
 
-def in_unit(target: Target, model: Model, settings: Settings, origin: Origin, several: bool) -> Model:
+def in_unit(target: Target, model: Model, settings: Options, origin: ModelOrigin, several: bool) -> Model:
     """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
     dof, factor = model.dof, settings.newton_metres_per_nu
     unit, force = dof.units.forces[1], dof.words.force
@@ -419,7 +418,7 @@ def _matters(term: Term) -> bool:
     return any(value != off for value, off, shape in zip(term.values, effect.off, effect.shapes) if not shape)
 
 
-def refuse_inertia(target: Target, rigid: float | None, model: Model, origin: Origin, several: bool) -> None:
+def refuse_inertia(target: Target, rigid: float | None, model: Model, origin: ModelOrigin, several: bool) -> None:
     """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
     option = "--rigid-mass" if several and not model.dof.angular else "--rigid-inertia"
     if rigid is None and target.si and not model.dof.angular:
@@ -427,11 +426,14 @@ def refuse_inertia(target: Target, rigid: float | None, model: Model, origin: Or
             f"{origin.file}: the identified {model.dof.words.inertia}, {model.inertia:.4g}, holds the water that moves "
             f"along; as a link's mass it would weigh on the vehicle: give the vehicle's own with {option}"
         )
-    if rigid is not None:
-        base.refuse_part(option, rigid, model.inertia, origin)
+    if rigid is not None and not 0.0 < rigid <= model.inertia:
+        raise SettingError(
+            f"{option}: found {rigid:g}, expected more than 0 and no more than {model.inertia:.6g}, the total of rigid "
+            f"and added inertia in {origin.file}; check unit and axis"
+        )
 
 
-def _refuse_driving(model: Model, target: Target, origin: Origin) -> None:
+def _refuse_driving(model: Model, target: Target, origin: ModelOrigin) -> None:
     """Raise SettingError for a linear drag that is none: model 2 may have one of the wrong sign."""
     linear, _ = model.drag()
     if linear < 0:
@@ -443,7 +445,7 @@ def _refuse_driving(model: Model, target: Target, origin: Origin) -> None:
         )
 
 
-def _refuse_unused(target: Target, settings: Settings) -> None:
+def _refuse_unused(target: Target, settings: Options) -> None:
     for name, value in vars(settings).items():
         if value not in (None, False) and name not in target.uses and name != "allow_partial":
             users = [other for other in targets.names() if name in targets.get(other).uses]

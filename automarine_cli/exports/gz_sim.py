@@ -16,10 +16,10 @@ engine makes the Coriolis and Munk forces of the fluid's inertia itself.
 
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAGS, Several, Target, Written, comment, filled, head, joined, number
-from automarine_cli.exports.vehicle import MOTIONS, VELOCITIES, Vehicle
+from automarine_cli.exports.vehicle import MOTIONS, SPEED_LETTERS, Vehicle
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
-AXIS_LETTERS, FORCES = "xyzpqr", "xyzkmn"
+AXIS_LETTERS, FORCE_LETTERS = "xyzpqr", "xyzkmn"
 RIGID_ENTRIES = ("mass", "mass", "mass", "ixx", "iyy", "izz")
 """Of the six motions: the letters of the fluid's entries and of the forces, and where their own inertia stands."""
 ENGINE = "the rest of M is fluid_added_mass, which needs the DART engine"
@@ -30,7 +30,7 @@ def write(subject: Vehicle) -> Written:
     added, derivatives = subject.added, dict[str, float]()
     for drag in subject.drags:
         size = "abs" * drag.factor.startswith("abs") + drag.factor.strip("abs()").upper()
-        derivatives[f"{FORCES[drag.places[0]]}{VELOCITIES[drag.places[-1]].upper()}{size}"] = -drag.value
+        derivatives[f"{FORCE_LETTERS[drag.places[0]]}{SPEED_LETTERS[drag.places[-1]].upper()}{size}"] = -drag.value
     off = {"disable_added_mass": "true"}
     if subject.several:
         lacking = [dof.name for dof in MOTIONS if dof.number not in subject.places]
@@ -46,7 +46,7 @@ def write(subject: Vehicle) -> Written:
     else:
         axis = subject.axis
         i, v = axis.dof.number, axis.dof.symbols.velocity
-        linear, dot, entry = f"{FORCES[i]}{v.upper()}", f"{FORCES[i]}Dot{v.upper()}", 2 * AXIS_LETTERS[i]
+        linear, dot, entry = f"{FORCE_LETTERS[i]}{v.upper()}", f"{FORCE_LETTERS[i]}Dot{v.upper()}", 2 * AXIS_LETTERS[i]
         absolute, square = f"{linear}abs{v.upper()}", f"{linear}{v.upper()}"
         derivatives = {linear: 0.0, absolute: 0.0} | derivatives
         if subject.form == DERIVATIVE and added[i, i]:

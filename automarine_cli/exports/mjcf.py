@@ -33,7 +33,7 @@ JOINT_AXES = ("1 0 0", "0 1 0", "0 0 1")
 SOFTEST = 1e-4  # MuJoCo's least impedance of a constraint (mjMINIMP)
 HARDENING = 2  # the law of a tether that pulls with the cube of the way as well
 VERSION = "Needs MuJoCo 3.7 or newer, which reads damping and stiffness of higher order."
-FREE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
+FREE_NOTE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
 STICKY = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
 UPRIGHT = "Stiffness is the restoring moment as G (x - x^3/6): within 0.4 % of G sin(x) up to 45 degrees."
 FIXED = (
@@ -68,7 +68,7 @@ def write(subject: Vehicle) -> Written:
         axis = subject.axis
         v, drag = axis.dof.symbols.velocity, "(d0 + d1 |{0}| + d2 {0}^2) {0}, d of damping"
         equation = f"({axis.dof.words.inertia} + armature) {v}' = {axis.dof.symbols.force} - {drag.format(v)}"
-        notes = [axis.about_inertia(), FREE.format(axis.dof.name), VERSION, *warnings]
+        notes = [axis.about_inertia(), FREE_NOTE.format(axis.dof.name), VERSION, *warnings]
         lines = head(axis, equation, notes)
     places = subject.thrusters.places if subject.thrusters else ()
     up = -1.0 if subject.frame == "NED" else 1.0  # MuJoCo's y is to port

@@ -10,7 +10,7 @@ M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r + g = tau.
 """
 
 from automarine_cli import effects
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR
 from automarine_cli.exports.base import (
     DRAGS,
     MotionSubject,

@@ -12,8 +12,7 @@ from collections.abc import Iterable, Iterator
 from types import ModuleType
 
 from automarine_cli import effects
-from automarine_cli.dofs import HEAVE
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import HEAVE, PLANAR
 from automarine_cli.effects import base
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
@@ -31,11 +30,11 @@ from automarine_cli.exports.base import (
     row,
 )
 from automarine_cli.exports.thrusters import largest_signal, table
-from automarine_cli.exports.vehicle import MATRIX_EFFECTS, VELOCITIES, Vehicle
+from automarine_cli.exports.vehicle import MATRIX_EFFECTS, SPEED_LETTERS, Vehicle
 from automarine_cli.models.model import CONSTANT, RESTORING, Term
 from automarine_cli.quantities import STEERED
 
-MAX_STEP_S = 0.02  # s: the longest step of the integrator
+MAX_EXPORT_STEP_S = 0.02  # s: the longest step of the integrator
 METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember", "states"}
 """What of an effect acts; all else describes it."""
 _LIBRARY = map(effects.get, effects.built_in())
@@ -70,7 +69,7 @@ def _motion(subject: MotionSubject) -> Written:
         "more": ", **columns" if logged else "",
         "columns": f" So does columns[{logged[0]!r}][i]." if logged else "",
         "signals": "{name: np.asarray(column)[None, sample] for name, column in columns.items()}" if logged else "{}",
-        "step": number(MAX_STEP_S),
+        "step": number(MAX_EXPORT_STEP_S),
     }
     return Written(filled("python", text))
 
@@ -176,7 +175,7 @@ def _vehicle(subject: Vehicle) -> Written:
     constants = []
     for drag in subject.drags:
         size = f" * {drag.factor}" * bool(drag.factor)
-        forces[drag.places[0]].append(f"{drag.name.upper()}{size} * {VELOCITIES[drag.places[-1]]}")
+        forces[drag.places[0]].append(f"{drag.name.upper()}{size} * {SPEED_LETTERS[drag.places[-1]]}")
         constants.append(f"{drag.name.upper()} = {number(drag.value)}  # {drag.meaning}")
     for i, value in enumerate(subject.diagonal(CONSTANT).tolist()):
         if value:
@@ -205,7 +204,7 @@ def _vehicle(subject: Vehicle) -> Written:
         "current": f"({row(water, ', ')})",
         "constants": "\n".join(constants) + "\n" * bool(constants),
         "drags": "\n".join(f"            {' + '.join(forces[i]).replace('+ - ', '- ') or '0.0'}," for i in places),
-        "step": number(MAX_STEP_S), "axes": AXIS_SENSES[subject.frame], "water": WATER[subject.frame],
+        "step": number(MAX_EXPORT_STEP_S), "axes": AXIS_SENSES[subject.frame], "water": WATER[subject.frame],
         "moved": MOVED[subject.frame], "places": subject.places,
         "arguments": ", rudder=0.0" * rudder, "more": RUDDER.format(" with the other sign" * enu) * rudder,
         "weight": f"{FORCE_LETTERS[HEAVE.number]}_0" if subject.diagonal(CONSTANT)[HEAVE.number] else "0.0",

@@ -23,7 +23,7 @@ GRID = 2001  # control signals at which a law is compared with the map
 CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells
 MAX_POINTS = 1025  # of a table, in one direction
 DENSITY, DIAMETER = 1000.0, 0.1  # of Gazebo's law; only their product with the coefficient counts
-AHEAD = "Thrust is positive ahead, in both frames alike."
+SIGN_NOTE = "Thrust is positive ahead, in both frames alike."
 NAMES = "Names of links, joints and actuators are placeholders: merge with your model."
 
 
@@ -31,7 +31,7 @@ def write(subject: MapSubject) -> Written:
     """The text of the form asked for. Raises SettingError where the form cannot follow the map closely enough."""
     n_max = largest_signal(subject)
     unit = f" ({subject.map.n_unit})" if subject.map.n_unit else ""
-    notes = [AHEAD, f"n is the control signal in the logs' unit{unit}, up to {n_max:.4g}."]
+    notes = [SIGN_NOTE, f"n is the control signal in the logs' unit{unit}, up to {n_max:.4g}."]
     for name, curve in (("forward", subject.map.forward), ("backward", subject.map.backward)):
         if curve is None:
             if not subject.settings.allow_partial:

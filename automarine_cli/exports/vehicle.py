@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.dofs import DOFS
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR
 from automarine_cli.exports.base import FRAME_AXES, MapSubject, MotionSubject, Subject, joined, mirrored, number
 from automarine_cli.models.model import CONSTANT, INERTIA_COUPLINGS, RESTORING, Model
 from automarine_cli.quantities import Floats
 
-VELOCITIES = "uvwpqr"
+SPEED_LETTERS = "uvwpqr"
 MOTIONS = tuple(sorted(DOFS.values(), key=lambda dof: dof.number))
-SIDES = {"NED": np.ones(6), "ENU": np.array([-1.0 if mirrored(dof) else 1.0 for dof in MOTIONS])}
+FRAME_SIGNS = {"NED": np.ones(6), "ENU": np.array([-1.0 if mirrored(dof) else 1.0 for dof in MOTIONS])}
 """What a velocity or force is multiplied by from NED to a frame."""
 DAMPING = {
     "linear-drag": ("{0}", "", "linear drag"),
@@ -160,7 +159,7 @@ class Vehicle(Subject):
 
 def planar_couplings(model: Model, frame: str) -> dict[str, Any]:
     """What couples the motions of a planar model, in the frame, as a `Vehicle` has it: `couplings` and `crossed`."""
-    side, planes = SIDES[frame], [dof.number for dof in PLANAR.dofs]
+    side, planes = FRAME_SIGNS[frame], [dof.number for dof in PLANAR.dofs]
     couplings, crossed = np.zeros((6, 6)), []
     for (i, j, _), value in zip(INERTIA_COUPLINGS.values(), model.masses[len(planes) :]):
         a, b = planes[i], planes[j]
@@ -168,8 +167,8 @@ def planar_couplings(model: Model, frame: str) -> dict[str, Any]:
     for term in model.terms:
         if term.is_cross and term.values[0]:
             i = planes[term.dof]
-            *size, j = (VELOCITIES.index(letter) for letter in term.name.partition("_")[2])
+            *size, j = (SPEED_LETTERS.index(letter) for letter in term.name.partition("_")[2])
             value = float(side[i] * side[j] * term.values[0])
-            factor = f"abs({VELOCITIES[size[0]]})" if size else ""
+            factor = f"abs({SPEED_LETTERS[size[0]]})" if size else ""
             crossed.append(Drag(len(size), (i, *size, j), term.name, factor, value, "coupling"))
     return {"couplings": couplings, "crossed": tuple(crossed)}

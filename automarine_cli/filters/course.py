@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import Dof
-from automarine_cli.dofs.motion import Motion, alone
+from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import commanded_before

@@ -8,8 +8,7 @@ from itertools import product
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course

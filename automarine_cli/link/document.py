@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.records import Codec, Document, json_text, read_plain, to_mapping
-from automarine_cli.planning.candidates import PLAN, Candidate, Supply
+from automarine_cli.planning.candidates import PLAN, PaperRun, Supply
 from automarine_cli.simulation.specification import AboveZero, Limit, Settings, ZeroOrMore
 from automarine_cli.text import format_value, printable
 
@@ -23,7 +23,7 @@ MAX_CAMPAIGN_BYTES = 4_000_000
 MAX_CAMPAIGN_RUNS, MAX_COMMANDS, MAX_RUN_S = 500, 1000, 3600.0
 SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
 WHOLE, STOPPED, INTERRUPTED = "", "_stopped", "_interrupted"
-LOG_ENDS = (WHOLE, STOPPED, INTERRUPTED)  # what the names of logs end with, by how their runs ended
+RUN_ENDINGS = (WHOLE, STOPPED, INTERRUPTED)  # what the names of logs end with, by how their runs ended
 MAX_LOG_HZ, MAX_LINE_BYTES, MAX_HEAD_BYTES = 100.0, 200, 4096  # lines a second, bytes of a line, of the head
 ID_LETTERS = 8  # so many letters of a campaign's id begin the names of its logs
 
@@ -40,27 +40,27 @@ class PlannedRun(Settings):
     def __post_init__(self) -> None:
         if not SAFE_NAME.fullmatch(self.name):
             raise SettingError(f"name is {self.name!r}; expected at most 100 letters, digits and - + _ .")
-        if self.name.endswith(LOG_ENDS[1:]):
+        if self.name.endswith(RUN_ENDINGS[1:]):
             raise SettingError(f"name is {self.name!r}; expected another end, this one marks runs that were cut short")
         super().__post_init__()
         if not 0 < len(self.commands) <= MAX_COMMANDS:
             raise SettingError(f"commands has {len(self.commands)} entries; expected 1 to {MAX_COMMANDS}")
         if min(seconds for _, seconds in self.commands) <= 0:
             raise SettingError("commands holds a time that is not above 0; expected [moment, seconds] pairs")
-        if self.driven > MAX_RUN_S or self.wait_s > MAX_RUN_S:
-            raise SettingError(f"lasts or waits {max(self.driven, self.wait_s):g} s; expected {MAX_RUN_S:g} at most")
+        if self.driven_s > MAX_RUN_S or self.wait_s > MAX_RUN_S:
+            raise SettingError(f"lasts or waits {max(self.driven_s, self.wait_s):g} s; expected {MAX_RUN_S:g} at most")
 
     @property
-    def driven(self) -> float:
-        return self.candidate.driven
+    def driven_s(self) -> float:
+        return self.candidate.driven_s
 
     @property
-    def candidate(self) -> Candidate:
-        return Candidate("planned", self.name, self.commands, start_heading=self.start_heading_deg)
+    def candidate(self) -> PaperRun:
+        return PaperRun("planned", self.name, self.commands, start_heading=self.start_heading_deg)
 
 
 @dataclass(frozen=True)
-class Battery(Settings):
+class CampaignBattery(Settings):
     """What is stored and must stay, and what is drawn: `idle_A` always, `full_A` more at the moment `at_moment`."""
 
     charge_Ah: AboveZero
@@ -82,7 +82,7 @@ class LinkCampaign(Settings):
     moment_unit: Literal["nu", "N m"]
     rate_hz: Annotated[float, Limit(0.5, 200.0)]
     rest_s: Annotated[float, Limit(0.0, 60.0)]
-    battery: Battery
+    battery: CampaignBattery
     runs: tuple[PlannedRun, ...]
 
     def __post_init__(self) -> None:
@@ -112,11 +112,11 @@ class LinkCampaign(Settings):
 
     def room(self, run: PlannedRun) -> int:
         """Bytes that a run's log has at most, unless its vehicle speaks more, or more often, than any we know."""
-        lines = max(MAX_LOG_HZ, self.rate_hz) * (self.rest_s + run.driven + 1.0)
+        lines = max(MAX_LOG_HZ, self.rate_hz) * (self.rest_s + run.driven_s + 1.0)
         return int(lines * MAX_LINE_BYTES) + MAX_HEAD_BYTES
 
     def begins(self, number: int) -> float:
-        return round(sum(self.rest_s + run.driven + run.wait_s for run in self.runs[:number]), 3)
+        return round(sum(self.rest_s + run.driven_s + run.wait_s for run in self.runs[:number]), 3)
 
     def charge(self, number: int) -> float:
         """Charge [Ah] of a battery that was full, after so many runs and the waits between them."""
@@ -208,7 +208,7 @@ def read_campaign(path: Path) -> LinkCampaign:
         data = {
             "schema": CAMPAIGN_SCHEMA, "moment_unit": plan.moment_unit, "rate_hz": plan.rate_hz, "rest_s": plan.rest_s,
             "runs": [{f.name: run[f.name] for f in fields(PlannedRun) if f.name in run} for run in plan.planned],
-            "battery": {f.name: battery[f.name] for f in fields(Battery) if f.name in battery},
+            "battery": {f.name: battery[f.name] for f in fields(CampaignBattery) if f.name in battery},
         }  # fmt: skip
     return Codec(where).read(LinkCampaign, data)
 

@@ -32,7 +32,7 @@ NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
 KEEP_SIZE = 1  # Linux, linux/falloc.h
 
 
-class Record(NamedTuple):
+class Marks(NamedTuple):
     """Why a campaign was stopped (None: it was not), and a mark for each of its runs."""
 
     why_stopped: str | None
@@ -293,7 +293,7 @@ class Store:
         """Where a campaign's record is, before and after it is stopped."""
         return self.campaigns / f"{campaign_id}.ready", self.campaigns / f"{campaign_id}.stopped"
 
-    def _record(self, campaign: LinkCampaign) -> Record | None:
+    def _record(self, campaign: LinkCampaign) -> Marks | None:
         """What a campaign's record says; None where it is missing or damaged."""
         ready, stopped = self._records(campaign.id)
         for path in (ready, stopped):  # in this order: it may be renamed in between
@@ -301,7 +301,7 @@ class Store:
                 why, marks = file.read(LONGEST_WHY), file.read().decode("ascii", "replace")
                 if len(marks) != len(campaign.runs) or not {*marks} <= {*NEW, *END_OF_MARK}:
                     return None
-                return Record(None if path == ready else why.decode("utf-8", "replace").strip() or ASKED_TO_STOP, marks)
+                return Marks(None if path == ready else why.decode("utf-8", "replace").strip() or ASKED_TO_STOP, marks)
         return None
 
     def _place(self, name: str) -> tuple[LinkCampaign, int, str]:
@@ -357,12 +357,12 @@ def _passed_over(path: Path, why: str) -> str:
     return f"campaigns/{printable(path.name)} is passed over ({why[:300]}); move it away"
 
 
-def _ends(campaign: LinkCampaign, record: Record, names: Collection[str]) -> list[str | None]:
+def _ends(campaign: LinkCampaign, record: Marks, names: Collection[str]) -> list[str | None]:
     """How each run ended, by its mark or its log among `names`; None where it was not driven yet, or is just driven."""
     ends = list[str | None]()
     for run, mark in zip(campaign.runs, record.marks):
         log = campaign.log_name(run)
-        of_log = next((end for end in wire.LOG_ENDS if f"{log}{end}.csv" in names), None)
+        of_log = next((end for end in wire.RUN_ENDINGS if f"{log}{end}.csv" in names), None)
         ends.append(None if f"{log}.part" in names else END_OF_MARK.get(mark, of_log))
     return ends
 

@@ -8,9 +8,8 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import Motion
-from automarine_cli.dofs.yaw import DEGREE
+from automarine_cli.dofs import DOFS, YAW, Dof, Motion
+from automarine_cli.dofs.rotations import DEGREE
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.records import Codec, Source, everything, keyed, read_plain
 from automarine_cli.text import in_words, listed, printable, quoted
@@ -216,17 +215,13 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATE_WORDS = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
-SWINGS = tuple(dof.name for dof in DOFS.values() if dof.restoring)  # how words in names of their columns begin
+SWING_DOFS = tuple(dof for dof in DOFS.values() if dof.restoring)  # words in names of their columns begin with theirs
 
 
 def other_axis(name: str, quantity: str = "") -> bool:
     """Whether a name is of roll or pitch, and the `quantity` that is looked for is not."""
-    axes = tuple(axis for axis in SWINGS if quantity not in quantities_by_motion(DOFS[axis]))
+    axes = tuple(dof.name for dof in SWING_DOFS if quantity not in (dof.position, dof.velocity, dof.command))
     return any(word.startswith(axes) for word in re.split(r"[^a-z]+", name.lower()))
-
-
-def quantities_by_motion(dof: Dof) -> tuple[str, ...]:
-    return (dof.position, dof.velocity, dof.command)
 
 
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:

@@ -44,14 +44,14 @@ class LogFile:
 
 
 @dataclass(frozen=True)
-class Origin:
+class CommandOrigin:
     """Outputs and mixing of which commands were made, or why these tell none (continues `no yaw moment;`)."""
 
     made_from: str = ""
     why_not: str = ""
 
 
-LOGGED = Origin()
+LOGGED = CommandOrigin()
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class RawLog:
     also: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()
-    origin: Origin = LOGGED
+    origin: CommandOrigin = LOGGED
 
     def place(self, name: str) -> int | None:
         """The number of the column of this name, or other name; None for none."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, YAW
 from automarine_cli.logs.columns import COMMANDS, NORMALISED, ColumnMap, quantities_of
-from automarine_cli.logs.formats import LOGGED, Origin
+from automarine_cli.logs.formats import LOGGED, CommandOrigin
 from automarine_cli.logs.streams import Recording, Stream, taken
 from automarine_cli.quantities import Floats
 from automarine_cli.text import listed
@@ -63,7 +63,7 @@ class Demand:
 
     columns: Mapping[str, Floats] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    origin: Origin = LOGGED
+    origin: CommandOrigin = LOGGED
 
 
 class Unclear(Exception):
@@ -117,14 +117,14 @@ def worked_back(
         wishes[:, rows] = part.wishes(np.array([channels[number][rows] for number in part.channels]))
     columns = {name: values for name, values in zip(CONTROL_AXES, wishes) if np.isfinite(values).any()}
     if not columns:
-        return Demand(origin=Origin(why_not=why))
+        return Demand(origin=CommandOrigin(why_not=why))
     origin = f"{source} by {' and '.join(dict.fromkeys(hows))}"
     notes = [f"commands {meaning(columns)} worked back from {origin}"]
     if changes:
         notes.append(f"parameters changed within the log ({listed(changes)}): each stretch is read by what stood then")
     if why:
         notes.append(f"for a part of the log there are no commands: {why}")
-    return Demand(columns, tuple(notes), Origin(origin))
+    return Demand(columns, tuple(notes), CommandOrigin(origin))
 
 
 def meaning(names: Sequence[str] | Mapping[str, Floats]) -> str:
@@ -139,7 +139,7 @@ def refuse_lacking(source: str, lacking: Sequence[str]) -> None:
         )
 
 
-ROW = [2, 4, 5, 3]  # places of CONTROL_AXES in a row of factors: roll, pitch, yaw, up, ahead, abeam
+FACTOR_PLACES = [2, 4, 5, 3]  # places of CONTROL_AXES in a row of factors: roll, pitch, yaw, up, ahead, abeam
 Row = tuple[float, float, float, float, float, float]
 
 _FOUR: tuple[Row, ...] = ((0, 0, 1, 0, -1, 1), (0, 0, -1, 0, -1, -1), (0, 0, -1, 0, 1, 1), (0, 0, 1, 0, 1, -1))
@@ -160,12 +160,12 @@ FRAME_MIXING: Mapping[int, tuple[str, tuple[Row, ...]]] = {
 }  # fmt: skip
 """ArduSub's frames by `FRAME_CONFIG`: one row of factors a motor."""
 MOTOR_IDS = (*range(33, 41), *range(82, 86))  # SERVOn_FUNCTION of motors 1 to 12
-STEERED: Mapping[str, Mapping[int, Row]] = {
+STEERED_ROWS: Mapping[str, Mapping[int, Row]] = {
     "skid steering (SERVOn_FUNCTION 73 and 74)": {73: (0, 0, 1, 0, 1, 0), 74: (0, 0, -1, 0, 1, 0)},
     "steering and throttle (SERVOn_FUNCTION 26 and 70)": {26: (0, 0, 1, 0, 0, 0), 70: (0, 0, 0, 0, 1, 0)},
 }
 """Boats and rovers, the first that is whole: left and right throttle; steering and throttle."""
-DRIVING = {*MOTOR_IDS, *(function for rows in STEERED.values() for function in rows)}
+DRIVING = {*MOTOR_IDS, *(function for rows in STEERED_ROWS.values() for function in rows)}
 OUTPUTS = 32  # the highest number of an output
 MIXING = re.compile(r"FRAME_CONFIG|(SERVO|MOT_).*_(FUNCTION|MIN|MAX|TRIM|REVERSED|DIRECTION)")  # parameters of it
 NEUTRAL_US, SPAN_US = 1500.0, 400.0  # us, of ArduSub's motors whatever the limits of their outputs
@@ -198,9 +198,9 @@ def recorded(
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the pseudo-inverse of factors (motors, 6) to `CONTROL_AXES`, (4, motors), and which it can tell."""
     inverse = np.linalg.pinv(factors)
-    unclear = np.abs(inverse @ factors - np.eye(6))[ROW].max(axis=1)
+    unclear = np.abs(inverse @ factors - np.eye(6))[FACTOR_PLACES].max(axis=1)
     down = np.array([[1.0], [1.0], [1.0], [-1.0]])  # ArduPilot counts up, SNAME down
-    return inverse[ROW] * down, unclear < WISH_ERROR
+    return inverse[FACTOR_PLACES] * down, unclear < WISH_ERROR
 
 
 def part_of(source: str, channels: Channels, values: Values) -> Part:
@@ -218,7 +218,7 @@ def part_of(source: str, channels: Channels, values: Values) -> Part:
     outputs = {function: n for n, function in functions.items() if n in channels}
     if "FRAME_CONFIG" in values:
         return _frame(source, outputs, values, lacking)
-    for how, rows in STEERED.items():
+    for how, rows in STEERED_ROWS.items():
         if rows.keys() <= outputs.keys():
             return _steered(how, source, {outputs[number]: row for number, row in rows.items()}, values)
     refuse_lacking(source, lacking)

@@ -554,7 +554,7 @@ def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, u
         if group is None:
             groups.append(group := [])
         group.append(layout)
-    inner = {file: _within(folder, file).as_posix() for file in files}
+    inner = {file: Path(os.path.relpath(file.path.resolve(), folder.resolve())).as_posix() for file in files}
     named = []
     for group in groups[1:]:
         members = [file for layout in group for file in layout.files]
@@ -575,10 +575,6 @@ def _fits(layout: Layout, other: Layout) -> bool:
         if not same and not column.as_named and (key == column.key or column.source in other.names):
             return False
     return True
-
-
-def _within(folder: Path, file: LogFile) -> Path:
-    return Path(os.path.relpath(file.path.resolve(), folder.resolve()))
 
 
 def together(parts: Iterable[Mapping[str, Span]]) -> dict[str, Span]:
@@ -617,7 +613,7 @@ def _layout_of(file: LogFile, columns: ColumnMap) -> Layout | LogError:
     mapped = {name: rule.source for name, rule in rules.columns.items() if rule.source in raw.names}
     dof = naming.motion_of(raw.names, mapped)
     if dof is YAW and not any(is_called(quantity, raw.names) for quantity in (YAW.position, YAW.command)):
-        swings = [DOFS[name] for name in naming.SWINGS if is_called(DOFS[name].position, raw.names)]
+        swings = [dof for dof in naming.SWING_DOFS if is_called(dof.position, raw.names)]
         dof = next(iter(swings), YAW)
     names = tuple(name for name in raw.names if name)
     labels = categorical_columns(raw, {*LABELS, *mapped.values()})

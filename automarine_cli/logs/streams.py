@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import CANONICAL, VELOCITIES, ColumnMap, Join, motion_of, names_of, quantities_of
-from automarine_cli.logs.formats import LOGGED, Origin, RawLog, decoded
+from automarine_cli.logs.formats import LOGGED, CommandOrigin, RawLog, decoded
 from automarine_cli.quantities import Floats
 from automarine_cli.text import listed, plural, printable
 
@@ -128,7 +128,7 @@ class Recording:
     streams: Sequence[Stream]
     holds: tuple[str, ...]
     notes: tuple[str, ...] = ()
-    origin: Origin = LOGGED
+    origin: CommandOrigin = LOGGED
 
 
 def taken(

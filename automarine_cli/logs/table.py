@@ -12,14 +12,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import Motion
+from automarine_cli.dofs import DOFS, YAW, Dof, Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs import columns as naming
 from automarine_cli.logs import formats
 from automarine_cli.logs.columns import BY, CANONICAL, COMMANDS, LABELS, RUN, Canonical, ColumnMap, ColumnRule
 from automarine_cli.logs.find import ENDINGS, format_of
-from automarine_cli.logs.formats import LOGGED, Format, LogFile, Origin, RawLog
+from automarine_cli.logs.formats import LOGGED, CommandOrigin, Format, LogFile, RawLog
 from automarine_cli.logs.parquet import read_table
 from automarine_cli.logs.streams import joined
 from automarine_cli.quantities import STEERED, Floats
@@ -51,7 +50,7 @@ class LogTable:
     names: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()
-    origin: Origin = LOGGED
+    origin: CommandOrigin = LOGGED
     words: Mapping[str, Labels] = field(default_factory=dict)
 
     @property

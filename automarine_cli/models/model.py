@@ -33,8 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from automarine_cli import effects
-from automarine_cli.dofs import Dof
-from automarine_cli.dofs.motion import Motion, alone
+from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.errors import ModelError
 from automarine_cli.models.parameter import SMALLEST, Parameter, Parameters

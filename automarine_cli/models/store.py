@@ -21,8 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR, YAW, Dof
 from automarine_cli.effects import Effect
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.estimate import Estimate, Given
@@ -41,7 +40,7 @@ from automarine_cli.models.model import (
 from automarine_cli.pipeline.records import Codec, ResultKind, ResultRecord, Source, key_of, keyed, read_plain
 from automarine_cli.text import MAX_NAME_LETTERS, Place, format_value, printable
 
-SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
+MIN_NUMBER, MAX_NUMBER = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 ROLES = ("quadratic", "linear", "inertia", "constant", "restoring", "difference")  # in the order of files
 
 
@@ -222,8 +221,8 @@ def number_at(number: Given, codec: Codec, place: Place) -> float:
     value = number.value
     if value is None:
         raise codec.refusal(place, "found nothing, expected a number")
-    if value and not SMALLEST <= abs(value) <= LARGEST:
-        raise codec.refusal(place, f"found {value:g}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}")
+    if value and not MIN_NUMBER <= abs(value) <= MAX_NUMBER:
+        raise codec.refusal(place, f"found {value:g}, expected 0 or a size of {MIN_NUMBER:g} to {MAX_NUMBER:g}")
     return value
 
 
@@ -394,7 +393,7 @@ def values_of(
 
 
 PARAMETERS = ("parameters",)
-UNITS = {"force_unit": "N", "moment_unit": "N m"}
+SI_UNITS = {"force_unit": "N", "moment_unit": "N m"}
 DRAG_OF_ROLE = {
     "linear": "linear-drag", "quadratic": "quadratic-drag", "cubic": "cubic-drag", "constant": "bias-moment",
     "difference": "drag-asymmetry",
@@ -425,13 +424,13 @@ PLANAR_MODEL = ResultKind(f"{PLANAR.name}_model.json", f"{PLANAR.name}-model", P
 
 def planar_json(model: Model, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
     """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
-    return {"schema": PLANAR_MODEL.schema, **UNITS, "parameters": {**model.values, **(estimates or {})}}
+    return {"schema": PLANAR_MODEL.schema, **SI_UNITS, "parameters": {**model.values, **(estimates or {})}}
 
 
 def _planar_of(data: Mapping[str, object], where: str) -> StoredModels:
     """The model of the plane; parameters that its fit did not estimate are fixed, where the file says."""
     file, codec = PLANAR_MODEL.of(data, where), PLANAR_MODEL.codec(data, where)
-    for key, unit in UNITS.items():
+    for key, unit in SI_UNITS.items():
         if (stated := getattr(file, key)) != unit:
             raise codec.refusal(
                 (key,), f"found {format_value(stated)}, expected {format_value(unit)}: coupled motions are in newtons"
@@ -467,7 +466,7 @@ def _planar_of(data: Mapping[str, object], where: str) -> StoredModels:
             name, value = dof.parameter("linear"), drags["linear-drag"]
             raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected a drag of zero or more")
     current = (water[0], water[1]) if water else None
-    model = Model(PLANAR, masses, tuple(terms), UNITS["moment_unit"], current)
+    model = Model(PLANAR, masses, tuple(terms), SI_UNITS["moment_unit"], current)
     (matrix,) = model.inertia_matrix(model.theta[None])
     if np.linalg.eigvalsh(matrix)[0] <= 0:
         entries = ", ".join(f"{name.partition('.')[2]} = {x:g}" for name, x in zip(model.parameter_names, masses))

@@ -28,8 +28,8 @@ from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, Shown, Source, read_mapping, to_mapping
 from automarine_cli.planning import candidates as pool
 from automarine_cli.planning import information as info
-from automarine_cli.planning.candidates import PLAN, Candidate, Limits, Slot, Supply, consumption, drive_of
-from automarine_cli.planning.information import Fitting, Intervals, Logger, PriorResults
+from automarine_cli.planning.candidates import PLAN, Limits, PaperRun, Supply, TimedRun, consumption, drive_of
+from automarine_cli.planning.information import Fitting, Intervals, PlannedLog, PriorResults
 from automarine_cli.planning.rivals import (
     Discrimination,
     Pair,
@@ -95,7 +95,7 @@ class PlanBudget:
 def select(
     fitting: Fitting, limits: Limits, largest: float, supply: Supply, before: Floats, wanted: Floats,
     pairs: Sequence[Pair], progress: Progress = silent,
-) -> tuple[list[Candidate], dict[str, str], Candidate | None]:  # fmt: skip
+) -> tuple[list[PaperRun], dict[str, str], PaperRun | None]:  # fmt: skip
     """Choose runs within the limits, say why by label, and which of them is the check that comes first and last.
 
     `pairs` of explanations are split first, then the directions `wanted` (p, m) are narrowed, with the information
@@ -144,7 +144,7 @@ def select(
     return chosen, why, check
 
 
-def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[Candidate, ...]:
+def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[PaperRun, ...]:
     """List the runs that a campaign may be made of: of a steered vehicle zigzags and turning circles, both ways first,
     at several speeds where its model depends on that. Commands change when the model's heading says so."""
     if not fitting.steered:
@@ -155,7 +155,7 @@ def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[Candidate
     kinds = [(pool.ZIGZAG, pool.SWINGS, angle, angle) for angle in angles]
     kinds.append(("turning-circle", 1, float(f"{np.rad2deg(largest):.4g}"), pool.CIRCLE_DEG))
     every = [
-        Candidate(kind, f"{kind}_{side * angle:+g}{'' if speed is None else f'_{speed:g}m-s'}", (), speed=speed)
+        PaperRun(kind, f"{kind}_{side * angle:+g}{'' if speed is None else f'_{speed:g}m-s'}", (), speed=speed)
         for speed in speeds for kind, _, angle, _ in kinds for side in (1, -1)
     ]  # fmt: skip
     parts = [
@@ -164,7 +164,7 @@ def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[Candidate
     rest_samples = round(fitting.rest * fitting.rate)
     for swing in range(pool.SWINGS):
         at = [i for i, (count, *_) in enumerate(parts) if swing < count]
-        ends = [round(rest_samples + run.driven * fitting.rate) for run in every]
+        ends = [round(rest_samples + run.driven_s * fitting.rate) for run in every]
         for i in at:
             way = (-1.0) ** swing * float(parts[i][1])
             every[i] = replace(every[i], commands=(*every[i].commands, (way, pool.MAX_DRIVEN_S)))
@@ -173,13 +173,13 @@ def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[Candidate
             over = np.sign(way) * heading[ends[i] :] >= np.deg2rad(parts[i][2])
             seconds = round(max(int(np.argmax(over)), 1) / fitting.rate, 1) if over.any() else np.inf
             every[i] = replace(every[i], commands=(*before, (way, min(seconds, pool.MAX_DRIVEN_S))))
-    runs = tuple(run for run in every if run.driven < pool.MAX_DRIVEN_S)
+    runs = tuple(run for run in every if run.driven_s < pool.MAX_DRIVEN_S)
     if not runs:
         raise SettingError("the limits allow no campaign: no zigzag ends in time; allow larger rudder angles")
     return runs
 
 
-def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudget, limits: Limits) -> Floats:
+def _split(pairs: Sequence[Pair], spread: Sequence[PaperRun], budget: PlanBudget, limits: Limits) -> Floats:
     """How often to run each candidate so that every pair is split, as cheaply as may be, (K,)."""
     starts = np.array([head_start(a, b, limits.pool.runs) for a, b in pairs])
     required = np.maximum(EVIDENCE_MARGIN * limits.goal.evidence - starts, 1.0)
@@ -326,7 +326,7 @@ class Plan(Shown):
     supply: Supply
     seed: int
     wanted: tuple[str, ...]
-    slots: tuple[Slot, ...]
+    slots: tuple[TimedRun, ...]
     now: Mapping[str, Estimate]
     alone: Mapping[str, Estimate]
     together: Mapping[str, Estimate]
@@ -339,7 +339,7 @@ class Plan(Shown):
     """Where the current is from, in a sentence."""
 
     @property
-    def candidates(self) -> tuple[Candidate, ...]:
+    def candidates(self) -> tuple[PaperRun, ...]:
         return tuple(slot.candidate for slot in self.slots)
 
     @property
@@ -416,7 +416,7 @@ def plan_campaign(
     wanted_ones = info.wanted_directions(fitting, wanted)
     earlier = info.covariance_now(fitting, prior.now) if limits.goal.use_earlier_runs else None
     before = info.information_now(fitting, earlier)
-    like: Sequence[Candidate] = ()
+    like: Sequence[PaperRun] = ()
     if prior.doubts:
         like = runs_of(fitting, limits, largest) if fitting.steered else pool.paper_grid(fitting.base, largest)
     grid = pool.scheduled(like, limits, supply)
@@ -477,7 +477,7 @@ def first_campaign(prior: PriorResults, limits: Limits, largest: float, supply: 
     )  # fmt: skip
 
 
-def _with_ways(slots: Sequence[Slot], why: Mapping[str, str], fitting: Fitting) -> tuple[Slot, ...]:
+def _with_ways(slots: Sequence[TimedRun], why: Mapping[str, str], fitting: Fitting) -> tuple[TimedRun, ...]:
     """The runs with what they are for, how far they turn, and the way to the start heading before each."""
     runs = [slot.candidate for slot in slots]
     turned = np.rad2deg([heading[-1] for heading in headings_of(fitting.model, fitting.logger, runs)])
@@ -550,7 +550,7 @@ def specification(plan: Plan) -> tuple[dict[str, object], str]:
     }, f"Simulated runs lack what {', '.join(needy)} needs." if needy else ""  # fmt: skip
 
 
-def headings_of(model: Model, logger: Logger, candidates: Sequence[Candidate]) -> list[Floats]:
+def headings_of(model: Model, logger: PlannedLog, candidates: Sequence[PaperRun]) -> list[Floats]:
     """Return the heading of the model in each run, less that at its start [rad]."""
     runs = [logger.run(candidate) for candidate in candidates]
     rolled = roll(model, runs, np.zeros(len(runs)), np.zeros(len(runs))).position[0]
@@ -570,7 +570,7 @@ def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
     return np.array(back)
 
 
-def command_path(slot: Slot) -> str:
+def command_path(slot: TimedRun) -> str:
     return f"commands/{slot.name}.csv"
 
 

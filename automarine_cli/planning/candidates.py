@@ -82,7 +82,7 @@ class Runs(Settings):
 
 
 @dataclass(frozen=True)
-class Logger(Settings):
+class LoggerLimits(Settings):
     rate_hz: Annotated[float, Limit(0.5, 1000.0)] = 10.0
     noise_deg: AboveZero | None = None
     rate_noise_deg_s: AboveZero | None = None
@@ -90,7 +90,7 @@ class Logger(Settings):
 
 
 @dataclass(frozen=True)
-class Battery(Settings):
+class BatteryLimits(Settings):
     volts: AboveZero = 24.0
     charge_Ah: AboveZero = 2.9
     idle_A: ZeroOrMore = 0.3
@@ -118,8 +118,8 @@ class Limits:
     pool: Pool = field(default_factory=Pool)
     moments: Moments = field(default_factory=Moments)
     runs: Runs = field(default_factory=Runs)
-    logger: Logger = field(default_factory=Logger)
-    battery: Battery = field(default_factory=Battery)
+    logger: LoggerLimits = field(default_factory=LoggerLimits)
+    battery: BatteryLimits = field(default_factory=BatteryLimits)
     thrusters: Thrusters = field(default_factory=Thrusters)
     goal: Goal = field(default_factory=Goal)
 
@@ -161,7 +161,7 @@ MAX_DRIVEN_S = 120.0  # no run is driven for longer: who would wait for it can r
 
 
 @dataclass(frozen=True)
-class Candidate:
+class PaperRun:
     """One run on paper: `commands` (moment, seconds) follow the rest at the log's start; `label` names it.
 
     `turns`: further than steps may, so that the water needs longer; `voltage` [V] and `speed` [m/s] of what is steered
@@ -178,14 +178,14 @@ class Candidate:
 
     @property
     def motion(self) -> float:
-        return 0.0 if self.kind == "rest" else self.driven
+        return 0.0 if self.kind == "rest" else self.driven_s
 
     @property
-    def driven(self) -> float:
+    def driven_s(self) -> float:
         return float(sum(seconds for _, seconds in self.commands))
 
 
-def candidates(model: Model, limits: Limits, largest: float) -> tuple[Candidate, ...]:
+def candidates(model: Model, limits: Limits, largest: float) -> tuple[PaperRun, ...]:
     """List every run that the limits allow, in a fixed order, both sides of each."""
     # even in the root of the moment, hence in the yaw rate under quadratic drag
     roots, sides, turn = np.linspace(MIN_MOMENT_SHARE**0.5, 1.0, limits.moments.levels), (1, -1), limits.pool.turn_deg
@@ -197,16 +197,16 @@ def candidates(model: Model, limits: Limits, largest: float) -> tuple[Candidate,
     whole_steps = [step_of(model, side * largest, turn) for side in sides]
     constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
     coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
-    every: dict[str, Iterable[Candidate]] = {
+    every: dict[str, Iterable[PaperRun]] = {
         "step": (
             step_of(model, side * size, share * turn) for size in sizes for share in STEP_SHARES for side in sides
         ),
         "coast-down": (
-            Candidate("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
+            PaperRun("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
             for moment, hold, label in first_parts
         ),
         "reversal": (
-            Candidate("reversal", f"reversal_{label}", ((moment, hold), (-moment, round(1.5 * hold, 1))))
+            PaperRun("reversal", f"reversal_{label}", ((moment, hold), (-moment, round(1.5 * hold, 1))))
             for moment, hold, label in first_parts
         ),
         "slow-ramp": (_ramp(side * size) for size in (sizes[0], sizes[len(sizes) // 2]) for side in sides),
@@ -214,18 +214,18 @@ def candidates(model: Model, limits: Limits, largest: float) -> tuple[Candidate,
             step_of(model, moment, model.dof.shown(model.dof.limits.long), "long-turn", f"long_{moment_text(moment)}")
             for size in (largest, sizes[limits.moments.levels // 2]) for moment in (size, -size)
         ),
-        "rest": (Candidate("rest", "rest", ((0.0, REST_S),)),),
+        "rest": (PaperRun("rest", "rest", ((0.0, REST_S),)),),
         "other-voltage": (
             replace(step, kind="other-voltage", label=f"{step.label}_{volts:g}V", voltage=volts)
             for volts in limits.runs.voltages_V for step in whole_steps
         ),
     }  # fmt: skip
     kinds = [kind for kind in CANDIDATE_KINDS if kind in limits.runs.kinds]
-    unique = {run.label: run for kind in kinds for run in every[kind] if run.driven <= MAX_DRIVEN_S}
+    unique = {run.label: run for kind in kinds for run in every[kind] if run.driven_s <= MAX_DRIVEN_S}
     return tuple(unique.values())
 
 
-def mirrors(candidates: Sequence[Candidate]) -> list[int]:
+def mirrors(candidates: Sequence[PaperRun]) -> list[int]:
     """Return the place of the same run to the other side, of each candidate; its own where it has no sides."""
     places = {(run.kind, run.commands, run.voltage, run.speed): i for i, run in enumerate(candidates)}
     turned = (tuple((-moment, seconds) for moment, seconds in run.commands) for run in candidates)
@@ -233,7 +233,7 @@ def mirrors(candidates: Sequence[Candidate]) -> list[int]:
     return [places.get((run.kind, other, run.voltage, run.speed), i) for i, (run, other) in enumerate(remaining)]
 
 
-def paper_grid(model: Model, largest: float) -> tuple[Candidate, ...]:
+def paper_grid(model: Model, largest: float) -> tuple[PaperRun, ...]:
     """Make the paper's own runs, scaled to the largest moment: half turns at twelve sizes, to both sides."""
     return tuple(step_of(model, side * largest * i / 12.0, 180.0) for i in range(1, 13) for side in (1, -1))
 
@@ -243,16 +243,16 @@ def _seconds(model: Model, moment: float, degrees: float) -> float:
     return max(round(time_to_turn(radians(degrees), moment, model), 1), 0.5)
 
 
-def step_of(model: Model, moment: float, degrees: float, kind: str = "step", label: str = "") -> Candidate:
+def step_of(model: Model, moment: float, degrees: float, kind: str = "step", label: str = "") -> PaperRun:
     """Make the run that turns so far from rest."""
     label = label or f"step_{moment_text(moment)}_{degrees:.0f}deg"
-    return Candidate(kind, label, ((moment, _seconds(model, moment, degrees)),))
+    return PaperRun(kind, label, ((moment, _seconds(model, moment, degrees)),))
 
 
-def _ramp(moment: float) -> Candidate:
+def _ramp(moment: float) -> PaperRun:
     stairs = [moment * (2.0 * (i + 0.5) / RAMP_STAIRS - 1.0) for i in range(RAMP_STAIRS)]
     commands = tuple((round(stair, 6), RAMP_S / RAMP_STAIRS) for stair in stairs)
-    return Candidate("slow-ramp", f"ramp_{moment_text(moment)}", commands)
+    return PaperRun("slow-ramp", f"ramp_{moment_text(moment)}", commands)
 
 
 @dataclass(frozen=True)
@@ -267,20 +267,20 @@ class Supply:
     def current(self, moment: float) -> float:
         return self.idle + self.full * (abs(moment) / self.largest) ** self.power
 
-    def drawn(self, candidate: Candidate, at_rest: float) -> float:
+    def drawn(self, candidate: PaperRun, at_rest: float) -> float:
         """Charge [Ah] of a run and of `at_rest` seconds without any moment."""
         driven = sum(self.current(moment) * seconds for moment, seconds in candidate.commands)
         return float((driven + self.idle * at_rest) / 3600.0)
 
 
-def wait_after(candidate: Candidate, limits: Limits) -> float:
+def wait_after(candidate: PaperRun, limits: Limits) -> float:
     return limits.pool.wait_after_long_turn_s if candidate.turns else limits.pool.wait_s
 
 
-def costs(candidates: Sequence[Candidate], limits: Limits, supply: Supply) -> Floats:
+def costs(candidates: Sequence[PaperRun], limits: Limits, supply: Supply) -> Floats:
     """Return minutes (wait included), runs, motion [s] and charge [Ah] of each candidate, (K, 4)."""
     at_rest = [limits.runs.rest_before_s + wait_after(run, limits) for run in candidates]
-    rows = [((run.driven + s) / 60.0, 1.0, run.motion, supply.drawn(run, s)) for run, s in zip(candidates, at_rest)]
+    rows = [((run.driven_s + s) / 60.0, 1.0, run.motion, supply.drawn(run, s)) for run, s in zip(candidates, at_rest)]
     return np.array(rows)
 
 
@@ -292,13 +292,13 @@ def allowance(limits: Limits) -> Floats:
 
 
 @dataclass(frozen=True)
-class Slot:
+class TimedRun:
     """One run of the campaign: `number` from 1, `begins` [s] after the first log's start, `wait` [s] after it (none
     after the last), `left` [Ah] in the battery when its log ends; `why` it is made, how far [degrees] it turns the
     vehicle, and how far to turn to its start heading before."""
 
     number: int
-    candidate: Candidate
+    candidate: PaperRun
     begins: float
     wait: float
     left: float
@@ -312,10 +312,10 @@ class Slot:
 
     def ends(self, rest_s: float) -> float:
         """When its log ends [s after the first log's start]."""
-        return self.begins + rest_s + self.candidate.driven
+        return self.begins + rest_s + self.candidate.driven_s
 
 
-def in_order(chosen: Sequence[Candidate], check: Candidate | None, seed: int) -> list[Candidate]:
+def in_order(chosen: Sequence[PaperRun], check: PaperRun | None, seed: int) -> list[PaperRun]:
     """Put the runs in random order, those at another voltage last; with `check`, that run first and last."""
     remaining = list(chosen)
     if check is not None:
@@ -326,21 +326,21 @@ def in_order(chosen: Sequence[Candidate], check: Candidate | None, seed: int) ->
     return shuffled if check is None else [check, *shuffled, check]
 
 
-def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tuple[Slot, ...]:
+def scheduled(runs: Sequence[PaperRun], limits: Limits, supply: Supply) -> tuple[TimedRun, ...]:
     """Lay the runs out one after the other, start headings in turn; times to the tenth of a second."""
     headings, rest_s = limits.pool.start_headings_deg, limits.runs.rest_before_s
-    clock, charge, slots = 0.0, limits.battery.charge_Ah, list[Slot]()
+    clock, charge, slots = 0.0, limits.battery.charge_Ah, list[TimedRun]()
     for i, run in enumerate(runs):
         run = replace(run, start_heading=headings[i % len(headings)], clock=round(clock, 1))
         wait = wait_after(run, limits) if i + 1 < len(runs) else 0.0
         charge -= supply.drawn(run, rest_s)
-        slots.append(Slot(i + 1, run, run.clock, wait, charge))
+        slots.append(TimedRun(i + 1, run, run.clock, wait, charge))
         charge -= supply.idle * wait / 3600.0
-        clock += rest_s + run.driven + wait
+        clock += rest_s + run.driven_s + wait
     return tuple(slots)
 
 
-MIN_ROWS = 6  # rows of thruster tests from which on the current is told
+MIN_CURRENT_ROWS = 6  # rows of thruster tests from which on the current is told
 MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm", STEERED: "rudder_deg"}
 DIGITS = 6
 
@@ -382,10 +382,10 @@ def consumption(records: Sequence[Series], per_test: int, volts: float) -> tuple
         force.append(series.force[good] / per_test)
         power.append(drawn[good] / per_test)
     count = sum(map(len, force))
-    if count < MIN_ROWS:
+    if count < MIN_CURRENT_ROWS:
         raise RunError(
-            f"{count} rows of the thruster tests hold a power or a current, and {MIN_ROWS} are needed; name the column "
-            "power_W or current_A, or state the current at full moment with battery.full_A in the limits"
+            f"{count} rows of the thruster tests hold a power or a current, and {MIN_CURRENT_ROWS} are needed; name "
+            "the column power_W or current_A, or state the current at full moment with battery.full_A in the limits"
         )
     f, p = np.concatenate(force), np.concatenate(power)
     size = np.abs(f) ** POWER_LAW
@@ -409,7 +409,7 @@ class CommandTable:
 
 
 def command_table(
-    candidate: Candidate, rest_s: float, unit: str, drive: TwinThrusters | None, names: ColumnMap
+    candidate: PaperRun, rest_s: float, unit: str, drive: TwinThrusters | None, names: ColumnMap
 ) -> CommandTable:
     """Tabulate the moment, or `n_port` and `n_stbd` where a `drive` makes it, between a rest [s] and neutral."""
     columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
@@ -423,7 +423,7 @@ def command_table(
     return CommandTable(columns, rules, factors, tuple(rows))
 
 
-def command_file(candidate: Candidate, rest_s: float, unit: str, drive: TwinThrusters | None, names: ColumnMap) -> str:
+def command_file(candidate: PaperRun, rest_s: float, unit: str, drive: TwinThrusters | None, names: ColumnMap) -> str:
     """Write CSV with `time_s` since the log's start and the commands of `command_table`, under the names and in the
     units of the logs where `names` says what these are (pulses about their neutral, percent)."""
     text = io.StringIO()
@@ -435,18 +435,18 @@ def command_file(candidate: Candidate, rest_s: float, unit: str, drive: TwinThru
     return text.getvalue()
 
 
-def in_words(candidate: Candidate, unit: str) -> str:
+def in_words(candidate: PaperRun, unit: str) -> str:
     commands = candidate.commands
     if candidate.kind == "rest":
         return f"nothing for {commands[0][1]:g} s, thrusters idle"
     if candidate.kind == "slow-ramp":
-        first, last, total = commands[0][0], commands[-1][0], candidate.driven
+        first, last, total = commands[0][0], commands[-1][0], candidate.driven_s
         return f"{first:+g} to {last:+g} {unit} in {len(commands)} equal stairs over {total:g} s"
     if unit == STEERED:
         angle, way = np.rad2deg(abs(commands[0][0])), "starboard" if commands[0][0] > 0 else "port"
         over = f", over to the other side at each {angle:g} degrees off the course" if candidate.kind == ZIGZAG else ""
         until = f"{len(commands)} times" if over else f"until the heading has turned {CIRCLE_DEG:g} degrees"
         speed = "" if candidate.speed is None else f"at {candidate.speed:g} m/s: "
-        return f"{speed}rudder {angle:g} degrees to {way}{over}, {until}; about {candidate.driven:.0f} s"
+        return f"{speed}rudder {angle:g} degrees to {way}{over}, {until}; about {candidate.driven_s:.0f} s"
     parts = (f"{f'{moment:+g} {unit}' if moment else 'nothing'} for {seconds:g} s" for moment, seconds in commands)
     return ("" if candidate.voltage is None else f"at {candidate.voltage:g} V: ") + ", then ".join(parts)

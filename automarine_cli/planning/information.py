@@ -32,7 +32,7 @@ from automarine_cli.models.model import BASE_TERMS, COMMAND_DELAY, DELAY, Model
 from automarine_cli.models.parameter import Parameters
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
 from automarine_cli.pipeline.records import Source, read_plain
-from automarine_cli.planning.candidates import Candidate
+from automarine_cli.planning.candidates import PaperRun
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -53,7 +53,7 @@ LOOSE_STDERR = 3.0
 
 
 @dataclass(frozen=True)
-class Logger:
+class PlannedLog:
     """What a log on paper looks like: `rate` [Hz], `rest` [s] of zero moment first, `unit` of the moment, `voltage` [V]
     of the supply or None where the logs have no such column; of `channels` only a velocity is a column of its own. What
     is steered goes at a `speed` [m/s] where its candidate has none."""
@@ -70,7 +70,7 @@ class Logger:
     def signals(self) -> tuple[str, ...]:
         return (*(() if self.voltage is None else ("voltage",)), *(() if self.speed is None else ("surge", "rudder")))
 
-    def run(self, candidate: Candidate) -> Run:
+    def run(self, candidate: PaperRun) -> Run:
         """Make the run that the logger would bring home; its heading, still to be measured, stands still.
 
         A command shows from the first sample at or after its instant, as in simulated campaigns."""
@@ -147,12 +147,12 @@ class Fitting:
         return 1.0 - HELD_OUT_SHARE if self.fit == "diagnosis" else 1.0
 
     @cached_property
-    def logger(self) -> Logger:
+    def logger(self) -> PlannedLog:
         dof, unit = self.model.dof, self.model.moment_unit
         channels = None if self.rate_noise is None else dof.channels
-        return Logger(dof, unit, self.rate, self.rest, self.voltage, channels, self.speed)
+        return PlannedLog(dof, unit, self.rate, self.rest, self.voltage, channels, self.speed)
 
-    def problem(self, candidates: Sequence[Candidate]) -> Problem:
+    def problem(self, candidates: Sequence[PaperRun]) -> Problem:
         """Set up the likelihood of the candidates' runs; theta ends with the command delay."""
         runs = [self.logger.run(candidate) for candidate in candidates]
         if self.fit == "diagnosis":
@@ -166,7 +166,7 @@ class Fitting:
         parameters = self.model.parameters(log_drag=True, signed_drag=True, dropped=none)
         return whole_run_problem(self.model, parameters, batch, np.array([starts_at_rest(run) for run in runs]))
 
-    def driven(self, candidates: Sequence[Candidate]) -> tuple[DrivenProblem, Floats]:
+    def driven(self, candidates: Sequence[PaperRun]) -> tuple[DrivenProblem, Floats]:
         """Set up the likelihood of the candidates' runs where something is random, and its phi; what they read is what
         the model gives without any of it, and one draw of the sensors' noise."""
         dof, runs = self.model.dof, [self.logger.run(candidate) for candidate in candidates]
@@ -186,7 +186,7 @@ class Fitting:
     @cached_property
     def parameters(self) -> Parameters:
         """Parameters of the model and the command delay after them, as the fit searches them."""
-        return self.problem([Candidate("step", "any", ((1.0, 3.0),))]).parameters
+        return self.problem([PaperRun("step", "any", ((1.0, 3.0),))]).parameters
 
     def phi(self, problem: Problem) -> Floats:
         """Return where the likelihood is looked at, in the search's coordinates."""
@@ -244,14 +244,14 @@ class Fitting:
         sizes = np.where(self.parameters.log, 1.0, np.maximum(np.abs(values), 1e-3))[self.parameters.free]
         return np.diag(1.0 / (LOOSE_STDERR * sizes) ** 2)
 
-    def information(self, candidates: Sequence[Candidate]) -> Floats:
+    def information(self, candidates: Sequence[PaperRun]) -> Floats:
         """Return the information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
 
         Where a share of the runs is held out of the fit, each counts for what it tells on average."""
         of_runs = self._by_innovations(candidates) if self.random else self._of_problem(self.problem(candidates))
         return self.fitted * of_runs
 
-    def _by_innovations(self, candidates: Sequence[Candidate]) -> Floats:
+    def _by_innovations(self, candidates: Sequence[PaperRun]) -> Floats:
         """The same where something is random, whose sizes are fitted too: what is left when all runs together have told
         these (the efficient score), so that it adds up over runs."""
         size, (problem, phi) = len(self.model.theta), self.driven(candidates)

@@ -19,7 +19,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.fits.optimise import Point, maximise
 from automarine_cli.models.model import Model
-from automarine_cli.planning.candidates import Candidate
+from automarine_cli.planning.candidates import PaperRun
 from automarine_cli.planning.information import Fitting, PriorResults
 from automarine_cli.quantities import Floats
 
@@ -77,7 +77,7 @@ class Discrimination:
         return self.scores(counts)[0] >= len(self.contests) - 1e-9
 
 
-def pairs_of(prior: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float) -> tuple[Pair, ...]:
+def pairs_of(prior: PriorResults, fitting: Fitting, grid: Sequence[PaperRun], largest: float) -> tuple[Pair, ...]:
     """Pair each doubt both ways, (true, other), the rival as like the effect named as it can be on the runs of `grid`;
     one way alone where it could imitate only by vanishing."""
     pairs: list[Pair] = []
@@ -116,7 +116,7 @@ def with_effect(fitting: Fitting, model: Model, name: str, largest: float) -> li
 NO_CONTEST = ModelPair(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 
 
-def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> ModelPair:
+def contest(true: Fitting, other: Fitting, candidates: Sequence[PaperRun]) -> ModelPair:
     truth, problem = true.problem(candidates), other.problem(candidates)
     target = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
     headings, by_phi, by_run = derivatives(problem, other.phi(problem), np.zeros_like(problem.effects.scale))
@@ -127,7 +127,7 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> M
     return ModelPair(square, gradient, hessian, other.loose_information)
 
 
-def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
+def fitted(true: Fitting, other: Fitting, candidates: Sequence[PaperRun]) -> tuple[Fitting, float]:
     """Return `other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that
     stays (infinite where it runs away)."""
     parameters, free = other.parameters, other.parameters.free[:-1]
@@ -150,7 +150,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     return end.point.data, -end.point.value
 
 
-def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[ModelPair, float]:
+def _about(true: Fitting, other: Fitting, candidates: Sequence[PaperRun]) -> tuple[ModelPair, float]:
     """The contest about `other`, its misfit as it stands (infinite where it runs away), the common instant free."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
@@ -161,7 +161,7 @@ def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     return current, float(current.square.sum() - pull**2 / max(offset, 1e-12))
 
 
-def closest(true: Fitting, starts: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
+def closest(true: Fitting, starts: Sequence[Fitting], candidates: Sequence[PaperRun]) -> tuple[Fitting, float]:
     """Return of several starts the one whose fit comes closest: the best that the other explanation can do."""
     rough, few = [], candidates[:: max(1, len(candidates) // FEW_CANDIDATES)]
     for other in starts:
@@ -172,7 +172,7 @@ def closest(true: Fitting, starts: Sequence[Fitting], candidates: Sequence[Candi
     return min(ends, key=lambda pair: pair[1])
 
 
-def splits(pairs: Sequence[Pair], candidates: Sequence[Candidate]) -> tuple[tuple[Split, ...], tuple[Pair, ...]]:
+def splits(pairs: Sequence[Pair], candidates: Sequence[PaperRun]) -> tuple[tuple[Split, ...], tuple[Pair, ...]]:
     """Return what a campaign is expected to say of each pair (true, other), and the pairs with the other at best."""
     outcomes, moved = [], []
     for true, other in pairs:
@@ -193,7 +193,7 @@ def head_start(true: Fitting, other: Fitting, runs: int) -> float:
     return cost(other) - cost(true)
 
 
-def shows(explanation: Fitting, candidates: Sequence[Candidate]) -> bool:
+def shows(explanation: Fitting, candidates: Sequence[PaperRun]) -> bool:
     """Tell whether the effect is seen at all on these runs: what imitates by vanishing only is no rival."""
     bare = replace(explanation, model=without(explanation.model, explanation.explained_by))
     return fitted(explanation, bare, candidates)[1] > MIN_VISIBLE_MISFIT

@@ -16,8 +16,7 @@ from automarine_cli import effects
 from automarine_cli.comparison.validation import VALIDATION, ForecastEntry, ValidationFile
 from automarine_cli.control.tuning import TUNING
 from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING, SUSPECTED, UNEXPLAINED
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR, YAW, Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ExcludedRun, OutputError
 from automarine_cli.estimate import Estimate, Given
@@ -73,7 +72,7 @@ DIAGNOSE = "`automarine diagnose` says what the model lacks."
 USE = "`automarine tune` and `automarine export` use the model."
 MORE_RUNS = f"Drive more runs: a diagnosis needs {MIN_RUNS} and more."
 PLAN_RUNS = "`automarine plan` plans the runs that tell what is missing."
-FREE, RESTARTED, AHEAD = "free run", "restarted", f"{JUDGED_HORIZON_S:g} s ahead"
+FREE_RUN, RESTARTED, FORECAST = "free run", "restarted", f"{JUDGED_HORIZON_S:g} s ahead"
 WORST = "The worst verdict decides. More: `automarine guide good-enough`."
 WITHOUT = "This is the model without {}, which the diagnosis added: the final numbers are at the top."
 SECTIONS = (*DOFS, PLANAR.name, "tune", "thrusters")  # in the order of the page
@@ -84,7 +83,7 @@ RELATIVE_HALF_WIDTHS = (0.05, 1.0)  # of the interval, as a share of the number;
 RESTARTED_ERROR_RATIOS = (1.5, 3.0)  # times the error of a right model
 AHEAD_ERROR_RATIOS = (0.5, 1.0)  # of the error of the better constant
 DIAGNOSED = {NOTHING: GOOD, NAMED: GOOD, SUSPECTED: CLOSER, UNEXPLAINED: UNFIT}
-LIMITS = {
+GRADE_LIMITS = {
     "runs used": (f"{MIN_RUNS_USED} or more, nearly all", MISSING),
     "95 % intervals": ("within ± 5 %", "zero inside, or at a bound"),
     "restarted error": (f"below {RESTARTED_ERROR_RATIOS[0]:g} times", f"above {RESTARTED_ERROR_RATIOS[1]:g} times"),
@@ -92,7 +91,7 @@ LIMITS = {
     "diagnosis": ("nothing missing, or named", "unexplained"),
 }
 """What is looked at: when it is good, and when the model must not be used."""
-*MEASURED, DIAGNOSIS_ROW = [*LIMITS][2:]
+*MEASURED, DIAGNOSIS_ROW = [*GRADE_LIMITS][2:]
 MEASURES = (("error", *MEASURED), (DIAGNOSIS_ROW, DIAGNOSIS_ROW))
 
 
@@ -117,7 +116,7 @@ class RunFile:
     vehicle: str = ""
 
 
-RUN = ResultKind("run.json", "run", RunFile, "run", YAW)
+RUN_RESULT = ResultKind("run.json", "run", RunFile, "run", YAW)
 
 
 @dataclass(frozen=True)
@@ -311,7 +310,7 @@ def _(result: CampaignRun) -> Sections:
     ]  # fmt: skip
     written: tuple[str, ...] = ()
     if REPORT in did:
-        written = REPORT_FILES if did[REPORT] in ("done", "kept") else (RUN.file,)
+        written = REPORT_FILES if did[REPORT] in ("done", "kept") else (RUN_RESULT.file,)
     folders = [f"{folder}/" for folder in result.results]
     table = Table.of("", rows, header=("step",)).without_empty_columns()
     return Sections([table, *_sentences(result.results), *result.content.cautions], listed=(*written, *folders))
@@ -472,7 +471,7 @@ def five_numbers(
     """Give a row of each number with its verdict, a dash for what was not measured."""
     of_restarts, of_ahead = _errors(validation) if validation else (("not validated", ""),) * 2
     found = (_runs_used(runs), _widest(estimates), of_restarts, of_ahead, _diagnosis(diagnosis))
-    for (name, (good, unfit)), (value, verdict) in zip(LIMITS.items(), found):
+    for (name, (good, unfit)), (value, verdict) in zip(GRADE_LIMITS.items(), found):
         row = {"look at": name, "verdict": verdict or MISSING, "value": value}
         yield {**row, f"{GOOD} if": good, f"{UNFIT} if": unfit}
 
@@ -638,12 +637,12 @@ def _of_validation(file: ValidationFile, result: StepResult, of_motion: MotionRe
     fitted = " not fitted" if fit and fit.logs else ""
     if again:
         fitted = f" ({again} logs were fitted)"
-    name = ""
-    if of_motion.added:
-        name = f"the model with {of_motion.added}" if final else f"without {of_motion.added}"
+    added = f"{'the model with' if final else 'without'} {of_motion.added}"
+    name = added if of_motion.added else ""
     plane, sizes = file.motion == PLANAR.name, _sizes(file)
-    errors = [f"{number(size, 3)} {unit} {what}" for what, size in sizes.items() if not plane or what == FREE]
-    errors[[*sizes].index(FREE)] = f"{'heading ' if plane else ''}{with_band(score.rmse, score.ci95)} {unit} {FREE}"
+    errors = [f"{number(size, 3)} {unit} {what}" for what, size in sizes.items() if not plane or what == FREE_RUN]
+    heading = "heading " if plane else ""
+    errors[[*sizes].index(FREE_RUN)] = f"{heading}{with_band(score.rmse, score.ci95)} {unit} {FREE_RUN}"
     if not plane and not final:
         name = ", ".join(filter(None, [name, named_model(file.judged)]))
     if final and of_motion.validation is not None:
@@ -658,14 +657,14 @@ def _of_validation(file: ValidationFile, result: StepResult, of_motion: MotionRe
 def _sizes(file: ValidationFile) -> dict[str, float | None]:
     """Give the errors of the model that counts, of driven runs first what its predictions miss."""
     score, ahead = file.models[file.judged], _ahead(file)
-    return ({AHEAD: ahead.rmse} if ahead else {}) | {FREE: score.rmse, RESTARTED: score.restarted}
+    return ({FORECAST: ahead.rmse} if ahead else {}) | {FREE_RUN: score.rmse, RESTARTED: score.restarted}
 
 
 def _not_better(of_motion: MotionResults) -> bool:
     """Whether what a diagnosis named leaves the error that counts on runs not fitted as large as it was."""
     if of_motion.final is None or of_motion.validation is None:
         return False
-    counts = AHEAD if _ahead(of_motion.final.file) else FREE
+    counts = FORECAST if _ahead(of_motion.final.file) else FREE_RUN
     after, before = (_sizes(result.file).get(counts) for result in (of_motion.final, of_motion.validation))
     return after is None or (before is not None and after >= before)
 
@@ -694,7 +693,7 @@ def _runs(result: StepResult) -> str:
     errors = {name: of_run.rmse for name, of_run in score.runs.items()} | (dict(ahead.runs) if ahead else {})
     sizes = {name: math.inf if size is None else size for name, size in errors.items()}  # those that diverge
     order = sorted(zip(sizes, file_stems(list(sizes))), key=lambda run: -sizes[run[0]])
-    after = f" {unit}" + (f" {AHEAD}" if ahead else "")
+    after = f" {unit}" + (f" {FORECAST}" if ahead else "")
     drawn = [
         result.picture(f"validation_{stem}", OF_A_RUN.format(name, f"{sizes[name]:.3g}{after}")) for name, stem in order
     ]
@@ -744,9 +743,9 @@ def _compared(result: StepResult, of_motion: MotionResults) -> Table:
         of[f"without {added}"] = _sizes(of_motion.validation.file)
     of["noise and unsteady thrust alone"] = {RESTARTED: file.expected}
     if ahead := _ahead(file):
-        of[f"a constant {file.dof.words.position} or {file.dof.words.speed}"] = {AHEAD: _better_constant(ahead)}
+        of[f"a constant {file.dof.words.position} or {file.dof.words.speed}"] = {FORECAST: _better_constant(ahead)}
     rows = [
-        {"model": name} | {f"{what} [{unit}]": number(sizes.get(what), 3) for what in (AHEAD, FREE, RESTARTED)}
+        {"model": name} | {f"{what} [{unit}]": number(sizes.get(what), 3) for what in (FORECAST, FREE_RUN, RESTARTED)}
         for name, sizes in of.items()
     ]
     note = f"Errors over {plural(file.runs.used, 'run')}."

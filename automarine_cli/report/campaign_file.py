@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from automarine_cli.dofs import DOFS, YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR, YAW
 from automarine_cli.logs import LogFile
 from automarine_cli.logs.columns import BY, CANONICAL, OPEN, RUN, names_of, open_questions
 from automarine_cli.logs.recognise import NEEDED, Layout, Recognised, in_newtons, places_of, pulses
@@ -23,7 +22,7 @@ from automarine_cli.text import listed, plural, printable
 
 SCHEMA = "automarine/campaign/1"
 WIDEST = 120  # of a line with its comment; a longer one has it above
-MAX_LISTED = 20  # logs without a place that are listed
+MAX_LISTED_LOGS = 20  # logs without a place that are listed
 SAY = {
     "thrusters": "bollard tests",
     "steps": "one constant {force} each",
@@ -194,7 +193,7 @@ def _not_used(look: Survey) -> Iterator[Line]:
         yield "join", [to_mapping(join) for join in look.maps.user_map.join], joined
     if runs := look.not_used:
         yield f"# Not used: {len(runs)}"
-        yield from (f"#   {run.file}{run.run and f', run {run.run}'}: {run.why}" for run in runs[:MAX_LISTED])
+        yield from (f"#   {run.file}{run.run and f', run {run.run}'}: {run.why}" for run in runs[:MAX_LISTED_LOGS])
 
 
 def _motion(motion: str) -> Iterator[Line]:

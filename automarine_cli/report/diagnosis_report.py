@@ -36,7 +36,7 @@ PROMISED = (
 )
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
 MAX_CANDIDATES, MAX_RIVALS = 5, 3
-OWN, ALONE = ", own thrust and start", ", from the commands alone"  # how whole runs are simulated
+OWN_THRUST, ALONE = ", own thrust and start", ", from the commands alone"  # how whole runs are simulated
 HELD_OUT = "No effect or drag is fitted to runs held out; from the commands alone nothing is (with 95 % intervals). "
 ERRORS = "Errors of the worst runs without and with what is missing, and the root mean square of every run"
 WHERE = "Mean error by each variable; where a band is yellow, it is more than chance"
@@ -167,7 +167,7 @@ def gap_tables(data: Mapping[str, Any], unit: str, note: str) -> list[Table]:
             "after it as they were logged.",
         ])]  # fmt: skip
     free = data.get("from_commands", {})
-    for how, gaps in ((OWN * bool(free), data["gap"]), (ALONE, free)):
+    for how, gaps in ((OWN_THRUST * bool(free), data["gap"]), (ALONE, free)):
         for name, sizes in ((name, sizes) for name, sizes in gaps.items() if sizes is not None):
             before, after, floor = (sizes[f"{word}_{unit}"] for word in ("before", "after", "noise_floor"))
             closed = MISSING
@@ -253,7 +253,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         if judged := part.outlook and part.outlook.judged:
             sizes, misses = _forecast(judged, dof)
             level = f"{misses}, {level}"
-        error = f"error{of}, with each run's{OWN[1:]},"
+        error = f"error{of}, with each run's{OWN_THRUST[1:]},"
         if diagnosis.driven:
             error, data = f"error of predictions {HORIZON:g} s ahead{of}", f"{data} beside their disturbances"
     return _verdict(

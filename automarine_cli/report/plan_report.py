@@ -65,7 +65,7 @@ def _sheet_rows(plan: Plan) -> Table:
             "begins_min": f"{slot.begins / 60.0:.2f}", "start_heading_deg": f"{slot.candidate.start_heading:g}",
             "turn_there_deg": f"{slot.turn_there:.0f}",
             "voltage_V": "" if slot.candidate.voltage is None else f"{slot.candidate.voltage:g}",
-            "rest_s": f"{rest_s:g}", "do": in_words(slot.candidate, unit), "drive_s": f"{slot.candidate.driven:g}",
+            "rest_s": f"{rest_s:g}", "do": in_words(slot.candidate, unit), "drive_s": f"{slot.candidate.driven_s:g}",
             "turns_deg": f"{slot.turns:.0f}", "wait_s": f"{slot.wait:g}", "battery_left_Ah": f"{slot.left:.4f}",
             "battery_left_percent": f"{100.0 * slot.left / full:.1f}", "command_file": command_path(slot),
             "why": slot.why,

@@ -9,7 +9,7 @@ from automarine_cli.thrusters.fit import MapFit
 from automarine_cli.thrusters.map import SIDES
 from automarine_cli.thrusters.result import Analysis, ThrusterFit
 
-SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all
+MAX_FLAGGED = 12  # flagged points on the terminal and in the report; thrusters.csv has all
 
 
 @sections.register
@@ -134,7 +134,7 @@ def parameters(result: ThrusterFit) -> Table:
     rows = []
     for side, _ in SIDES:
         names = [name for name, of in analysis.estimates if of == side]
-        for name in names[:: max(len(names) // SHOWN, 1)]:
+        for name in names[:: max(len(names) // MAX_FLAGGED, 1)]:
             value = analysis.estimates[name, side]
             row = {"direction": side, "parameter": name, "value [95 % interval]": parameter_cell(value)}
             rows.append(row | {"unit": value.unit})
@@ -184,7 +184,7 @@ def flagged(result: ThrusterFit) -> Table:
             "log": result.place(int(i)), "n": float(points.n[i]), "thrust [N]": float(points.force[i]),
             "weight": number(points.weight[i], 2), "why": str(points.flag[i]),
         }
-        for i in order[:SHOWN]
+        for i in order[:MAX_FLAGGED]
     ]  # fmt: skip
     return Table.of(f"{len(order)} of {len(points)} points have reduced weight: outliers from their neighbours", rows)
 

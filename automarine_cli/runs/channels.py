@@ -89,7 +89,7 @@ MIN_STRETCH_SAMPLES = 12
 MIN_STRETCHES, MAX_COMPARED = 3, 200  # Stretches whose scatter tells anything, and that are looked at, evenly
 STRETCH_GAP = 3.0  # Sample periods; a longer hole parts two stretches
 MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0  # times what noise makes of sums and positions
-MAX_DELAY_S = 5.0  # Clocks are not looked at further apart
+MAX_CLOCK_LAG_S = 5.0  # Clocks are not looked at further apart
 COARSE_DELAYS, FINE_DELAYS = 60, 40  # Tried to either side: first over all, then between neighbours of the best
 MAX_LOG_SCALE = np.log(1.5)  # Scales this near to one, as a logarithm, may be those of a sensor whose clock is off
 DELAY_RESAMPLES = 200  # Of the stretches, for the doubt of a delay
@@ -211,7 +211,7 @@ def _moves(part: Stretch, scale: float) -> bool:
 
 def _ahead(part: Stretch, delays: Floats) -> Floats:
     """The summed velocities read `delays` (k,) later, (k, n); beyond the ends they go on as there."""
-    edge, far = max(3, min(8, len(part.time) // 4)), 2.0 * MAX_DELAY_S
+    edge, far = max(3, min(8, len(part.time) // 4)), 2.0 * MAX_CLOCK_LAG_S
     first, last = np.median(part.velocity[:edge]), np.median(part.velocity[-edge:])
     time = np.concatenate([[-far], part.time, [part.time[-1] + far]])
     summed = np.concatenate([[-far * first], part.summed, [part.summed[-1] + far * last]])
@@ -233,7 +233,7 @@ def _misfit(moving: Sequence[Stretch], delays: Floats, scale: float | None) -> F
 
 def _delay(moving: Sequence[Stretch], scale: float | None) -> tuple[float, float, float]:
     """How late the velocity is [s], the standard error of that over stretches, and the misfit that it leaves."""
-    step = min(MAX_DELAY_S, median(np.array([part.time[-1] for part in moving])) / 3.0) / COARSE_DELAYS
+    step = min(MAX_CLOCK_LAG_S, median(np.array([part.time[-1] for part in moving])) / 3.0) / COARSE_DELAYS
     coarse = np.asarray(step * np.arange(-COARSE_DELAYS, COARSE_DELAYS + 1), dtype=np.float64)
     best = coarse[_misfit(moving, coarse, scale).sum(axis=0).argmin()]
     fine = best + 2.0 * step * np.arange(-FINE_DELAYS, FINE_DELAYS + 1) / FINE_DELAYS

@@ -14,8 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import ExcludedRun, FitError, LogError, RunError
 from automarine_cli.logs import (
     ColumnMap,

@@ -10,8 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, is_thruster_test, read_log, require_thruster
 from automarine_cli.logs.columns import CANONICAL, driven, names_of, quantities_of

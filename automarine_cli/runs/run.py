@@ -18,7 +18,7 @@ from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 SAME_POSITION = 1e-9  # rad or m; positions closer than this are one
-HELD_SHARE = 0.2  # of exact repeats, from which on a sensor is slower than the log: its repeats are no readings
+REPEATS_SHARE = 0.2  # of exact repeats, from which on a sensor is slower than the log: its repeats are no readings
 QUANTISED_RATIO = 3.0  # smallest steps of a quantised sensor in its usual steps, from which on repeats are held values
 
 
@@ -72,7 +72,7 @@ def fresh_readings(read: Floats) -> NDArray[np.bool_]:
     at = np.flatnonzero(fresh)
     moved = np.abs(np.diff(read[at]))
     same = moved < SAME_POSITION
-    if len(at) < 3 or same.mean() < HELD_SHARE or same.all():
+    if len(at) < 3 or same.mean() < REPEATS_SHARE or same.all():
         return fresh
     if median(moved[~same]) >= QUANTISED_RATIO * moved[~same].min():
         fresh[at[1:][same]] = False

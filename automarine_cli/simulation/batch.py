@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import Dof
-from automarine_cli.dofs.motion import Motion, alone
+from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.effects.input_delay import delayed
 from automarine_cli.effects.thruster_imbalance import PARTS, lacking_signal

@@ -17,7 +17,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from automarine_cli.dofs.motion import Motion
+from automarine_cli.dofs import Motion
 from automarine_cli.effects import Commands, Place, State
 from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import Floats

@@ -18,8 +18,7 @@ from scipy import optimize
 from scipy.special import ndtri
 
 from automarine_cli import effects as library
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR, Motion, alone
+from automarine_cli.dofs import DOFS, PLANAR, YAW, Dof, Motion, alone
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.model import CONSTANT, RESTORING, Model, Term, response
 from automarine_cli.models.store import PLANAR_MODEL, models_of

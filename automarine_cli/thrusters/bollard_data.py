@@ -172,9 +172,9 @@ def share_moving(time: Floats, n: Floats) -> float:
 
 
 SAME = 0.004  # commands within this share of full scale are one level
-MANY = 24  # more levels than this in a direction are left out and counted several at once
-BLOCKS = 20
-STEP = 0.03  # voltages further apart than this share are two nominal steps
+MANY_LEVELS = 24  # more levels than this in a direction are left out and counted several at once
+FOLDS = 20
+VOLTAGE_STEP = 0.03  # voltages further apart than this share are two nominal steps
 MAX_STEPS = 12  # more voltage steps than this are a drifting supply, not steps
 
 
@@ -252,7 +252,7 @@ def folds_of(n: Floats) -> Ints:
     Closely spaced tables (over 24 levels in a direction) go in 20 folds, each of every twentieth level, so that a form
     is judged between the levels that a map is used between."""
     level = levels_of(n)
-    return level if int(level.max(initial=-1)) < MANY else level % BLOCKS
+    return level if int(level.max(initial=-1)) < MANY_LEVELS else level % FOLDS
 
 
 def groups_of(n: Floats) -> Ints:
@@ -262,9 +262,9 @@ def groups_of(n: Floats) -> Ints:
     neighbours, so that one level of 100 is no independent witness."""
     level = levels_of(n)
     count = int(level.max(initial=-1)) + 1
-    if count <= MANY:
+    if count <= MANY_LEVELS:
         return level
-    block = np.repeat(np.arange(BLOCKS), [len(part) for part in np.array_split(np.arange(count), BLOCKS)])
+    block = np.repeat(np.arange(FOLDS), [len(part) for part in np.array_split(np.arange(count), FOLDS)])
     return block[level].astype(np.int64)
 
 
@@ -277,7 +277,7 @@ def voltage_steps(voltage: Floats) -> Ints:
     if np.all(np.isfinite(voltage) & (voltage > 0)):
         order = np.argsort(voltage, kind="stable")
         size = np.log(voltage[order])
-        step[order] = np.cumsum(np.diff(size, prepend=size[:1]) > STEP)
+        step[order] = np.cumsum(np.diff(size, prepend=size[:1]) > VOLTAGE_STEP)
     return np.where(step.max(initial=0) < MAX_STEPS, step, -1)
 
 
@@ -494,7 +494,7 @@ def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:
     return 0.005 * points.full_scale / np.sqrt(len(values))
 
 
-REST_SHARE = 0.005  # of full scale, within which a measured speed is zero
+REST_SPEED_SHARE = 0.005  # of full scale, within which a measured speed is zero
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
 BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation
 SPIKE = 8.0  # robust standard deviations beyond which one sample is an electrical spike
@@ -623,7 +623,7 @@ def _means(record: Series, number: int, pieces: Sequence[Ints], *, raw: bool) ->
     """One point for the mean of each of the pieces of a record."""
     time = np.arange(float(len(record.n))) if record.time is None else record.time
     volts = np.full(len(time), np.nan) if record.voltage is None else record.voltage
-    rows, least = [], REST_SHARE * float(np.max(np.abs(record.n))) if raw else 0.0
+    rows, least = [], REST_SPEED_SHARE * float(np.max(np.abs(record.n))) if raw else 0.0
     for piece in pieces:
         command, force = record.n[piece], record.force[piece]
         n = float(np.mean(command)) if np.ptp(command) else float(command[0])

@@ -34,8 +34,8 @@ from automarine_cli.thrusters.selection import OPPOSITE, choose_form
 
 MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean
 CHANCE = 0.05  # that any of the thrusters of one make is told to differ
-ROUNDING = 1e-12  # errors below this share of full scale are zero
-MIXED = 0.2  # share of readings with thrust of either sign from which a direction is two directions
+ZERO_SHARE = 1e-12  # errors below this share of full scale are zero
+MIXED_SHARE = 0.2  # share of readings with thrust of either sign from which a direction is two directions
 FAINT = 0.05  # thrust the wrong way that is smaller than this share of full scale is "none", not a sign error
 
 
@@ -93,7 +93,7 @@ class Analysis:
     def percent(self, value: float | None) -> float | None:
         if value is None:
             return None
-        return 0.0 if value < ROUNDING * self.full_scale else 100.0 * value / self.full_scale
+        return 0.0 if value < ZERO_SHARE * self.full_scale else 100.0 * value / self.full_scale
 
 
 def analyse(
@@ -132,7 +132,7 @@ def _refused_directions(data: BollardData, full_scale: float, where: str) -> dic
             continue
         side = parts[name][1]
         n, thrust, count = side.n, side.force, len(np.unique(levels_of(side.n)))
-        if min(np.mean(thrust > FAINT * full_scale), np.mean(thrust < -FAINT * full_scale)) > MIXED:
+        if min(np.mean(thrust > FAINT * full_scale), np.mean(thrust < -FAINT * full_scale)) > MIXED_SHARE:
             raise FitError(
                 f"{where}: commands of one sign push both ways; the control signal looks counted from its "
                 'end, not from rest, or without its sign. Write n = { from = "NAME", subtract = REST } (a pulse width '

@@ -30,7 +30,7 @@ from automarine_cli.thrusters.fit import BollardData, MapFit, Shape, bollard_dat
 from automarine_cli.thrusters.map import SIDES
 
 EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
-CLEAR = 4.0  # deviance from which a form is clearly behind: two standard errors, were the errors normal
+CLEAR_DEVIANCE = 4.0  # deviance from which a form is clearly behind: two standard errors, were the errors normal
 
 
 def choose_form(
@@ -49,7 +49,7 @@ def choose_form(
     rounding = (float(data.weight.sum()) + data.zero_weight) * (EQUAL * full_scale) ** 2
 
     def behind(loss: Floats, other: Floats) -> bool:
-        return bool(len(loss) * np.log((loss.sum() + rounding) / (other.sum() + rounding)) > CLEAR)
+        return bool(len(loss) * np.log((loss.sum() + rounding) / (other.sum() + rounding)) > CLEAR_DEVIANCE)
 
     equations = [fit for fit in judged if not fit.form.interpolates]
     best = min(equations, key=lambda fit: (fit.loss.sum(), fit.parameters))
@@ -92,8 +92,8 @@ MIN_REPEATS = 6  # degrees of freedom among repeats from which their own scatter
 SAME_COMMAND = 1e-6  # commands that differ by less than this share of full scale are the same command
 ALPHA, NULLS = 0.01, 1999
 """Share of tables without a missing effect in which one may be named; fewer cannot be told with eight levels."""
-MAX_EFFECTS = 3
-ROUNDING = 1e-6  # errors below this share of full scale are rounding, not evidence
+MAX_MAP_EFFECTS = 3
+ROUNDING_SHARE = 1e-6  # errors below this share of full scale are rounding, not evidence
 NEEDLESS = 0.5  # standard errors by which cross-validation may get worse without an effect that is needless
 BROKEN_WEIGHT, MAX_STRETCHES = 0.01, 2
 SHORTEST_STRETCH = 3  # readings in sequence that make a faulty stretch
@@ -172,7 +172,7 @@ def _roughness(data: BollardData) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateFit:
+class MapTrial:
     """A map fitted with effects `added`, with their p-values in the order of the search. Of the last, and `where` it
     acts: the deviance that it gains, less log(groups) a parameter, and its p-value over all candidates of the step."""
 
@@ -183,16 +183,16 @@ class CandidateFit:
     gain: float = 0.0
     p_value: float = 1.0
 
-    def behind(self, other: "CandidateFit") -> tuple[float, float]:
+    def behind(self, other: "MapTrial") -> tuple[float, float]:
         """Left-out squares [N²] more than those of another candidate, and their standard error over groups."""
         behind, stderr = lead_of(other.fit.loss, self.fit.loss)
-        return behind, stderr + len(self.fit.loss) * (ROUNDING * self.fit.data.full_scale) ** 2
+        return behind, stderr + len(self.fit.loss) * (ROUNDING_SHARE * self.fit.data.full_scale) ** 2
 
 
 @dataclass(frozen=True)
-class SearchStep:
-    before: CandidateFit
-    candidates: tuple[CandidateFit, ...]
+class MapLook:
+    before: MapTrial
+    candidates: tuple[MapTrial, ...]
     threshold: float
 
 
@@ -240,27 +240,27 @@ def _basis(fit: MapFit) -> Floats:
 
 
 @dataclass
-class _Levels(Judge[CandidateFit, SearchStep]):
+class _Levels(Judge[MapTrial, MapLook]):
     """Candidates judged by levels left out; an effect may be added in one direction and later in the other."""
 
     data: BollardData
     start: Shape
     random: np.random.Generator
     fits: dict[Shape, MapFit] = field(default_factory=dict)
-    most = 2 * MAX_EFFECTS + 1
+    most = 2 * MAX_MAP_EFFECTS + 1
 
     def fitted(self, shape: Shape) -> MapFit:
         if shape not in self.fits:
             self.fits[shape] = fit_shape(self.data, shape)
         return self.fits[shape]
 
-    def look(self, model: CandidateFit, number: int) -> SearchStep:
+    def look(self, model: MapTrial, number: int) -> MapLook:
         data, current, fits = self.data, model.fit, dict[tuple[str, str], MapFit]()
-        rounded = np.sqrt(current.squares / len(data)) <= ROUNDING * data.full_scale
+        rounded = np.sqrt(current.squares / len(data)) <= ROUNDING_SHARE * data.full_scale
         for effect, where, shape in () if rounded else current.shape.additions(data):
             parts = data.parts(shape.tied)
             enough = all(parts[name][1].can_leave_out(form) for name, form in shape.forms)
-            if enough and (len(model.added) < MAX_EFFECTS or effect in model.added):
+            if enough and (len(model.added) < MAX_MAP_EFFECTS or effect in model.added):
                 fits[effect, where] = self.fitted(shape)
         chance = evidence_by_chance(current, fits, self.random) if fits else Chance(np.zeros(1))
         candidates, groups = [], len(current.loss)
@@ -269,12 +269,12 @@ class _Levels(Judge[CandidateFit, SearchStep]):
             gain = float(groups * np.log(max(current.squares / fit.squares, 1.0)) - extra * np.log(groups))
             p_value = chance.p_value(gain)
             added = {**model.added, effect: min(p_value, model.added.get(effect, 1.0))}
-            candidates.append(CandidateFit(fit, added, effect, where, gain, p_value))
-        return SearchStep(model, tuple(candidates), max(chance.threshold(ALPHA), 0.0))
+            candidates.append(MapTrial(fit, added, effect, where, gain, p_value))
+        return MapLook(model, tuple(candidates), max(chance.threshold(ALPHA), 0.0))
 
-    def admissible(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
+    def admissible(self, look: MapLook, first: MapLook) -> list[MapTrial]:
         """The candidate that wins most at levels left out; of its effect in fewer directions one that is as good."""
-        gains = dict[CandidateFit, float]()
+        gains = dict[MapTrial, float]()
         for candidate in look.candidates:
             held_out, stderr = look.before.behind(candidate)
             if candidate.p_value <= ALPHA and held_out > stderr:
@@ -289,14 +289,14 @@ class _Levels(Judge[CandidateFit, SearchStep]):
                 return [candidate]
         return [best]
 
-    def added(self, model: CandidateFit) -> tuple[str, ...]:
+    def added(self, model: MapTrial) -> tuple[str, ...]:
         return tuple(model.added)
 
-    def without(self, model: CandidateFit, name: str) -> CandidateFit:
+    def without(self, model: MapTrial, name: str) -> MapTrial:
         remaining = {effect: p_value for effect, p_value in model.added.items() if effect != name}
-        return CandidateFit(self.fitted(model.fit.shape.without(name, self.start)), remaining)
+        return MapTrial(self.fitted(model.fit.shape.without(name, self.start)), remaining)
 
-    def better(self, current: CandidateFit, reduced: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
+    def better(self, current: MapTrial, reduced: MapTrial, look: MapLook, first: MapLook) -> MapTrial:
         worse, stderr = reduced.behind(current)
         if worse <= NEEDLESS * stderr:
             return reduced
@@ -305,19 +305,19 @@ class _Levels(Judge[CandidateFit, SearchStep]):
         return min(clearly, key=lambda candidate: behind[candidate][0], default=current)
 
 
-MapSearch = Outcome[CandidateFit, SearchStep]
+MapSearch = Outcome[MapTrial, MapLook]
 
 
 def search_map(data: BollardData, start: Shape, seed: int) -> MapSearch:
     """Add the effects that are missing from `start`, at most three."""
     judge = _Levels(data, start, np.random.default_rng(seed))
-    return stepwise_search(judge, CandidateFit(judge.fitted(start)))
+    return stepwise_search(judge, MapTrial(judge.fitted(start)))
 
 
-def rivals_of(search: MapSearch, name: str) -> dict[str, tuple[CandidateFit, float]]:
+def rivals_of(search: MapSearch, name: str) -> dict[str, tuple[MapTrial, float]]:
     """Return what else an effect of the final map could be, by effect: the candidate that is least behind, and the odds
     that the lead over it is chance."""
-    rivals, least = dict[str, tuple[CandidateFit, float]](), dict[str, float]()
+    rivals, least = dict[str, tuple[MapTrial, float]](), dict[str, float]()
     for candidate in search.around[name].candidates if name in search.around else ():
         behind, stderr = candidate.behind(search.final)
         effect = candidate.effect

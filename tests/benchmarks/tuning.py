@@ -85,7 +85,7 @@ def corners_of(name: str) -> Vehicles:
     return Vehicles(model, theta, full, gain, np.zeros(12), np.ones(12), np.full(12, 0.5))
 
 
-def numbers_of(flight: design.Scores) -> dict[str, float]:
+def numbers_of(flight: design.FlightScores) -> dict[str, float]:
     """The worst of what was flown."""
     return {
         "overshoot_percent": 100.0 * float(flight.overshoot.max()), "settling_s": float(flight.settling.max()),
@@ -226,7 +226,7 @@ def within(value: float, promised: dict[str, Any] | None) -> bool:
 def flown(
     truth: Truth, target: Target, gains: dict[str, float], seconds: float, random: np.random.Generator,
     recovery: float = np.inf,
-) -> design.Scores:  # fmt: skip
+) -> design.FlightScores:  # fmt: skip
     """The truth under the target's stack, its readings noisy: a step of 90 degrees, and 10 % load."""
     vehicle = Vehicle(truth, np.exp(truth.scatter * random.standard_normal(1)) * np.ones(2))
     tried: Gains = {key: np.full((1, 1), value) for key, value in gains.items()}

@@ -13,7 +13,7 @@ from made_campaigns import both_ways, campaign
 
 from automarine_cli.pipeline.results_folder import read_manifest
 from automarine_cli.planning.campaign import fitting_of
-from automarine_cli.planning.candidates import Limits, Logger
+from automarine_cli.planning.candidates import Limits, LoggerLimits
 from automarine_cli.planning.information import read_prior_results
 
 Run = Callable[..., Result]
@@ -65,5 +65,5 @@ def test_a_choice_is_recorded_and_plans_count_on_the_model_s_gyro(steps: Path, r
     both, compass = (read_prior_results(tmp_path / name / "yaw_model.json", None) for name in ("both", "compass"))
     assert both.rate_noise_deg_s == pytest.approx(0.3, rel=0.2) and compass.rate_noise_deg_s is None
     assert fitting_of(compass, Limits()).rate_noise is None
-    limited = fitting_of(compass, Limits(logger=Logger(rate_noise_deg_s=0.5)))
+    limited = fitting_of(compass, Limits(logger=LoggerLimits(rate_noise_deg_s=0.5)))
     assert limited.rate_noise == np.deg2rad(0.5)

@@ -9,8 +9,7 @@ import pytest
 from repository import SAMPLE_RUNS
 
 import automarine_cli as am
-from automarine_cli.commands.command import Command
-from automarine_cli.commands.reference import result_classes
+from automarine_cli.commands.command import Command, result_classes
 from automarine_cli.pipeline.records import Shown
 
 FUNCTIONS = [name for name in am.__all__ if isinstance(getattr(am, name), Command)]

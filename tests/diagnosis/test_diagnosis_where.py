@@ -8,7 +8,7 @@ from made_driven import Sea, steered, turned
 
 from automarine_cli.diagnosis.residual_regions import (
     STANDS_OUT,
-    Column,
+    Factor,
     ResidualRegions,
     columns,
     edges,
@@ -121,7 +121,7 @@ def test_chance_claims_at_most_as_often_as_it_says() -> None:
         gap = np.cumsum(random.normal(size=(runs, samples)), axis=1)
         time = np.tile(np.arange(samples, dtype=float), (runs, 1))
         drawn = random.random((400, runs))
-        first, second = (Column("time-in-run", "s", time), Column("run-order", "", np.arange(runs, dtype=float)))
+        first, second = (Factor("time-in-run", "s", time), Factor("run-order", "", np.arange(runs, dtype=float)))
         signs = np.where(drawn < 0.5, -1.0, 1.0)
         sampled = of_samples(first, {"heading": ("deg", gap)}, np.ones_like(gap), signs)
         dealt = of_runs(second, random.normal(size=runs), np.ones(runs), random.normal(size=runs), drawn)

@@ -15,10 +15,9 @@ from export_readers import constants_of, number_in
 
 from automarine_cli import exports as targets
 from automarine_cli.commands.export import export
-from automarine_cli.dofs import DOFS, YAW
-from automarine_cli.dofs.motion import alone
+from automarine_cli.dofs import DOFS, YAW, alone
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import MotionSubject, Origin, Settings, Written
+from automarine_cli.exports.base import ModelOrigin, MotionSubject, Options, Written
 from automarine_cli.exports.export import in_enu
 from automarine_cli.exports.vehicle import Vehicle
 from automarine_cli.models.model import Model, steady_rate
@@ -32,8 +31,8 @@ def subject(motion: str, target: str, form: str, **change: Any) -> MotionSubject
     """A model with both drags and an asymmetry, in newtons."""
     dof = DOFS[motion]
     model = replace(Model.base("2", MASS, [QUADRATIC, LINEAR], dof.units.forces[1], YAW), motion=alone(dof))
-    frame, origin = targets.get(target).frames[0], Origin("model.json", "0" * 64, "2")
-    return replace(MotionSubject((origin,), frame, form, Settings(rigid_inertia=OWN), (), model), **change)
+    frame, origin = targets.get(target).frames[0], ModelOrigin("model.json", "0" * 64, "2")
+    return replace(MotionSubject((origin,), frame, form, Options(rigid_inertia=OWN), (), model), **change)
 
 
 def written(motion: str, target: str, form: str, **change: Any) -> Written:

@@ -15,7 +15,7 @@ from made_planar import FULL, driven
 from numpy.typing import NDArray
 
 from automarine_cli.commands.export import export
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import export_targets
 from automarine_cli.models.model import Model

@@ -18,10 +18,9 @@ from scipy.integrate import solve_ivp
 import automarine_cli as am
 from automarine_cli.commands.export import export
 from automarine_cli.comparison.simulated_runs import roll
-from automarine_cli.dofs import DOFS, YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import DOFS, PLANAR, YAW
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.vehicle import MOTIONS, SIDES
+from automarine_cli.exports.vehicle import FRAME_SIGNS, MOTIONS
 from automarine_cli.logs import ColumnMap, find_logs
 from automarine_cli.models.store import read_model
 from automarine_cli.runs.load import load_runs
@@ -95,7 +94,7 @@ def test_the_python_vehicle_flies_the_validation_logs_of_each_motion(tmp_path: P
     dof, model = DOFS[motion], read_model(tmp_path / f"{motion}_model.json").model
     run = load_runs(find_logs([str(SAMPLE_RUNS / LOGS[motion])]), ColumnMap(), dof=dof).runs[0]
     run = run.cut(0, min(len(run), 150))
-    first, rate, side = (0.3 if motion == "roll" else run.position[0]), 0.05, SIDES[frame][dof.number]
+    first, rate, side = (0.3 if motion == "roll" else run.position[0]), 0.05, FRAME_SIGNS[frame][dof.number]
     expected = roll(model, [run], [first], [rate], step=0.002)
     commands, state = np.zeros((6, len(run))), np.zeros(12)
     commands[dof.number] = side * run.command * (NU_NM if run.moment_unit == "nu" else 1.0)
@@ -118,7 +117,7 @@ def test_a_planar_model_among_the_files_flies_its_validation_logs(tmp_path: Path
     first, moving = np.array([1.0, -2.0, 0.7]), np.array([0.2, -0.1, 0.1])
     start = Start(first.reshape(3, 1, 1), moving.reshape(3, 1, 1))
     expected = simulate(model, make_batch([run], 0.01, motion=PLANAR), start=start).positions[0, 0]
-    side, planes, enu = SIDES[frame], [0, 1, 5], frame == "ENU"
+    side, planes, enu = FRAME_SIGNS[frame], [0, 1, 5], frame == "ENU"
     commands, state = np.zeros((6, len(run))), np.zeros(12)
     commands[planes] = side[planes, None] * tau
     state[[6, 7, 11]] = side[planes] * moving
@@ -266,7 +265,7 @@ def steered_file(folder: Path) -> Path:
 @pytest.mark.parametrize("frame", ["NED", "ENU"])
 def test_a_rudder_steers_the_python_vehicle_as_it_steers_the_model(tmp_path: Path, frame: str) -> None:
     """The file of yaw alone, that of the vehicle, and our own simulation, at a speed that changes; mirrored in ENU."""
-    path, side = steered_file(tmp_path), SIDES[frame][YAW.number]
+    path, side = steered_file(tmp_path), FRAME_SIGNS[frame][YAW.number]
     alone = module_of(export(path, to="python", frame=frame).text)
     vehicle = module_of(export([path, *model_files(tmp_path, "surge")], to="python", frame=frame, **{
         "newton_metres_per_nu": 4.0}).text)  # fmt: skip

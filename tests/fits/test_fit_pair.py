@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from automarine_cli.dofs import HEAVE, SURGE
-from automarine_cli.dofs.motion import Motion
+from automarine_cli.dofs import HEAVE, SURGE, Motion
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.innovations import DrivenProblem, fit_innovations, randomness
 from automarine_cli.models.model import Model, Term

@@ -12,8 +12,7 @@ import pytest
 from made_planar import BARE, NOISE, Craft, driven, log, planar_run, solved, turned
 from scipy import special
 
-from automarine_cli.dofs import SURGE, SWAY, YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits import planar_fit
 from automarine_cli.fits.driven import ForecastScore, Judgement

@@ -12,8 +12,7 @@ from scipy import integrate
 
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
-from automarine_cli.dofs import YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.fits.characteristics import executes, overshoots
 from automarine_cli.fits.planar_fit import PlanarLikelihood, observed
 from automarine_cli.models.model import Model, Term

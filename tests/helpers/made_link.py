@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from automarine_cli.dofs import YAW
-from automarine_cli.link.document import Battery, LinkCampaign, PlannedRun
+from automarine_cli.link.document import CampaignBattery, LinkCampaign, PlannedRun
 from automarine_cli.link.player import Player
 from automarine_cli.link.server import LinkServer
 from automarine_cli.link.store import Store
@@ -26,7 +26,7 @@ MODEL_FILE = {
     "models": {"3": {"I_r": {"value": 1.0, "unit": "nu s²"}, "k_rr": {"value": 1.25, "unit": "nu s²"}}},
 }  # fmt: skip
 """Content of the file of `MODEL`."""
-BATTERY = Battery(charge_Ah=2.9, reserve_percent=20.0, idle_A=0.3, full_A=6.0, at_moment=1.0)
+BATTERY = CampaignBattery(charge_Ah=2.9, reserve_percent=20.0, idle_A=0.3, full_A=6.0, at_moment=1.0)
 
 
 def made_campaign(runs: int = 4, *, seconds: float = 4.0, wait: float = 1.0, rate: float = 10.0) -> LinkCampaign:

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
-from automarine_cli.dofs import YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import DRAG_OF_ROLE
 from automarine_cli.quantities import Floats

@@ -104,7 +104,7 @@ def test_the_first_campaign_needs_no_model(tmp_path: Path, minutes: int, runs: i
     moments = Counter(moment for run in first.candidates for moment, _ in run.commands)
     assert moments == {float(f"{side * i / sizes:.3g}"): 2 for i in range(1, sizes + 1) for side in (1, -1)}
     assert first.candidates[0].label == first.candidates[-1].label == "step_+1.0_180deg"
-    assert first.candidates[0].driven == 6.0 and first.minutes[-1] <= minutes
+    assert first.candidates[0].driven_s == 6.0 and first.minutes[-1] <= minutes
     assert [abs(slot.turns) for slot in first.slots] == pytest.approx([180.0] * len(first.slots), abs=5.0)
     data = first.to_json()
     assert data["parameters"] == {} and data["fit_command"] == "automarine fit-yaw LOGS -o out/yaw"

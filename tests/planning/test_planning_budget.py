@@ -9,9 +9,9 @@ import pytest
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.planning.candidates import (
-    Battery,
-    Candidate,
+    BatteryLimits,
     Limits,
+    PaperRun,
     Pool,
     Supply,
     allowance,
@@ -27,9 +27,9 @@ from automarine_cli.thrusters.curves import PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap
 
 SUPPLY = Supply(idle=0.3, full=6.0, largest=1.0)
-STEP = Candidate("step", "step", ((1.0, 4.0),))
-SOFT = Candidate("step", "soft", ((-0.25, 8.0),))
-LIMITS = Limits(pool=Pool(minutes=10, runs=6, wait_s=57), battery=Battery(charge_Ah=2.0, reserve_percent=25))
+STEP = PaperRun("step", "step", ((1.0, 4.0),))
+SOFT = PaperRun("step", "soft", ((-0.25, 8.0),))
+LIMITS = Limits(pool=Pool(minutes=10, runs=6, wait_s=57), battery=BatteryLimits(charge_Ah=2.0, reserve_percent=25))
 MAP = ThrusterMap("square", PowerCurve(2.6165e-4), PowerCurve(0.6640e-4))
 
 
@@ -87,13 +87,13 @@ def command_rows(*arguments: object) -> list[dict[str, str]]:
 
 
 def test_a_command_file_holds_each_moment_until_the_next() -> None:
-    coast = Candidate("coast-down", "coast", ((-1.2, 2.5), (0.0, 5.0)))
+    coast = PaperRun("coast-down", "coast", ((-1.2, 2.5), (0.0, 5.0)))
     rows = [tuple(row.items()) for row in command_rows(coast, 3.0, "nu", None, ColumnMap())]
     expected = (("0", "0"), ("3", "-1.2"), ("5.5", "0"), ("10.5", "0"))
     assert rows == [(("time_s", time), ("tau", moment)) for time, moment in expected]
-    rest = Candidate("rest", "rest", ((0.0, 60.0),))
+    rest = PaperRun("rest", "rest", ((0.0, 60.0),))
     assert in_words(rest, "nu") == "nothing for 60 s, thrusters idle"  # in no golden output
-    step = Candidate("step", "s", ((0.1, 4.0),))
+    step = PaperRun("step", "s", ((0.1, 4.0),))
     row = command_rows(step, 3.0, "N m", drive_of(MAP, 0.11, 150.0, True), ColumnMap())[1]
     thrust = float(MAP.force(float(row["n_port"])) - MAP.force(float(row["n_stbd"])))
     assert 0.11 * thrust == pytest.approx(0.1, rel=1e-4)
@@ -103,7 +103,7 @@ def test_a_command_file_holds_each_moment_until_the_next() -> None:
 def test_commands_are_written_as_the_logs_hold_them(way: int) -> None:
     """Pulses about their neutral, percent of the other sign, a moment in per cent of a newton metre: what is read back
     by the same map is what was planned."""
-    step = Candidate("step", "s", ((way * 0.1, 4.0),))
+    step = PaperRun("step", "s", ((way * 0.1, 4.0),))
     names = ColumnMap({
         "n_port": ColumnRule("port_us", subtract=1500.0), "n_stbd": ColumnRule("stbd %", sign=-1, scale=1.5),
         "tau": ColumnRule("moment", offset=0.05, sign_from=None),

@@ -17,14 +17,14 @@ from automarine_cli.planning.campaign import (
     plan_campaign,
     ways_back,
 )
-from automarine_cli.planning.candidates import Limits, Logger, Moments, Pool, Runs, Supply
+from automarine_cli.planning.candidates import Limits, LoggerLimits, Moments, Pool, Runs, Supply
 from automarine_cli.planning.information import Ambiguity, Intervals, PriorResults
 from automarine_cli.planning.rivals import Discrimination, ModelPair
 from automarine_cli.quantities import Floats
 
 MODEL = Model.base("3", 1.018, [1.257], "nu", YAW)
 LIMITS = Limits(
-    pool=Pool(minutes=25, runs=12), moments=Moments(levels=3), logger=Logger(gain_scatter=0.03, noise_deg=1.0)
+    pool=Pool(minutes=25, runs=12), moments=Moments(levels=3), logger=LoggerLimits(gain_scatter=0.03, noise_deg=1.0)
 )
 
 

@@ -14,7 +14,7 @@ from specified import make_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model, response
 from automarine_cli.planning.campaign import fitting_of
-from automarine_cli.planning.candidates import Candidate, Limits, candidates, mirrors
+from automarine_cli.planning.candidates import Limits, PaperRun, candidates, mirrors
 from automarine_cli.planning.information import ANGLE, Fitting, read_prior_results, reported_covariance
 from automarine_cli.planning.rivals import closest, fitted, splits, with_effect
 from automarine_cli.quantities import Floats
@@ -23,12 +23,12 @@ from automarine_cli.simulation.specification import Logger, Scatter, Schedule, S
 BASE = Model.base("3", 1.018, [1.257], "nu", YAW)
 FITTING = Fitting(BASE, "diagnosis", np.deg2rad(1.0), 0.03, frame=BASE)
 STEPS = tuple(
-    Candidate("step", f"{side * size:+g}", ((side * size, round(4.6 / np.sqrt(size), 1)),))
+    PaperRun("step", f"{side * size:+g}", ((side * size, round(4.6 / np.sqrt(size), 1)),))
     for size in (0.1, 0.3, 0.6, 0.9, 1.2) for side in (1, -1)
 )  # fmt: skip
-COASTS = tuple(Candidate("coast-down", f"c{side}", ((side * 1.2, 3.0), (0.0, 15.0))) for side in (1, -1))
+COASTS = tuple(PaperRun("coast-down", f"c{side}", ((side * 1.2, 3.0), (0.0, 15.0))) for side in (1, -1))
 RAMPS = tuple(
-    Candidate("slow-ramp", f"r{side}", tuple((side * round(0.12 * (i / 10 - 0.95), 4), 2.0) for i in range(20)))
+    PaperRun("slow-ramp", f"r{side}", tuple((side * round(0.12 * (i / 10 - 0.95), 4), 2.0) for i in range(20)))
     for side in (1, -1)
 )  # fmt: skip
 
@@ -56,7 +56,7 @@ def test_what_is_true_fits_itself() -> None:
         pytest.param("water-swirl", (0.03, 10.0), "tether-spring", RAMPS, marks=pytest.mark.slow),
     ],
 )
-def test_steps_leave_a_tie(name: str, values: tuple[float, ...], rival: str, more: tuple[Candidate, ...]) -> None:
+def test_steps_leave_a_tie(name: str, values: tuple[float, ...], rival: str, more: tuple[PaperRun, ...]) -> None:
     true = explanation(name, values)
     pair = (true, rival_of(true, rival))
     few, many = (splits([pair], runs)[0][0] for runs in (STEPS, STEPS + more))
@@ -76,7 +76,7 @@ def test_mirrored_runs_split_as_well() -> None:
 INERTIA, DRAG, NOISE, SCATTER = 1.018, 1.257, np.deg2rad(1.0), 0.03
 
 FITTED_WHOLE = Fitting(BASE, "whole-runs", NOISE, SCATTER)
-STEP = Candidate("step", "step", ((0.8, 4.0),))
+STEP = PaperRun("step", "step", ((0.8, 4.0),))
 
 
 def test_a_step_tells_what_its_covariance_written_out_in_full_says() -> None:
@@ -118,7 +118,7 @@ def test_predicted_intervals_are_those_that_a_fit_reports() -> None:
     """Over a few campaigns the mean square of the reported errors is the predicted one, to a fifth; over many it is
     within a tenth."""
     steps = [side * size for size in (0.3, 0.6, 1.2) for side in (1, -1) for _ in range(2)]
-    runs = [Candidate("step", f"{i}", ((moment, 5.0 / np.sqrt(abs(moment))),)) for i, moment in enumerate(steps)]
+    runs = [PaperRun("step", f"{i}", ((moment, 5.0 / np.sqrt(abs(moment))),)) for i, moment in enumerate(steps)]
     predicted = FITTED_WHOLE.predicted(FITTED_WHOLE.information(runs))
     squares = np.mean([reported(runs, seed) for seed in range(6)], axis=0)
     wanted = [predicted[name].stderr / predicted[name].value for name in ("I_r", "k_rr", ANGLE)]
@@ -126,7 +126,7 @@ def test_predicted_intervals_are_those_that_a_fit_reports() -> None:
     assert np.asarray(wanted) / np.sqrt(squares) == pytest.approx(1.0, abs=0.35)
 
 
-def reported(runs: Sequence[Candidate], seed: int) -> list[float]:
+def reported(runs: Sequence[PaperRun], seed: int) -> list[float]:
     """Squared relative standard errors of I_r, k_rr and their ratio from one simulated campaign."""
     campaign = Specification(
         vehicle=Vehicle(INERTIA, DRAG, dof=YAW), logger=Logger(noise=1.0, dof=YAW),
@@ -140,7 +140,7 @@ def reported(runs: Sequence[Candidate], seed: int) -> list[float]:
 
 
 FOUR_STEPS = tuple(
-    Candidate("step", f"{side * level}", ((side * level, 9.0),)) for level in (0.6, 1.0) for side in (1, -1)
+    PaperRun("step", f"{side * level}", ((side * level, 9.0),)) for level in (0.6, 1.0) for side in (1, -1)
 )
 LINEAR = Fitting(Model.base("1", 1.3, [0.9], "nu", YAW), "whole-runs", np.deg2rad(0.3), SCATTER)
 QUIET = {"yaw.disturbance": 1e-5, "yaw.disturbance-time": 2.0, "yaw.thrust-noise": 1e-3, "gain-scatter": SCATTER}

@@ -10,8 +10,7 @@ from made_sequences import sequence_run
 from numpy.typing import NDArray
 from tolerances import assert_close
 
-from automarine_cli.dofs import YAW
-from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.models.model import Model, Term
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, Parameter, State, Target
+from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, State, Target, Tunable
 from automarine_cli.control.targets.loops import hold, leads, low_pass, share, spread, within
 from automarine_cli.errors import SettingError
 from automarine_cli.quantities import Complexes, Floats
@@ -102,17 +102,17 @@ class ArduSub(ParameterFile):
     gyro_hz = 20.0
     period = 1.0 / 400.0
     parameters = (
-        Parameter("ATC_ANG_YAW_P", "requested turn rate per heading error", "1/s", 6.0, 0.0, 6.0, True),
-        Parameter("ATC_RAT_YAW_P", "output per rate error", "1/(rad/s)", 0.180, 0.0, 0.50, True),
-        Parameter("ATC_RAT_YAW_I", "output per integral of the rate error", "1/rad", 0.018, 0.0, 0.05, True),
-        Parameter("ATC_RAT_YAW_D", "output per change of the rate error", "1/(rad/s²)", 0.0, 0.0, 0.02, True),
-        Parameter("ATC_RAT_YAW_IMAX", "limit of the integral term", "1", 0.222, 0.0, 1.0, True),
-        Parameter("ATC_RAT_YAW_FLTT", "low-pass of the requested rate", "Hz", 5.0, 0.0, 100.0),
-        Parameter("ATC_RAT_YAW_FLTE", "low-pass of the rate error", "Hz", 0.0, 0.0, 100.0),
-        Parameter("ATC_RAT_YAW_FLTD", "low-pass of the change of the rate error", "Hz", 5.0, 0.0, 100.0, True),
-        Parameter("ATC_SLEW_YAW", "fastest turn of the target heading", "cdeg/s", 6000.0, 500.0, 18000.0, True),
-        Parameter("ATC_ACCEL_Y_MAX", "largest acceleration of the target heading", "cdeg/s²", 1.1e5, 0.0, 7.2e4, True),
-        Parameter("ATC_INPUT_TC", "time over which a step of the target heading is smoothed", "s", 0.15, 0.0, 1.0),
+        Tunable("ATC_ANG_YAW_P", "requested turn rate per heading error", "1/s", 6.0, 0.0, 6.0, True),
+        Tunable("ATC_RAT_YAW_P", "output per rate error", "1/(rad/s)", 0.180, 0.0, 0.50, True),
+        Tunable("ATC_RAT_YAW_I", "output per integral of the rate error", "1/rad", 0.018, 0.0, 0.05, True),
+        Tunable("ATC_RAT_YAW_D", "output per change of the rate error", "1/(rad/s²)", 0.0, 0.0, 0.02, True),
+        Tunable("ATC_RAT_YAW_IMAX", "limit of the integral term", "1", 0.222, 0.0, 1.0, True),
+        Tunable("ATC_RAT_YAW_FLTT", "low-pass of the requested rate", "Hz", 5.0, 0.0, 100.0),
+        Tunable("ATC_RAT_YAW_FLTE", "low-pass of the rate error", "Hz", 0.0, 0.0, 100.0),
+        Tunable("ATC_RAT_YAW_FLTD", "low-pass of the change of the rate error", "Hz", 5.0, 0.0, 100.0, True),
+        Tunable("ATC_SLEW_YAW", "fastest turn of the target heading", "cdeg/s", 6000.0, 500.0, 18000.0, True),
+        Tunable("ATC_ACCEL_Y_MAX", "largest acceleration of the target heading", "cdeg/s²", 1.1e5, 0.0, 7.2e4, True),
+        Tunable("ATC_INPUT_TC", "time over which a step of the target heading is smoothed", "s", 0.15, 0.0, 1.0),
     )  # fmt: skip
 
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
@@ -204,15 +204,15 @@ class ArduRover(ParameterFile):
     rudder = True
     period = 0.02
     parameters = (
-        Parameter("ATC_STR_ANG_P", "requested turn rate per heading error", "1/s", 2.0, 1.0, 10.0, True),
-        Parameter("ATC_STR_RAT_FF", "output per requested rate", "1/(rad/s)", 0.2, 0.0, 3.0, True),
-        Parameter("ATC_STR_RAT_P", "output per rate error", "1/(rad/s)", 0.2, 0.0, 2.0, True),
-        Parameter("ATC_STR_RAT_I", "output per integral of the rate error", "1/rad", 0.2, 0.0, 2.0, True),
-        Parameter("ATC_STR_RAT_D", "output per change of the rate error", "1/(rad/s²)", 0.0, 0.0, 0.4, True),
-        Parameter("ATC_STR_RAT_IMAX", "limit of the integral term", "1", 1.0, 0.0, 1.0),
-        Parameter("ATC_STR_RAT_FLTE", "low-pass of the rate error", "Hz", 10.0, 0.0, 100.0),
-        Parameter("ATC_STR_RAT_MAX", "fastest turn", "deg/s", 120.0, 0.0, 1000.0, True),
-        Parameter("ATC_STR_ACC_MAX", "largest acceleration of the turn", "deg/s²", 120.0, 0.0, 1000.0, True),
+        Tunable("ATC_STR_ANG_P", "requested turn rate per heading error", "1/s", 2.0, 1.0, 10.0, True),
+        Tunable("ATC_STR_RAT_FF", "output per requested rate", "1/(rad/s)", 0.2, 0.0, 3.0, True),
+        Tunable("ATC_STR_RAT_P", "output per rate error", "1/(rad/s)", 0.2, 0.0, 2.0, True),
+        Tunable("ATC_STR_RAT_I", "output per integral of the rate error", "1/rad", 0.2, 0.0, 2.0, True),
+        Tunable("ATC_STR_RAT_D", "output per change of the rate error", "1/(rad/s²)", 0.0, 0.0, 0.4, True),
+        Tunable("ATC_STR_RAT_IMAX", "limit of the integral term", "1", 1.0, 0.0, 1.0),
+        Tunable("ATC_STR_RAT_FLTE", "low-pass of the rate error", "Hz", 10.0, 0.0, 100.0),
+        Tunable("ATC_STR_RAT_MAX", "fastest turn", "deg/s", 120.0, 0.0, 1000.0, True),
+        Tunable("ATC_STR_ACC_MAX", "largest acceleration of the turn", "deg/s²", 120.0, 0.0, 1000.0, True),
     )  # fmt: skip
 
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:

@@ -29,7 +29,7 @@ LINE = re.compile(r"^\s*(?:\d+[\s,]+\d+[\s,]+)?([A-Z][A-Z0-9_]*)\s*[,\s]\s*(\S+)
 
 
 @dataclass(frozen=True)
-class Parameter:
+class Tunable:
     """One parameter of a stack: its default, if any, its documented range; `searched` if a design moves it."""
 
     name: str
@@ -71,7 +71,7 @@ class NominalPlant:
 
 class Target(ABC):
     name: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]
+    parameters: ClassVar[tuple[Tunable, ...]]
     file: ClassVar[str]
     firmware: ClassVar[str] = ""  # what the parameters are of, where names and units differ from version to version
     motions: ClassVar[tuple[str, ...]] = ("yaw",)
@@ -141,7 +141,7 @@ class Target(ABC):
         further = RANGE_EXTENSION if self.beyond else 1.0
         return parameter.low / further, parameter.high * further
 
-    def at_ends(self, gains: Mapping[str, float]) -> list[Parameter]:
+    def at_ends(self, gains: Mapping[str, float]) -> list[Tunable]:
         """List the parameters whose searched gains documented ranges limit; without a gain at all none does."""
         ends = [(p, gains[p.name]) for p in self.parameters if p.searched and self.ranged]
         return [p for p, gain in ends if gain >= 0.99 * p.high or 0.0 < gain <= 1.01 * p.low]

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, Parameter, State, Target
+from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, State, Target, Tunable
 from automarine_cli.control.targets.loops import hold, spread, summed, within
 from automarine_cli.quantities import Complexes, Floats
 
@@ -26,11 +26,11 @@ class Pid(Target):
     period = 0.05
     rudder = timed = True
     parameters = (
-        Parameter("K_p", "output per position error", "1/{x}", None, searched=True),
-        Parameter("K_i", "output per integral of the position error", "1/({x} s)", None, searched=True),
-        Parameter("K_d", "output per velocity", "s/{x}", None, searched=True),
-        Parameter("b", "weight of the reference in the proportional part", "1", None, 0.0, 1.0, searched=True),
-        Parameter("T_f", "time constant of the low-pass of the derivative", "s", None, searched=True),
+        Tunable("K_p", "output per position error", "1/{x}", None, searched=True),
+        Tunable("K_i", "output per integral of the position error", "1/({x} s)", None, searched=True),
+        Tunable("K_d", "output per velocity", "s/{x}", None, searched=True),
+        Tunable("b", "weight of the reference in the proportional part", "1", None, 0.0, 1.0, searched=True),
+        Tunable("T_f", "time constant of the low-pass of the derivative", "s", None, searched=True),
     )
 
     def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:

@@ -29,7 +29,7 @@ HEADINGS = tuple(name for name, column in CANONICAL.items() if column.quantity =
 
 
 @dataclass(frozen=True)
-class Step:
+class FrameStep:
     """From `at` [s since the log's start] on these frames are sent, which say `readings` in the log's columns."""
 
     at: float
@@ -94,7 +94,7 @@ class CanBus:
         with self._opened():
             pass
 
-    def steps(self, campaign: LinkCampaign, run: PlannedRun) -> list[Step]:
+    def steps(self, campaign: LinkCampaign, run: PlannedRun) -> list[FrameStep]:
         table, messages = self._table(campaign, run), self.messages
         return [_step(messages, table, at, table.held(values), run.name) for at, values in table.rows]
 
@@ -152,7 +152,7 @@ class _Bus:
     def __init__(self, name: str, bus: Any) -> None:
         self._name, self._bus, self._stuck = name, bus, ""
 
-    def send(self, step: Step) -> None:
+    def send(self, step: FrameStep) -> None:
         """Send the frames of a step. Raises SettingError, and StuckError from the first time on that it hangs."""
         if self._stuck:
             raise StuckError(self._stuck)
@@ -163,7 +163,7 @@ class _Bus:
             self._stuck = str(hangs)
             raise
 
-    def rest(self, neutral: Step, pause: float) -> None:
+    def rest(self, neutral: FrameStep, pause: float) -> None:
         """Send neutral several times; one that fails keeps no other from being sent. Raises what the last raises."""
         for remaining in reversed(range(NEUTRAL_FRAMES)):
             try:
@@ -192,7 +192,7 @@ class _Bus:
             raise SettingError(f"{self._name} failed ({why}); look at its cable and adapter") from None
 
 
-def _step(messages: Mapping[str, Any], table: CommandTable, at: float, values: list[float], run: str) -> Step:
+def _step(messages: Mapping[str, Any], table: CommandTable, at: float, values: list[float], run: str) -> FrameStep:
     """The frames of one set of values, and what they say when they are read back. Raises SettingError."""
     by_message: dict[str, dict[str, float]] = {}
     for rule, value in zip(table.rules, values):
@@ -210,7 +210,7 @@ def _step(messages: Mapping[str, Any], table: CommandTable, at: float, values: l
         sent |= {f"{name}.{signal}": float(decoded[signal]) for signal in signals}
         frames.append(_library().Message(arbitration_id=message.frame_id, is_extended_id=wide, data=data))
     readings = (f"{rule.read(sent[rule.source], factor):.6g}" for rule, factor in zip(table.rules, table.factors))
-    return Step(at, tuple(frames), tuple(readings))
+    return FrameStep(at, tuple(frames), tuple(readings))
 
 
 def _message(messages: Mapping[str, Any], name: str, signals: Mapping[str, float]) -> Any:

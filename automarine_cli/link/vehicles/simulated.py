@@ -16,7 +16,7 @@ from automarine_cli.models.store import file_and_models
 from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import read_plain
 from automarine_cli.planning.candidates import MOMENT_COLUMNS
-from automarine_cli.planning.information import Logger
+from automarine_cli.planning.information import PlannedLog
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
@@ -59,7 +59,7 @@ class Simulated:
 
     def track(self, campaign: LinkCampaign, run: PlannedRun) -> tuple[Floats, Floats, Floats]:
         """How the vehicle would turn, without noise: time [s since the start], heading [rad] and moment, (N,) each."""
-        logger = Logger(YAW, campaign.moment_unit, campaign.rate_hz, campaign.rest_s, None, None)
+        logger = PlannedLog(YAW, campaign.moment_unit, campaign.rate_hz, campaign.rest_s, None, None)
         on_paper = logger.run(run.candidate)
         step = step_for(self.model, float(np.max(np.abs(on_paper.command))))
         start = Start(position=np.deg2rad([[run.start_heading_deg]]))
@@ -108,7 +108,7 @@ def rehearse(campaign: LinkCampaign, vehicle: Simulated | None, progress: Progre
             _, heading, _ = vehicle.track(campaign, run)
             turned = float(np.rad2deg(heading[-1] - heading[0]))
         runs.append({
-            "name": run.name, "begins_s": campaign.begins(number), "driven_s": run.driven, "turned_deg": turned,
+            "name": run.name, "begins_s": campaign.begins(number), "driven_s": run.driven_s, "turned_deg": turned,
             "left_Ah": campaign.charge(number + 1),
         })  # fmt: skip
         progress("simulating", number + 1, len(campaign.runs))

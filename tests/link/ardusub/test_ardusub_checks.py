@@ -9,7 +9,7 @@ from fake_ardusub import FakeSub, Station, Tank, campaign_of, flown
 
 from automarine_cli.errors import AutomarineError, SettingError
 from automarine_cli.link.vehicles.ardusub.packets import Clock, Link
-from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, Limits
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, ArduSubLimits
 
 CAMPAIGN = campaign_of(0.5, -0.5)
 
@@ -58,7 +58,7 @@ def assert_untouched(vehicle: FakeSub) -> None:
 @pytest.mark.parametrize("rule", RULES)
 def test_a_vehicle_that_is_refused_is_not_armed(rule: str) -> None:
     state, sentence = RULES[rule]
-    vehicle, limits = FakeSub(**state), Limits(depth=1.5) if "depth" in state else Limits()
+    vehicle, limits = FakeSub(**state), ArduSubLimits(depth=1.5) if "depth" in state else ArduSubLimits()
     with pytest.raises(SettingError, match=sentence):
         flown(vehicle, CAMPAIGN, limits=limits)
     assert_untouched(vehicle)

@@ -11,7 +11,7 @@ from made_link import handed_over
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.player import Player
-from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, Limits
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub, ArduSubLimits
 
 LONG = campaign_of(0.6, -0.6, seconds=20.0)
 NAME = LONG.log_name(LONG.runs[0])
@@ -63,7 +63,7 @@ def test_what_goes_wrong_in_a_run_ends_it(act: Act, sentence: str, within: float
     """Its own dead-man has to do it where our word to disarm is lost as well."""
     vehicle, marks = FakeSub(), list[float]()
     with pytest.raises(SettingError, match=sentence):
-        flown(vehicle, LONG, in_the_run(vehicle, act, marks), limits=Limits(depth=2.0))
+        flown(vehicle, LONG, in_the_run(vehicle, act, marks), limits=ArduSubLimits(depth=2.0))
     assert_quiet_since(vehicle, marks[0], within)
 
 
@@ -76,7 +76,7 @@ def test_a_run_that_turns_too_far(side: float) -> None:
             headings.append(vehicle.turned)
 
     with pytest.raises(SettingError, match=r"turned 270 deg from where run 01_step.* began; plan shorter"):
-        flown(vehicle, campaign_of(side * 0.6, seconds=20.0), look, limits=Limits(heading=270.0))
+        flown(vehicle, campaign_of(side * 0.6, seconds=20.0), look, limits=ArduSubLimits(heading=270.0))
     assert 270.0 < np.ptp(headings) < 330.0 and not vehicle.armed  # it coasts a little
 
 

@@ -31,7 +31,7 @@ TURN_PATIENCE_S = 30.0
 
 
 @dataclass(frozen=True)
-class Limits(Settings):
+class ArduSubLimits(Settings):
     """How deep [m] the vehicle may come (inf: any), and how far [deg] a run may turn it, to either side."""
 
     depth: Annotated[float, Limit(0.1)] = math.inf
@@ -39,7 +39,7 @@ class Limits(Settings):
 
 
 class RunSession:
-    def __init__(self, link: Link, stick: Stick, part: Part, authority: TwinThrusters, limits: Limits) -> None:
+    def __init__(self, link: Link, stick: Stick, part: Part, authority: TwinThrusters, limits: ArduSubLimits) -> None:
         self._link, self._stick, self._part, self._authority, self._limits = link, stick, part, authority, limits
         self._mode, self._is_armed = STABILIZE, False
         self._untwisted = self._heading - 360.0 * link.heard.named_values.get("TetherTrn", 0.0)
@@ -194,7 +194,7 @@ class ArduSub(Settings):
     full: Annotated[float, Limit(1e-9, 1e9)] | None = None
     thrusters: Path | None = None
     arm: float | None = None
-    limits: Limits = field(default_factory=Limits)
+    limits: ArduSubLimits = field(default_factory=ArduSubLimits)
     clock: Clock = field(default_factory=Clock)
 
     def __post_init__(self) -> None:
