@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from automarine_cli import effects
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.whole_runs import OutputErrorFit, run_dof
 from automarine_cli.models.model import Model, steady_rate
@@ -230,17 +231,19 @@ def executes(run: Run) -> list[tuple[int, int]]:
 
 def overshoots(model: Model, run: Run) -> list[tuple[float, float]]:
     """Give overshoot angles [rad] of a run, of its log and of the model from the logged state at each execute on: how
-    far the heading goes on after the rudder began to go back. What the model remembers then is of all swings before.
+    far the heading goes on after the rudder began to go back. What the model remembers then is of the logged rates.
     Swings that do not come back in the log are left out."""
     swings, pairs, water = executes(run), [], np.zeros((1, 1, 1))
+    every = max(1, round(RATE_WINDOW_S / run.sample_period))
     for a, b in [(0, swings[0][0]), *swings] if swings else []:
-        if b - a < 3:
-            continue
-        path = _from_log(model, run, a, b, water)
-        way, heading, water = float(np.sign(run.command[a])), run.position, path.water[0, 0, b - a, :, None, None]
+        way, heading = float(np.sign(run.command[a])), run.position
         logged = way * (heading[a : b + 1] - heading[a])
-        if a > 0 and logged[-1] < 0.9 * logged.max():
-            pairs.append((float(logged.max()), float((way * (path.position[0, 0, : b + 1 - a] - heading[a])).max())))
+        if a > 0 and b - a > 2 and logged[-1] < 0.9 * logged.max():
+            path = _from_log(model, run, a, b, water).position[0, 0, : b + 1 - a]
+            pairs.append((float(logged.max()), float((way * (path - heading[a])).max())))
+        for first in range(a, b, every) if any(effects.get(term.name).states for term in model.terms) else ():
+            last = min(first + every, b)
+            water = _from_log(model, run, first, last, water).water[0, 0, last - first, :, None, None]
     return pairs
 
 

@@ -100,10 +100,9 @@ def _precision(estimate: Estimate | None) -> str:
     if estimate is None:
         return MISSING
     low, high = estimate.ci95
-    if low <= 0.0 <= high:  # a share of nearly nothing says nothing
-        return f"{interval(estimate)} (may be 0)"
-    half = 50.0 * (high - low) / abs(estimate.value)
-    return f"{interval(estimate)} ({f'{number(half, 2)} %' if half <= MAX_PERCENT else 'over 100 %'})"
+    half = 50.0 * (high - low) / (abs(estimate.value) or 1.0)
+    words = "may be 0" if low <= 0.0 <= high else f"{number(half, 2)} %" if half <= MAX_PERCENT else "over 100 %"
+    return f"{interval(estimate)} ({words})"
 
 
 def _split_table(plan: Plan) -> Table:
