@@ -26,7 +26,7 @@ from automarine_cli.diagnosis.scores import (
     penalty,
     score,
 )
-from automarine_cli.diagnosis.study import ITERATIONS, DiagnosisProblem, Fit, smoothed
+from automarine_cli.diagnosis.study import ITERATIONS, LEAST_GAIN, DiagnosisProblem, Fit, smoothed
 from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -141,10 +141,10 @@ def candidate_fit(study: DiagnosisProblem, model: Model, added: tuple[str, ...],
 
 def refitted(
     study: DiagnosisProblem, model: Model, added: tuple[str, ...], values: Floats, warm_start: Fit,
-    iterations: int = ITERATIONS,
+    iterations: int = ITERATIONS, least_gain: float = LEAST_GAIN,
 ) -> CandidateFit | None:  # fmt: skip
     try:
-        return candidate_fit(study, model, added, study.fit(model, values, warm_start, iterations))
+        return candidate_fit(study, model, added, study.fit(model, values, warm_start, iterations, least_gain))
     except (FitError, np.linalg.LinAlgError):
         return None
 
@@ -163,6 +163,14 @@ def go_on(
     """Fit a trial further, or from the values of a `model` with the same terms."""
     model, values = (trial.model, trial.fit.of_model) if model is None else (model, model.theta)
     return refitted(study, model, trial.added, values, trial.fit, iterations)
+
+
+def settled(study: DiagnosisProblem, trial: CandidateFit, least_gain: float) -> CandidateFit:
+    """Fit a trial of runs that are simulated whole until a step gains less than `least_gain`."""
+    if study.driven:
+        return trial
+    values = trial.fit.of_model
+    return refitted(study, trial.model, trial.added, values, trial.fit, FINE_ITERATIONS, least_gain) or trial
 
 
 def with_values(model: Model, term: Term, values: Iterable[float]) -> Model:
@@ -342,7 +350,8 @@ MIN_EXTRA_SHARE = 0.1  # of all evidence gained, by an effect beyond MAX_EFFECTS
 MIN_RELATIVE_GAIN = 1e-3  # of the evidence gained; nothing is added for less: laws and logs are no better
 MINOR_EFFECT_SHARE = 0.05  # of all evidence gained; less, and one of MAX_EFFECTS mends the form of another
 TO_THE_NOISE = 1.05  # times the floor down to which an effect leaves no doubt about the drag of the base
-SETTLED_EVIDENCE = 0.5  # gain in evidence below which a swap is not worth another look: fits are settled to less
+FINE, FINE_ITERATIONS = 0.1, 50  # least gain of a step, and iterations, of what candidates are compared with
+SETTLED_EVIDENCE = 0.5  # gain in evidence below which another fit of the same model is no better
 PERIODIC, PERIOD = "periodic-disturbance", 2  # the effect that a limit cycle imitates, and the place of its period
 VALLEY = 1000.0
 """Gain of the best candidate from which, if it leaves more than STANDS times the noise, its laws are fitted from many
@@ -363,6 +372,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
     map_fn: Each
     most = MAX_EFFECTS + 1  # the drag put right counts for nothing
     looks: list[SearchStep] = field(default_factory=list)
+    fuller: dict[frozenset[str], CandidateFit] = field(default_factory=dict)  # by what was left of it
 
     def look(self, model: CandidateFit, number: int) -> SearchStep:
         """Score all candidates in all their laws, fit those in the running to the end, and rank them, unless the model
@@ -371,11 +381,11 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             behind = abs(earlier.before.evidence - model.evidence)
             if set(earlier.before.added) == set(model.added) and behind < 2.0 * SETTLED_EVIDENCE:
                 return earlier
-        study, current = self.study, drag_right(self.study, model)
+        study, current = self.study, settled(self.study, drag_right(self.study, model), FINE)
         names = candidates(study, current.model)
         scores = score(study, current.model, current.fit, names, self.seed + number, self.map_fn)
         chance = max(scores.threshold(LEVEL), 0.0)
-        fits = self._leaders(current, scores, chance, first_step=number == 0)
+        fits = self._leaders(current, self._put_back(current), scores, chance, first_step=number == 0)
         for share, iterations in RUNNING:
             fits |= self._further(current, fits, share, iterations)
         fits |= self._from_many_starts(current, fits)
@@ -416,19 +426,34 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         return len(model.added) < 2
 
     def without(self, model: CandidateFit, name: str) -> CandidateFit | None:
-        return without(self.study, model, name)
+        reduced = without(self.study, model, name)
+        if reduced is not None:
+            self.fuller[frozenset(reduced.added)] = model
+        return reduced
 
     def better(self, current: CandidateFit, reduced: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
         admissible = [trial for trial in look.trials if not obstacle(self.study, trial, reduced)]
         best = min((*admissible, current), key=lambda trial: trial.evidence)
         if reduced.evidence - best.evidence <= max(look.threshold, MIN_RELATIVE_GAIN * first.gain(reduced)):
             return reduced
-        return best if best.evidence < current.evidence - SETTLED_EVIDENCE else current
+        return best if best.evidence < current.evidence - 2.0 * LEAST_GAIN else current
 
-    def _leaders(self, current: CandidateFit, scores: Scores, chance: float, first_step: bool) -> Fits:
-        """Fit the first candidates briefly, those whose scores say that they may reach what the best gains: twice as
-        many while nothing has been added, a third where no score is beyond `chance`; and what is mistaken for the best,
-        as scores miss what begins with a threshold and a tie must be seen."""
+    def _put_back(self, current: CandidateFit) -> Fits:
+        """The fit with the effect that was taken out to come to `current`, which the others have to reach."""
+        fuller = self.fuller.get(frozenset(current.added))
+        if fuller is None or len(out := set(fuller.added) - set(current.added)) != 1:
+            return {}
+        term = next(term for term in fuller.model.terms if term.name in out)
+        model = current.model.with_effect(term.name, term.values)
+        values = dict(zip(fuller.model.parameter_names, fuller.fit.of_model))
+        theta = np.array([values[name] for name in model.parameter_names])
+        trial = refitted(self.study, model, (*current.added, term.name), theta, fuller.fit)
+        return {} if trial is None else {trial.law: trial}
+
+    def _leaders(self, current: CandidateFit, fits: Fits, scores: Scores, chance: float, first_step: bool) -> Fits:
+        """Beside the `fits` at hand fit the first candidates briefly, those whose scores say that they may reach what
+        the best gains: twice as many while nothing has been added, a third where no score is beyond `chance`; and what
+        is mistaken for the best, as scores miss what begins with a threshold and a tie must be seen."""
         best = scores.ranked[0].penalised if scores.ranked else 0.0
         leaders = (2 * LEADERS if first_step else LEADERS) if best > chance else LEADERS // (1 if first_step else 3)
         least = max(LIKELY * best, chance)
@@ -440,9 +465,10 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
                 return of.penalised + of.drop > max(LIKELY * gained, scores.threshold(WEAK))
             return FORETELLS * of.drop > RUNNING[0][0] * gained - RIVAL_RANGE
 
-        ranked, fits, tried = first[:ALWAYS], Fits(), set[str]()
+        ranked, tried = first[:ALWAYS], set[str]()
         while ranked:
-            work = [(s.effect, start) for s in ranked for start in (s.start, *s.other_starts)]
+            starts = ((s.effect, start) for s in ranked for start in (s.start, *s.other_starts))
+            work = [(name, start) for name, start in starts if law_of(name, start) not in fits]
             trials = self.map_fn(
                 partial(add_effect, self.study, current, iterations=SEARCH_BRIEF), work, "trying effects"
             )
@@ -487,7 +513,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         ]
         climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
         climbers += [best] if not best.fit.converged else []
-        ended = map_fn(partial(go_on, study, iterations=2 * ITERATIONS), climbers, "fitting")
+        ended = map_fn(partial(go_on, study, iterations=FINE_ITERATIONS), climbers, "fitting")
         ranked = sorted((trial for trial in ended if trial is not None), key=lambda trial: -trial.evidence)
         better = {trial.law: trial for trial in ranked}
         return {law: t for law, t in better.items() if law not in done or t.evidence < done[law].evidence}
@@ -497,7 +523,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         leading the base out of a valley in which its own fit had stopped."""
         for trial in trials if self.study.driven else trials[:1]:
             values = trial.fit.of_model[: len(current.model.theta)]
-            again = refitted(self.study, current.model, current.added, values, trial.fit)
+            again = refitted(self.study, current.model, current.added, values, trial.fit, least_gain=FINE)
             if again is not None and again.evidence < current.evidence - SETTLED_EVIDENCE:
                 current = again
         return current
@@ -528,6 +554,7 @@ def search(study: DiagnosisProblem, seed: int, map_fn: Each) -> SearchResult:
     if single is not current:
         current, more, around = single, False, {single.counted[0]: rounds[0]}
         p_values[current.counted[0]] = rounds[0].p_value(current)
+    current = settled(study, current, 0.0) if current.added else current
     names = {name: p_values.get(name, LEVEL) for name in current.added}
     result = SearchResult(
         study, base, without_idle_drag(study, current), rounds, names, _rivals(current, around), more,

@@ -32,6 +32,7 @@ from automarine_cli.simulation.rollout import step_for
 
 ITERATIONS = 25
 SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
+LEAST_GAIN = 1.0  # in deviance, of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
 HORIZON = 5.0  # seconds ahead over which driven runs show the gap
 
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
@@ -305,23 +306,25 @@ class DiagnosisProblem:
         return replace(problem, parameters=smoothed_curve(model, problem.parameters))
 
     def fit(
-        self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS
-    ) -> Fit:
+        self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS,
+        least_gain: float = LEAST_GAIN,
+    ) -> Fit:  # fmt: skip
         """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own; once.
 
-        `warm_start` is a fit of a similar model of which everything else is a good start."""
+        `warm_start` is a fit of a similar model of which everything else is a good start: runs that are simulated whole
+        are then fitted until a step gains less than `least_gain`."""
         values = model.theta if values is None else values
-        key = (model, values.tobytes(), warm_start, iterations)
+        key = (model, values.tobytes(), warm_start, iterations, least_gain)
         if key not in self._fits:
-            self._fits[key] = self._fitted(model, values, warm_start, iterations)
+            self._fits[key] = self._fitted(model, values, warm_start, iterations, least_gain)
         return self._fits[key]
 
-    def _fitted(self, model: Model, values: Floats, warm_start: Fit | None, iterations: int) -> Fit:
+    def _fitted(self, model: Model, values: Floats, warm_start: Fit | None, iterations: int, least_gain: float) -> Fit:
         if self.driven:
             driven = self.driven_problem(model)
             if warm_start is not None:
                 starts = starts_near(driven, [values], warm_start.of_chance)
-                return fit_innovations(driven, starts, iterations, iterations < ITERATIONS)
+                return fit_innovations(driven, starts, min(iterations, ITERATIONS), iterations < ITERATIONS)
             return fit_innovations(driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})]))
         problem = self.problem(model)
         delay, begin = 0.0, {GAIN: 0.03, SWITCHES: 0.7}
@@ -331,6 +334,7 @@ class DiagnosisProblem:
             begin |= dict(zip(warm_start.effects.factor_names, warm_start.factors))
             run_effects = warm_start.effects.carried(warm_start.run_effects, problem.effects)
             settings = {"noise": warm_start.noises, "iterations": iterations, "run_effects": run_effects}
+            settings["least_gain"] = least_gain
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
         return fit_mixed(problem, np.append(values, delay), factors=factors, settled=SETTLED, **settings)
 

@@ -115,20 +115,23 @@ def _relaxed(target: Floats, speed: Floats, step: Floats, lag: Floats, beyond: F
     """First order with the time constant `lag`, and `beyond` after a change of sign."""
     gap = speed - target
     crosses = speed * target < 0
+    sign = np.where(speed != 0, np.sign(speed), np.sign(target))
+    if not crosses.any():  # nearly every step, and the logarithm is most of the work
+        impulse, faded = _squares(target, gap, lag, step)
+        return sign * impulse, target + gap * (1.0 - faded)
     ratio = np.where(crosses, -target / np.where(gap == 0, 1.0, gap), 1.0)
     zero = np.where(crosses, np.minimum(-lag * np.log(ratio), step), step)
-    there, remaining = target + gap * np.exp(-zero / lag), step - zero
-    crossed = crosses & (remaining > 0)
-    sign = np.where(speed != 0, np.sign(speed), np.sign(target))
-    impulse = sign * _squares(target, gap, lag, zero)
-    impulse = impulse + np.sign(target) * _squares(target, -target, beyond, np.where(crossed, remaining, 0.0))
-    return impulse, np.where(crossed, -target * np.expm1(-remaining / beyond), there)
+    impulse, faded = _squares(target, gap, lag, zero)
+    crossed = crosses & (step > zero)
+    behind, risen = _squares(target, -target, beyond, np.where(crossed, step - zero, 0.0))
+    after = np.where(crossed, target * risen, target + gap * (1.0 - faded))
+    return sign * impulse + np.sign(target) * behind, after
 
 
-def _squares(target: Floats, gap: Floats, lag: Floats, time: Floats) -> Floats:
-    """Integral of n² over `time` for n = target + gap exp(-t/lag)."""
-    once, twice = -np.expm1(-time / lag), -np.expm1(-2.0 * time / lag)
-    return target**2 * time + 2.0 * target * gap * lag * once + 0.5 * gap**2 * lag * twice
+def _squares(target: Floats, gap: Floats, lag: Floats, time: Floats) -> tuple[Floats, Floats]:
+    """Integral of n² over `time` for n = target + gap exp(-t/lag), and the share of the gap that has gone then."""
+    faded = -np.expm1(-time / lag)
+    return target**2 * time + gap * lag * faded * (2.0 * target + gap * (1.0 - 0.5 * faded)), faded
 
 
 def _in_thrust(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]) -> tuple[Floats, Floats]:

@@ -323,8 +323,10 @@ def fit_mixed(
     run_effects: Floats | None = None,
     iterations: int = 60,
     settled: float = SETTLED_STDERRS,
+    least_gain: float = 0.0,
 ) -> MixedFit:
-    """Fit `problem` from the start values; shapes as in `Problem`, `settled` as the constant of that name.
+    """Fit `problem` from the start values; shapes as in `Problem`, `settled` as the constant of that name. The fit also
+    ends with a whole step that gains less than `least_gain` in the sum of squares (of standard deviations).
 
     `noise` is that of the first channel that counts, or of all these (C,); the others' start where their slots say.
 
@@ -335,7 +337,7 @@ def fit_mixed(
     if len(parameters.free) < len(parameters):
         free = fit_mixed(
             of_free(problem), theta[parameters.free], noise=noise, factors=factors, run_effects=run_effects,
-            iterations=iterations, settled=settled,
+            iterations=iterations, settled=settled, least_gain=least_gain,
         )  # fmt: skip
         return with_fixed(free, parameters)
     if problem.count.sum() <= len(theta) + 1:
@@ -363,7 +365,9 @@ def fit_mixed(
         last = share * change
         new_phi = np.clip(point.phi + last, bounds[:, 0], bounds[:, 1])
         old, point = (point, _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)))
-        stuck = point is old or _stands(problem, variances, old, point, new_phi)
+        gain = _penalised(problem, variances, old) - _penalised(problem, variances, point)
+        stuck = gain < TRIFLE and _is_cut(problem, old, point, new_phi)
+        converged |= not stuck and gain < least_gain
     return _report(problem, point, variances, bounds, step, converged)
 
 
@@ -439,13 +443,11 @@ def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: 
     return current
 
 
-def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, target: Floats) -> bool:
-    """Whether the search stands: a step cut to a quarter of the one allowed, or less, gained a trifle."""
+def _is_cut(problem: Problem, old: _Point, new: _Point, target: Floats) -> bool:
+    """Whether a step towards `target` was cut to a quarter of the one allowed, or less."""
     proposed = target - old.phi
     allowed = min(1.0, MAX_PHI_STEP / max(float(np.abs(proposed)[problem.parameters.log].max(initial=0.0)), 1e-300))
-    if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(proposed).max():
-        return False
-    return _penalised(problem, variances, old) - _penalised(problem, variances, new) < TRIFLE
+    return bool(np.abs(new.phi - old.phi).max() <= 0.25 * allowed * np.abs(proposed).max())
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -464,10 +466,10 @@ def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit
             return None
         if cost <= limit:
             return point
-        if cost > 0.5 * before:
+        weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
+        if cost > 0.5 * before or float(weighted.square.sum()) > limit:  # the least that following promises
             return None
-        before = cost
-        b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, np.zeros_like(phi))
+        before, b = cost, problem.effects.deviation(variances) * weighted.means
     return None
 
 

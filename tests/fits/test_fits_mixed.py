@@ -222,6 +222,27 @@ def test_fit_of_a_linear_problem_is_generalised_least_squares() -> None:
     assert fit.log_likelihood == pytest.approx(-best.fun, abs=1e-4)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fit_that_ends_with_a_small_gain_is_shorter_and_as_likely(seed: int) -> None:
+    """Of a curved response, from far off: the likelihood lacks less than the least gain."""
+    linear = Linear(seed)
+    straight = linear.problem()
+
+    def curved(theta: Floats, b: Floats) -> Floats:
+        there = straight.response(theta, b)
+        return np.asarray(there + 0.1 * there**2 + 0.05 * there**3)
+
+    noise = linear.w - linear.j @ TRUTH
+    measured = np.where(linear.seen, curved(TRUTH[None], np.zeros((1, RUNS, EFFECTS)))[0] + noise, 0.0)
+    problem = replace(straight, response=curved, measured=measured)
+    ends = [
+        fit_mixed(problem, 3.0 * TRUTH, noise=1.0, factors=np.ones(2), settled=1e-6, least_gain=gain)
+        for gain in (0.0, 0.5)
+    ]
+    assert ends[1].converged and ends[1].iterations < ends[0].iterations
+    assert abs(ends[1].log_likelihood - ends[0].log_likelihood) < 0.5
+
+
 def test_leaving_runs_out_is_exact_for_a_linear_problem() -> None:
     linear, fit = linear_fit()
     variances = np.log([fit.noise, *fit.factors])
