@@ -18,16 +18,19 @@ PAGES = {
     "index": ROOT / "README.md",
     **{path.relative_to(guide.FOLDER).with_suffix("").as_posix(): path for path in sorted(guide.FOLDER.rglob("*.md"))},
     "python-reference": ROOT / ".docs" / "python-reference.md",
+    **{f"notebooks/{path.stem}": path for path in sorted((ROOT / ".docs" / "notebooks").glob("*.md"))},
     **{path.stem.lower(): path for path in sorted((ROOT / ".github").glob("*.md"))},
 }  # by their places in the site
 POINTER = re.compile(r"^`automarine [a-z-]+ --help`.* lists? all options\.$", flags=re.MULTILINE)
 URLS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"].get("urls", {})
 
 project, release, root_doc = "automarine", automarine_cli.__version__, "index"
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_nb", "sphinx.ext.autodoc"]
 myst_enable_extensions = ["attrs_block", "dollarmath", "html_image"]
 myst_fence_as_directive, myst_heading_anchors = ["math"], 4
 myst_disable_syntax = ["myst_line_comment", "myst_block_break", "myst_target"]  # a line may begin with "% of"
+nb_execution_mode, nb_execution_raise_on_error, nb_execution_in_temp = "force", True, True
+nb_execution_timeout, nb_number_source_lines = 600, False
 html_theme, html_title = "furo", f"automarine {release}"
 html_static_path, html_css_files = ["site.css", "search.js"], ["site.css"]
 templates_path, html_additional_pages = ["."], {"search": "search.html"}
@@ -53,7 +56,7 @@ def navigation() -> dict[str, dict[str, str]]:
 
 def short_title(name: str, words: str = "") -> str:
     """The page's title up to the colon, or what contents.md calls it where that is shorter."""
-    title = PAGES[name].read_text("utf-8").partition("\n")[0].removeprefix("# ").replace("`", "").partition(":")[0]
+    title = re.search("^# (.*)", PAGES[name].read_text("utf-8"), re.MULTILINE)[1].replace("`", "").partition(":")[0]
     if name.startswith("commands/"):
         return title.removeprefix("automarine ")
     return min(title, (words[:1].upper() + words[1:]).replace("`", "") or title, key=len)

@@ -297,9 +297,10 @@ def _predicted(
     off = sure[:, None] * (of_line @ rng.standard_normal((2, count)))
     log_gain[0], off[:, 0] = 0.0, 0.0
     sampled = not doubt.disturbed and run.dof.fill(NOT_LOGGED) not in start.how
-    pushed = _late_switches(model, run, batch, count, rng) if sampled else None
-    if doubt.disturbed:
-        pushed = _pushes(model, doubt, batch, theta, rng)
+    pushed = _pushes(model, doubt, batch, theta, rng) if doubt.disturbed else None
+    late = rng.uniform(-0.5, 0.5, (count, *batch.interval.shape)) * batch.interval if sampled else None
+    if late is not None:
+        late[0] = 0.0
     readings = {channel.quantity: np.empty((count, len(run))) for channel in batch.channels}
     together = max(1, int(SIMULATED_STEPS / batch.length.shape[1]))
     axis = (len(motion.dofs), 1, 1) if motion.turns else (1, 1)
@@ -310,7 +311,8 @@ def _predicted(
             for x, o in zip((start.position, start.rate), off)
         )
         disturbance = None if pushed is None else pushed[:, some, None]
-        path = simulate(model, batch, theta[some], Start(position, velocity, log_gain[some], disturbance=disturbance))
+        delay = None if late is None else late[some]
+        path = simulate(model, batch, theta[some], Start(position, velocity, log_gain[some], delay, disturbance))
         for channel in batch.channels:
             readings[channel.quantity][some] = path.reading(channel)[:, 0]
     sound = np.all([np.all(np.abs(values) < MAX_WAY, axis=1) for values in readings.values()], axis=0)
@@ -325,22 +327,6 @@ def _predicted(
         for quantity, values in readings.items()
     }
     return PredictedRun(run, start, bands, int(count - np.count_nonzero(sound)), sampled)
-
-
-def _late_switches(model: Model, run: Run, batch: Batch, count: int, rng: np.random.Generator) -> Floats:
-    """Moments or forces of each window, (D, P, windows), none of the first set: what the vehicle gets more or less if a
-    logged command changed anywhere between two samples, uniform about the mean, which a delay tells."""
-    motion, ends = model.motion, np.cumsum(batch.length[0])
-    seconds = np.bincount(batch.window[0], batch.length[0], batch.windows)
-    window = batch.window[0][np.minimum(np.searchsorted(ends, run.time[1:] - run.time[0]), len(ends) - 1)]
-    pushes = np.zeros((len(motion.dofs), count, batch.windows))
-    late = rng.uniform(-0.5, 0.5, (count, len(run) - 1)) * np.diff(run.time)
-    late[0] = 0.0
-    for k, dof in enumerate(motion.dofs):
-        impulses = -np.diff(run.command_of(dof)) * late
-        changed = np.flatnonzero(np.any(impulses, axis=0))
-        np.add.at(pushes[k].T, window[changed], impulses[:, changed].T)
-    return pushes / np.maximum(seconds, 1e-9)
 
 
 def _pushes(model: Model, doubt: Doubt, batch: Batch, theta: Floats, rng: np.random.Generator) -> Floats:

@@ -94,6 +94,11 @@ class Tuning(Shown, GainProblem):
     `target_text()` is the target's own file. `to_json()` is tuning.json.
 
     Frame, a row per gain: `parameter`, `value`, `before`, `unit`, `documented`.
+
+    Keys: `schema`, `verdict`, `why`, `target`, `firmware`, `motion`, `model`, `moment_unit`, `full_moment`,
+    `sample_time_s`, `step_deg`, `settled_within_deg`, `load_percent`, `load_recovery_s`, `margin_asked`,
+    `flight_s`, `gains`, `disk_margin`, `margins`, `promised`, `present`, `at_end_of_range`, `beyond_range`,
+    `vehicles`, `explanations`, `settled_by`, `notes`, `present_gains`, `made_from`.
     """
 
     verdict: Verdict
@@ -409,6 +414,8 @@ class FlownStep:
 class TuningCheck(Shown):
     """The `steps` of a log of the motion `dof` beside what was promised. `to_json()` is tuning_check.json; its `steps`
     are the rows of the frame.
+
+    Keys: `schema`, `motion`, `verdict`, `steps`.
     """
 
     steps: tuple[FlownStep, ...]

@@ -54,6 +54,9 @@ class ThrusterDiagnosis(Shown):
 
     Frame, a row per effect and parameter: `effect`, `confidence`, `parameter`, `value`, `stderr`, `low`, `high`,
     `unit`.
+
+    Keys: `schema`, `model`, `verdict`, `effects`, `where`, `gap`, `faulty`, `candidates`, `threshold`,
+    `full_scale_N`, `noise_floor_from`, `levels`, `runs`.
     """
 
     verdict: str

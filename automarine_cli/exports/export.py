@@ -111,7 +111,10 @@ def _(result: Exported) -> Sections:
 
 @dataclass(frozen=True)
 class Targets:
-    """The `targets` that there are, where `show_list` asks for them."""
+    """The `targets` that there are, where `show_list` asks for them. `to_json()` lists them.
+
+    Keys: `schema`, `targets`.
+    """
 
     targets: tuple[Target, ...]
 

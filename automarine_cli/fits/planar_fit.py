@@ -376,6 +376,10 @@ class PlanarFit(Shown):
     planar_model.json.
 
     Frame, a row per parameter: `parameter`, `value`, `stderr`, `low`, `high`, `unit`.
+
+    Keys: `schema`, `force_unit`, `moment_unit`, `parameters`, `covariance`, `command_delay_s`, `fitted_to`,
+    `structure`, `structure_because`, `estimated`, `estimated_because`, `assumptions`, `channels`, `random`,
+    `prediction`, `log_likelihood`, `valid_range`, `warnings`, `runs`.
     """
 
     tried: tuple[OutputErrorFit, ...]

@@ -1,11 +1,13 @@
 """What `help()` and the site say of functions and their results is complete: attributes, columns, keys."""
 
 import dataclasses
+import json
 import re
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from golden import OUTPUTS, read
 from repository import SAMPLE_RUNS
 
 import automarine_cli as am
@@ -15,6 +17,15 @@ from automarine_cli.pipeline.records import Shown
 FUNCTIONS = [name for name in am.__all__ if isinstance(getattr(am, name), Command)]
 CLASSES = sorted({result for name in FUNCTIONS for result in result_classes(getattr(am, name))}, key=str)
 SHOWN = {*dir(Shown), "to_json", "to_frame"}  # which all results have
+ON_FILE = {
+    "PlanarFit": "fit-planar out/planar/planar_model.json",
+    "Diagnosis": "diagnose-one out/diagnose_one/diagnosis.json",
+    "ThrusterDiagnosis": "diagnose-thrusters out/diagnose_thrusters/diagnosis.json",
+    "Prediction": "predict-yaw out/predicted/prediction.json",
+    "Plan": "plan out/day/plan.json",
+    "ResultComparison": "compare out/compared/comparison.json",
+    "Tuning": "tune out/tuning/tuning.json",
+}
 CODE = re.compile(r"`([A-Za-z_]\w*)(?:\([^`]*\))?`")
 
 
@@ -49,6 +60,16 @@ def test_columns_and_keys_are_those_of_results(results: list[Any]) -> None:
         assert CODE.findall(said["Keys"]) == list(result.to_json())
         if "Frame" in said:
             assert CODE.findall(said["Frame"]) == list(result.to_frame().columns)
+
+
+@pytest.mark.parametrize("result", CLASSES, ids=lambda result: result.__name__)
+def test_keys_are_those_of_files(result: type) -> None:
+    """Of results that take long: as `tests/golden` has their files."""
+    keys = CODE.findall(paragraphs(result)["Keys"])
+    assert keys[0] == "schema"
+    if (place := ON_FILE.get(result.__name__)) is not None:
+        name, file = place.split(" ")
+        assert keys == list(json.loads(read(OUTPUTS / f"{name}.txt")[file]))
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

@@ -5,13 +5,16 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.shell_completion import ShellComplete
 from click.testing import Result
+from golden import OUTPUTS, read
 from pseudo_terminal import ESCAPE, on_terminal
 from test_readme import commands, flags_of
 
+import automarine_cli as am
 from automarine_cli import guide
 from automarine_cli.commands import automarine
 from automarine_cli.guide.search import Index, Section, alternatives, stems
@@ -114,3 +117,17 @@ def test_a_terminal_shows_a_page_in_the_pager(tmp_path: Path) -> None:
     assert status == 0
     assert said.startswith("PAGED ") and ESCAPE not in said  # an unknown pager gets no colours
     assert max(len(line) for line in said.splitlines() if not line.startswith("  ")) <= 60
+
+
+def part(of: dict[str, Any], whole: dict[str, Any]) -> dict[str, Any]:
+    """What `whole` has for the keys of `of`."""
+    return {key: part(value, whole[key]) if isinstance(value, dict) else whole[key] for key, value in of.items()}
+
+
+def test_the_model_to_copy_is_that_of_the_first_walk_and_predicts(tmp_path: Path) -> None:
+    (text,) = re.findall(r"^```json\n(.*?)^```$", guide.page("results").markdown, flags=re.MULTILINE | re.DOTALL)
+    model, path = json.loads(text), tmp_path / "yaw_model.json"
+    assert part(model, json.loads(read(OUTPUTS / "fit-yaw.txt")["out/yaw/yaw_model.json"])) == model
+    path.write_text(text, encoding="utf-8")
+    end = am.predict(path, commands={"time_s": [0.0, 9.0], "tau": [0.6, 0.6]}).to_frame().iloc[-1]
+    assert 0.0 < end.heading_deg_low < end.heading_deg < end.heading_deg_high

@@ -1,4 +1,4 @@
-"""The pages of the campaign file and of the limits file, and the table of the page for Python, are made of the code, so
+"""The pages of the campaign file and of the limits file, and the list of functions for Python, are made of the code, so
 that they cannot differ; run as a program, this writes them anew:
 `PYTHONPATH=.:tests/helpers python tests/guide/test_made_pages.py`."""
 
@@ -15,7 +15,7 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli import guide
-from automarine_cli.commands import automarine, in_python, load, short_help
+from automarine_cli.commands import automarine, in_python, load
 from automarine_cli.commands.campaign import COMMANDS, EXPECTED, GIVEN, KEYS
 from automarine_cli.dofs import SURGE
 from automarine_cli.planning.candidates import example_limits
@@ -57,11 +57,7 @@ LIMITS_HEAD = """# The limits file: what the next campaign may cost
 |section|key|default|meaning|
 |---|---|---|---|
 """
-PYTHON_TABLE = "|name|what it does|\n|---|---|\n"
-NO_FUNCTIONS = {
-    "__version__": "The version of automarine.",
-    "effects": 'The library of effects, such as `am.effects.get("dead-band").equation`.',
-}
+FUNCTIONS = "The functions are "
 LONG, MOST_WORDS = 6, 370
 
 
@@ -151,11 +147,11 @@ def limits_page() -> str:
 
 
 def python_page() -> str:
-    """The page as it is, with the table of functions made anew."""
-    commands = [(name, command) for name, command in in_python().items() if name in {*am.__all__} - {*NO_FUNCTIONS}]
-    rows = [row(f"`{name}({', '.join(needed(command))})`", short_help(command)) for name, command in commands]
-    table = PYTHON_TABLE + "".join(row(f"`{name}`", said) for name, said in NO_FUNCTIONS.items()) + "".join(rows)
-    return re.sub(re.escape(PYTHON_TABLE) + r"(?:\|.*\n)*", lambda _: table, PYTHON.read_text(encoding="utf-8"))
+    """The page as it is, with its list of functions made anew."""
+    offered = {*am.__all__} - {"effects"}
+    listed = [f"`{name}({', '.join(needed(command))})`" for name, command in in_python().items() if name in offered]
+    text = PYTHON.read_text(encoding="utf-8")
+    return re.sub(rf"{FUNCTIONS}.*", lambda _: f"{FUNCTIONS}{', '.join(listed)}.", text)
 
 
 def needed(command: str) -> list[str]:
@@ -174,8 +170,8 @@ def test_the_page_is_what_the_code_says(page: Path) -> None:
 
 
 def test_every_public_name_is_on_the_page() -> None:
-    listed = re.findall(r"^\|`(\w+)", PYTHON.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    assert sorted(listed) == sorted(am.__all__)
+    text = PYTHON.read_text(encoding="utf-8")
+    assert [name for name in am.__all__ if not re.search(rf"`(am\.)?{name}\b", text)] == []
 
 
 def test_words_of_our_own_are_of_keys_that_there_are() -> None:

@@ -14,6 +14,7 @@ from urllib.parse import quote, unquote, urlsplit
 import pytest
 from repository import ROOT
 from test_guide import BEST
+from test_notebooks import NOTEBOOKS
 from test_readme import PAGES, without_fences
 
 from automarine_cli.commands import names
@@ -53,14 +54,19 @@ def test_every_page_is_in_the_menu_once() -> None:
     listed = [name for pages in MENU.values() for name in pages]
     assert sorted([*listed, "index", "contents"]) == sorted(SITE["PAGES"])
     on_disk = {path.relative_to(ROOT).as_posix() for path in SITE["PAGES"].values()}
-    assert on_disk == {*PAGES, ".docs/python-reference.md"}
+    notebooks = {f".docs/notebooks/{path.name}" for path in NOTEBOOKS}
+    assert len(notebooks) == 2 and on_disk == {*PAGES, ".docs/python-reference.md", *notebooks}
     assert list(MENU) == ["Start", "How-to", "Reference", "Explanation", "Project"]
     titles = [title for pages in MENU.values() for title in pages.values()]
     assert len(set(titles)) == len(titles) and [title for title in titles if len(title) > LONGEST] == []
 
 
 def test_every_command_has_its_options_on_one_page() -> None:
-    pages = {name: PAGES[path.relative_to(ROOT).as_posix()] for name, path in SITE["PAGES"].items() if "/" in name}
+    pages = {
+        name: PAGES[path.relative_to(ROOT).as_posix()]
+        for name, path in SITE["PAGES"].items()
+        if name.startswith("commands/")
+    }
     listed = [re.findall(r"^\{\.options .*\}$", SITE["options"](name), flags=re.MULTILINE) for name in pages]
     assert sum(map(len, listed)) == len(names()) and all(listed)
     assert [name for name, text in pages.items() if len(SITE["POINTER"].findall(text)) != 1] == []

@@ -419,10 +419,35 @@ onload = () => {{
   seen.widths.push(wide(), press("+"), press("-"));
   send("MouseEvent", stage, {{ type: "dblclick" }});
   seen.widths.push(wide());
+  const touch = (type, pointerId, clientX) =>
+    send("PointerEvent", stage, {{ type, pointerId, pointerType: "touch", clientX, clientY: 300 }});
+  for (const [id, x] of [[11, 100], [12, 200]]) touch("pointerdown", id, x);
+  touch("pointermove", 12, 300);
+  for (const id of [11, 12]) touch("pointerup", id, 300);
+  seen.pinched = wide();
+  send("MouseEvent", stage, {{ type: "dblclick" }});
   seen.large = told(stage);
   document.documentElement.textContent = JSON.stringify(seen);
 }}
 </script>"""
+
+
+PRINT = """<iframe src="report.html" width="{width}" height="900" style="border: 0"></iframe><script>
+onload = () => {{
+  const page = document.querySelector("iframe").contentDocument, shown = each => each.getClientRects().length > 0;
+  const figures = [...page.querySelectorAll("figure")], seen = {{ figures: figures.length }};
+  seen.chosen = figures.filter(shown).length;
+  for (const sheet of page.styleSheets) for (const rule of sheet.cssRules)
+    if (rule.media?.mediaText === "print") rule.media.mediaText = "all";
+  const body = getComputedStyle(page.body);
+  seen.shown = figures.filter(shown).length;
+  seen.width = page.scrollingElement.scrollWidth;
+  seen.controls = [...page.querySelectorAll("nav, select, dialog")].filter(shown).length;
+  [seen.paper, seen.ink] = [body.backgroundColor, body.color];
+  document.documentElement.textContent = JSON.stringify(seen);
+}}
+</script>"""
+A4_PX = 718  # 190 mm at 96 pixels an inch
 
 
 def looked_at(place: Path, text: str, look: str, *flags: str) -> dict[str, Any]:
@@ -450,6 +475,17 @@ def test_a_run_is_chosen_and_its_figure_answers(files: dict[str, str], tmp_path:
     start, wheel, more, less, again = seen["widths"]
     assert seen["open"] and wheel > 2 * start and more > wheel > start
     assert less == pytest.approx(wheel) and again == start
+    assert seen["pinched"] == pytest.approx(2.0 * start, abs=1.0)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_paper_shows_every_run_on_white(files: dict[str, str], tmp_path: Path, dark: bool) -> None:
+    """The rules of print, on a page as wide as A4 within its margins."""
+    scheme = f"--blink-settings=preferredColorScheme={1 - dark}"
+    seen = looked_at(tmp_path, files["report.html"], PRINT.format(width=A4_PX), scheme)
+    assert seen["figures"] > seen["chosen"] > 0 and seen["figures"] == seen["shown"]
+    assert seen["width"] <= A4_PX and seen["controls"] == 0
+    assert (seen["paper"], seen["ink"]) == ("rgb(255, 255, 255)", "rgb(0, 0, 0)")
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1200, False), (390, True)])

@@ -39,7 +39,7 @@ if TYPE_CHECKING:  # a plan needs no controllers
 
 MAX_RESULT_NAME, WIDEST_LABEL = 28, 40  # letters that have room beside and below a panel
 MAX_PANELS = 4
-MAX_WRITTEN, MAX_LABEL = 9, 16  # parameters whose correlations are written out; letters of a name
+MAX_WRITTEN, MAX_LARGE, MAX_LABEL = 9, 4, 16  # parameters whose correlations are written, in large; letters of a name
 MAX_LAGS, MAX_POINTS_DRAWN, MAX_RESIDUAL = 40, 4000, 5.0  # samples; of residuals over time; in units of the noise
 MIN_WIDTH_RATIO = 1.1  # how many times wider intervals would be
 MIN_RUNS_DRAWN = 3  # below which a curve is not drawn: nothing is known yet
@@ -139,8 +139,9 @@ def residuals_figure(
     pairs.set_title("Correlation of the parameters' errors")
     if len(names) <= MAX_WRITTEN:
         for i, j in np.ndindex(matrix.shape):
-            ink = "white" if abs(matrix[i, j]) > 0.7 else "black"
-            pairs.text(j, i, f"{matrix[i, j]:.2f}", ha="center", va="center", fontsize=5.5, color=ink)
+            light = np.dot(drawn.to_rgba(matrix[i, j])[:3], (0.299, 0.587, 0.114))  # Rec. 601
+            size, ink = 8.0 if len(names) <= MAX_LARGE else 5.5, "white" if light < 0.5 else "black"
+            pairs.text(j, i, f"{matrix[i, j]:.2f}", ha="center", va="center", fontsize=size, color=ink)
     figure.colorbar(drawn, ax=pairs, label="Correlation [1]")
     if len(names) > 1:
         i, j = np.unravel_index(np.argmax(np.abs(np.triu(matrix, 1))), matrix.shape)

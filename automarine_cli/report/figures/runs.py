@@ -256,6 +256,11 @@ def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Fig
     return style.residuals_figure(residuals, labels, dof.units.shown, float(dof.shown(noise)), title)
 
 
+USABLE: dict[str, Any] = {"color": style.COLOURS["blue"], "lw": 1.8}
+MANOEUVRE: dict[str, Any] = {"color": style.COLOURS["orange"], "lw": 1.2}
+REST: dict[str, Any] = {"color": "0.55", "lw": 0.6}  # widths that a grey printer tells apart
+
+
 @style.house_style
 def logs_figure(runs: Sequence[RunSeen]) -> Figure:
     """Draw runs of one motion as they were logged, position above command: what a fit of steps uses in blue, what only
@@ -273,9 +278,8 @@ def logs_figure(runs: Sequence[RunSeen]) -> Figure:
             continue
         run, trace = runs[i], runs[i].trace
         whole = run.kind == "manoeuvre" and not trace.used.any()
-        look = {"color": style.COLOURS["orange"]} if whole else {"color": "0.6"}
-        position.plot(trace.time, trace.position, lw=0.9, **look)
-        position.plot(trace.time, np.where(trace.used, trace.position, np.nan), lw=1.6, color=style.COLOURS["blue"])
+        position.plot(trace.time, trace.position, **(MANOEUVRE if whole else REST))
+        position.plot(trace.time, np.where(trace.used, trace.position, np.nan), **USABLE)
         command.plot(trace.time, trace.command, lw=0.9, color=style.COLOURS["green"], drawstyle="steps-mid")
         position.sharex(command)
         position.tick_params(labelbottom=False)
@@ -286,8 +290,8 @@ def logs_figure(runs: Sequence[RunSeen]) -> Figure:
             command.set_ylabel(f"${dof.symbols.force_math}$ [{run.moment_unit}]", fontsize=7.0)
         if i + columns >= len(runs):
             command.set_xlabel("Time [s]", fontsize=7.0)
-    looks = {f"usable {dof.words.step}": "blue", "manoeuvre, for fits of whole runs": "orange", "the rest": "grey"}
-    handles = [Line2D([], [], color=style.COLOURS[colour], label=label) for label, colour in looks.items()]
+    labels = f"usable {dof.words.step}", "manoeuvre, for fits of whole runs", "the rest"
+    handles = [Line2D([], [], label=label, **look) for label, look in zip(labels, (USABLE, MANOEUVRE, REST))]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     figure.suptitle(f"{plural(len(runs), f'{dof.name} run')} as logged")
     figure.align_ylabels()

@@ -41,6 +41,7 @@ TWO_LOOKS: tuple[dict[str, Any], ...] = ({"color": COLOURS["orange"], "ms": 5.0}
 
 PAGE_IN = 7.2  # width of a page [inch]
 MAX_RUNS_DRAWN, MAX_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
+MIN_MARK_PT = 4.0  # of a point in a legend, however small they are drawn
 MAX_NAME_BESIDE = 26  # letters that have room beside and above a panel
 
 house_style = matplotlib.style.context(["default", {
@@ -55,12 +56,19 @@ house_style = matplotlib.style.context(["default", {
 """Decorator (or `with` block once) under which figures are drawn."""
 
 
+class HouseFigure(Figure):
+    """A figure that a notebook shows by itself, in its printed size."""
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, float]]:
+        return FIGURE_WRITERS["png"](self), {"width": 100.0 * self.get_figwidth()}
+
+
 @house_style
 def new_figure(
     nrows: int = 1, ncols: int = 1, width_in: float = PAGE_IN, height_in: float = 2.6, **subplots: Any
 ) -> tuple[Figure, NDArray[Any]]:
     """A figure and its axes, shape (nrows, ncols); `subplots` goes to `Figure.subplots` (`sharex`, ...)."""
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    figure = HouseFigure(figsize=(width_in, height_in), layout="constrained")
     axes: NDArray[Any] = np.asarray(figure.subplots(nrows, ncols, squeeze=False, **subplots))
     return figure, axes
 
@@ -107,7 +115,8 @@ def above_residuals(width_in: float, height_in: float, labels: tuple[str, str, s
 
 def legend_below(figure: Figure, *axes: Axes, ncols: int = 3) -> None:
     handles = [handle for ax in axes for handle in ax.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
+    for mark in figure.legend(handles=handles, loc="outside lower center", ncols=ncols).get_lines():
+        mark.set_markersize(max(mark.get_markersize(), MIN_MARK_PT))
 
 
 @house_style
@@ -141,7 +150,7 @@ def residuals_figure(
     runs = [(name, lines) for name, lines in residuals if all(len(error) for _, error in lines)]
     sizes = np.array([[np.sqrt(np.mean(error**2)) for _, error in lines] for _, lines in runs]).reshape(-1, 2)
     order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MAX_RUNS_DRAWN]
-    figure = Figure(figsize=(PAGE_IN, max(4.5, 0.16 * len(order) + 1.2)), layout="constrained")
+    figure = HouseFigure(figsize=(PAGE_IN, max(4.5, 0.16 * len(order) + 1.2)), layout="constrained")
     places = range(min(len(order), MAX_DRAWN) or 1)
     axes: dict[Any, Axes] = figure.subplot_mosaic([[place, "all"] for place in places], width_ratios=(1.6, 1.0))
     for place, i in zip(places, order):
