@@ -145,7 +145,7 @@ def _unsettled_thrust(prior: PriorResults, file: ModelFile) -> tuple[str, str] |
     names = {term.name for term in prior.model.terms}
     effect = next((name for name in CURVE_EFFECTS if name not in names), CURVE_EFFECTS[0])
     remedy = "diagnose its logs, with runs of small commands among them."
-    return f"{why}. Such a vehicle may hunt for ever: {remedy}", effect
+    return f"{why}. Such a vehicle may oscillate without end: {remedy}", effect
 
 
 def _idle(main: Explanation, judged: DiagnosisFile | None, largest: float) -> list[Explanation]:
