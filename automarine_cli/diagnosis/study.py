@@ -32,7 +32,7 @@ from automarine_cli.simulation.rollout import step_for
 
 ITERATIONS = 25
 SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
-LEAST_GAIN = 1.0  # in deviance, of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
+LEAST_GAIN = 0.3  # in deviance, of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
 HORIZON = 5.0  # seconds ahead over which driven runs show the gap
 
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
