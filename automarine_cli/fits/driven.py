@@ -212,7 +212,8 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     of what is positive): of two estimates that err in different ways it is never far from the better one. The
     square of the way from innovations is added to the covariance, for one of the two is biased by so much on any
     number of runs. Commands that are held (`is_held`) answer nothing within a forecast: the estimate counts with
-    which the model alone forecasts better. Of what is steered the one counts that predicts best over longer horizons.
+    which the model alone forecasts better. Of what is steered
+    forecasts count, unless innovations predict clearly better over longer horizons.
     """
     innovations, dof, count = likely.mixed, likely.model.dof, len(likely.model.theta)
     assert isinstance(innovations, InnovationsFit)
@@ -246,7 +247,7 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     if is_held and losses is not None:
         better = bool(losses[FORECASTS].sum() < losses[INNOVATIONS].sum())
     if steered:  # forecasts reach over the answer of its hull
-        chosen = FORECASTS if losses is None else min(losses, key=lambda name: losses[name].sum())
+        chosen = INNOVATIONS if losses and is_ahead(losses[INNOVATIONS], losses[FORECASTS]) else FORECASTS
     elif is_biased or (losses is None and not better):
         chosen = INNOVATIONS
     elif losses is None or (better and losses[FORECASTS].sum() <= losses[MIDDLE].sum()):

@@ -29,7 +29,7 @@ from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.models.store import Sensor
 from automarine_cli.pipeline.records import to_mapping
-from automarine_cli.quantities import STEERED, Floats
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import ChannelChoice
 from automarine_cli.runs.run import Run, position_noise
 
@@ -204,8 +204,7 @@ def randomness(
         add(f"{dof.name}.disturbance-time", *time, 2.0, 1.0)
         thrust = (0.0, 0.0) if quiet else (1e-3, 3.0)
         add(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0)
-    scatter = (0.01, 1.5) if course.moment_unit == STEERED else (0.04, 0.5)  # a rudder's angle is logged, no thrust is
-    add("gain-scatter", 1e-3, 0.3, *scatter)
+    add("gain-scatter", 1e-3, 0.3, 0.04, 0.5)
     earliest = -course.half_width if latest else 0.0
     anywhere = Prior(0.0, MAX_DELAY_S)
     chances.append(Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, unit="s", prior=anywhere))
