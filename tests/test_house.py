@@ -30,13 +30,13 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5851, "report": 5237, "logs": 4012, "diagnosis": 3901, "commands": 3515, "runs": 2741,
-    "thrusters": 2713, "link": 2657, "control": 2171, "effects": 2303, "planning": 1898, "simulation": 1664,
-    "exports": 1945, "comparison": 1661, "models": 1240, "filters": 997, "pipeline": 807, "dofs": 598, "top": 325,
+    "fits": 5856, "report": 5249, "logs": 4002, "diagnosis": 3933, "commands": 3504, "runs": 2739,
+    "thrusters": 2713, "link": 2657, "control": 2178, "effects": 2306, "planning": 1898, "simulation": 1662,
+    "exports": 1938, "comparison": 1645, "models": 1238, "filters": 996, "pipeline": 807, "dofs": 588, "top": 325,
     "guide": 402,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 46_604
-MAX_FILES = 228
+MAX_LINES_IN_ALL = 46_602
+MAX_FILES = 225
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}

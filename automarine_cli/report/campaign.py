@@ -637,12 +637,10 @@ def _of_validation(file: ValidationFile, result: StepResult, of_motion: MotionRe
     fitted = " not fitted" if fit and fit.logs else ""
     if again:
         fitted = f" ({again} logs were fitted)"
-    added = f"{'the model with' if final else 'without'} {of_motion.added}"
-    name = added if of_motion.added else ""
+    name = of_motion.added and f"{'the model with' if final else 'without'} {of_motion.added}"
     plane, sizes = file.motion == PLANAR.name, _sizes(file)
     errors = [f"{number(size, 3)} {unit} {what}" for what, size in sizes.items() if not plane or what == FREE_RUN]
-    heading = "heading " if plane else ""
-    errors[[*sizes].index(FREE_RUN)] = f"{heading}{with_band(score.rmse, score.ci95)} {unit} {FREE_RUN}"
+    errors[[*sizes].index(FREE_RUN)] = f"{'heading ' * plane}{with_band(score.rmse, score.ci95)} {unit} {FREE_RUN}"
     if not plane and not final:
         name = ", ".join(filter(None, [name, named_model(file.judged)]))
     if final and of_motion.validation is not None:

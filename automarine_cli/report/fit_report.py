@@ -468,10 +468,7 @@ def rudder_sentences(nomoto: Nomoto | None) -> Iterator[str]:
         unstable = "; the hull is unstable on its course" if nomoto.n1 < 0 else ""
         yield f"Norrbin, T r' {'-' if nomoto.n1 < 0 else '+'} r + n3 r³ = K delta: {cubic}{unstable}."
     full, turning, fastest = np.rad2deg([nomoto.full, nomoto.turning, nomoto.fastest])
-    yield (
-        f"A rudder of {full:.3g}° turns at {turning:.3g}°/s in the end by the model, at {speed} that the turn does not "
-        f"take off; the logs reach {fastest:.3g}°/s."
-    )
+    yield f"The model turns at {turning:.3g}°/s under {full:.3g}° if its speed stays; the logs reach {fastest:.3g}°/s."
     if nomoto.overshoots:
         logged, modelled = np.rad2deg(np.mean(nomoto.overshoots, axis=0))
         yield (
