@@ -44,7 +44,7 @@ def guide(topic: str | None, words: str | None) -> "Contents | Page | Places":
 
     if words is not None:
         if topic is not None:
-            raise click.UsageError("Give TOPIC or --find, not both.")
+            raise click.UsageError("Give TOPIC or --find, not both; several words to find stand in quotes.")
         return pages.find(words)
     if topic is None:
         return pages.Contents(
@@ -73,7 +73,7 @@ def _show(ctx: click.Context, result: Any) -> None:
         return
     if isinstance(result, Places):
         rows = [vars(place) for place in result.places[:MAX_PLACES]]
-        count = f"{len(result.places)} pages have {' or '.join(result.words)}"
+        count = f"Pages with {' or '.join(result.words)}: {len(result.places)}"
         table = Table.of(count if len(rows) == len(result.places) else f"{count}; the first {MAX_PLACES}", rows)
         echo_result(result, as_json=False, tables=(table, "automarine guide TOPIC shows a page."), saves=False)
         return
