@@ -366,8 +366,9 @@ def fit_mixed(
         new_phi = np.clip(point.phi + last, bounds[:, 0], bounds[:, 1])
         old, point = (point, _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)))
         gain = _penalised(problem, variances, old) - _penalised(problem, variances, point)
-        stuck = gain < TRIFLE and _is_cut(problem, old, point, new_phi)
-        converged |= not stuck and gain < least_gain
+        is_cut = _is_cut(problem, old, point, new_phi)
+        stuck = is_cut and gain < TRIFLE
+        converged |= gain < least_gain and share == 1.0 and not is_cut
     return _report(problem, point, variances, bounds, step, converged)
 
 
