@@ -212,8 +212,7 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     of what is positive): of two estimates that err in different ways it is never far from the better one. The
     square of the way from innovations is added to the covariance, for one of the two is biased by so much on any
     number of runs. Commands that are held (`is_held`) answer nothing within a forecast: the estimate counts with
-    which the model alone forecasts better. Of what is steered
-    forecasts count, unless innovations predict clearly better over longer horizons.
+    which the model alone forecasts better. What is steered leaves forecasts for a clear lead over longer horizons.
     """
     innovations, dof, count = likely.mixed, likely.model.dof, len(likely.model.theta)
     assert isinstance(innovations, InnovationsFit)
