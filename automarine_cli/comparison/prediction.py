@@ -299,7 +299,7 @@ def _predicted(
     sampled = not doubt.disturbed and run.dof.fill(NOT_LOGGED) not in start.how
     pushed = _pushes(model, doubt, batch, theta, rng) if doubt.disturbed else None
     late = rng.uniform(-0.5, 0.5, (count, *batch.interval.shape)) * batch.interval if sampled else None
-    if late is not None:
+    if late is not None:  # a command changed anywhere between two samples; a delay holds the mean
         late[0] = 0.0
     readings = {channel.quantity: np.empty((count, len(run))) for channel in batch.channels}
     together = max(1, int(SIMULATED_STEPS / batch.length.shape[1]))
