@@ -18,6 +18,9 @@ from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 MAX_STEP_S, USUAL_STEP_S, MIN_STEP_S = 0.25, 0.1, 0.05
 """Steps of the filter [s]: the longest, where readings hang together; where they are as noisy as sensors are; and the
 shortest, where each tells something new: a controller answers it, and the commands would tell of one left out."""
+STEP_SHARE = (
+    0.05  # of the time in which a rate changes by its own size: the step of a quiet gyro, between the two above
+)
 INDEPENDENT = 0.7
 """Share of the noise of every other reading that all of them have at least where each tells something new: filtered
 readings differ less from their neighbours."""
@@ -39,21 +42,25 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
     steps = [MAX_STEP_S]
     for dof, position in zip(motion.dofs, motion.positions):
         for quantity in (position, dof.velocity):
-            noises = list[tuple[float, float]]()
+            measures = list[tuple[float, float, float]]()
             for run in runs:
                 readings = run.channel(quantity)
                 if quantity in quantities and readings is not None:
                     fresh = np.flatnonzero(fresh_readings(readings))
                     every, other = (position_noise(run.time[at], readings[at]) for at in (fresh, fresh[::2]))
-                    noises.append((every, other))
-            if not noises:
+                    slopes = np.diff(readings[fresh]) / np.diff(run.time[fresh])
+                    swing = float(np.std(readings[fresh]) / np.std(slopes)) if slopes.any() else 0.0
+                    measures.append((every, other, swing))
+            if not measures:
                 continue
-            noise, other = np.median(noises, axis=0)
+            noise, other, swing = np.median(measures, axis=0)
             noisy = noise >= least_noise(dof, quantity == dof.velocity)
             if noisy and noise > INDEPENDENT * other:
                 steps.append(MIN_STEP_S)
-            elif noisy or (dof.angular and quantity == dof.velocity):  # a gyro, however quiet
+            elif noisy:
                 steps.append(USUAL_STEP_S)
+            elif dof.angular and quantity == dof.velocity:  # a gyro, however quiet
+                steps.append(max(USUAL_STEP_S, STEP_SHARE * swing))
     return min(steps)
 
 
