@@ -222,14 +222,10 @@ class Course:
         rows |= {name: getattr(self, name)[:, runs] for name in ("commanded", "before")}
         rows |= {name: getattr(self, name)[runs, : steps + 1] for name in ("at", "part")}
         return replace(
-            self,
-            names=tuple(name for name, stays in zip(self.names, runs) if stays),
-            length=self.length[runs, :steps],
+            self, names=tuple(name for name, stays in zip(self.names, runs) if stays), length=self.length[runs, :steps],
             signals={name: column[runs] for name, column in self.signals.items()},
-            channels=_rows(self.channels, runs, steps),
-            often=_rows(self.often, runs, steps),
-            **rows,
-        )
+            channels=_rows(self.channels, runs, steps), often=_rows(self.often, runs, steps), **rows,
+        )  # fmt: skip
 
     @cached_property
     def unthinned(self) -> "Course":
@@ -242,14 +238,9 @@ class Course:
 
 
 def make_course(
-    runs: Sequence[Run],
-    at_rest: NDArray[np.bool_],
-    signals: Sequence[str] = (),
-    *,
-    motion: Motion | None = None,
-    channels: Sequence[str] | None = None,
-    step: float | None = None,
-) -> Course:
+    runs: Sequence[Run], at_rest: NDArray[np.bool_], signals: Sequence[str] = (), *, motion: Motion | None = None,
+    channels: Sequence[str] | None = None, step: float | None = None,
+) -> Course:  # fmt: skip
     """Lay `runs` out with steps of about `step` [s], by default as their sensors ask; those `at_rest` (R,) begin so.
 
     `motion` is by default that of the runs' one degree of freedom; `channels` names the quantities that count, by
@@ -280,20 +271,15 @@ def make_course(
             observed = padded([layout.seen[k, c] for layout in layouts], nodes)
             channels_of.append(Channel(quantity, d, velocity, values, observed))
     return Course(
-        motion=motion,
-        names=tuple(run.name for run in runs),
+        motion=motion, names=tuple(run.name for run in runs),
         length=padded([layout.length for layout in layouts], nodes - 1),
         commanded=np.stack([padded([x.commanded[d] for x in layouts], fine) for d in range(len(motion.dofs))]),
-        width=padded([layout.width for layout in layouts], fine),
-        early=np.array([layout.early for layout in layouts]),
-        at=at,
-        part=padded([layout.part for layout in layouts], nodes),
+        width=padded([layout.width for layout in layouts], fine), early=np.array([layout.early for layout in layouts]),
+        at=at, part=padded([layout.part for layout in layouts], nodes),
         before=np.array([layout.before for layout in layouts]).T[..., None],
         start=np.array([run.time[0] for run in runs]),
         signals={name: padded([layout.signals[name] for layout in layouts], fine) for name in signals},
-        channels=tuple(thinned),
-        often=tuple(often),
-        at_rest=at_rest,
+        channels=tuple(thinned), often=tuple(often), at_rest=at_rest,
         fastest=np.array([_fastest(runs, position) for position in motion.positions]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
         moment_unit=unit,
@@ -329,18 +315,10 @@ def _lay(
             at_nodes, averages, noise[k, c] = readings_of(run.time, readings, node, floor)
             values[k, c, at_nodes], observed[k, c, at_nodes] = averages, True
     return SimpleNamespace(
-        length=np.diff(node),
-        commanded=np.stack(commanded),
-        before=before,
-        width=np.diff(edges),
-        early=float(run.time[0] - edges[0]),
-        at=at,
-        part=np.clip((node - edges[at]) / np.diff(edges)[at], 0.0, 1.0),
-        signals=dict(zip(signals, logged)),
-        values=values,
-        seen=observed,
-        noise=noise[0],
-    )
+        length=np.diff(node), commanded=np.stack(commanded), before=before, width=np.diff(edges),
+        early=float(run.time[0] - edges[0]), at=at, part=np.clip((node - edges[at]) / np.diff(edges)[at], 0.0, 1.0),
+        signals=dict(zip(signals, logged)), values=values, seen=observed, noise=noise[0],
+    )  # fmt: skip
 
 
 def _fine(run: Run):  # type: ignore[no-untyped-def]
