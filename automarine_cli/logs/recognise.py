@@ -487,7 +487,7 @@ def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -
     names = [name for name in layout.names if name not in sources]
     spans = {name: alike[name] for name in names if name in alike}
     swing = layout.dof.restoring  # decays need no command
-    needed = ("time", layout.dof.position, layout.dof.command) if swing else NEEDED
+    needed: tuple[str, ...] = ("time", layout.dof.position, layout.dof.command) if swing else NEEDED
     every = BOLLARD if layout.bollard else (*needed, layout.dof.velocity) if swing else YAW_QUANTITIES
     columns = {quantity: mapped.get(quantity) or recognise(quantity, names, spans) for quantity in every}
     columns |= mapped
