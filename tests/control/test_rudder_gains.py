@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_rudder import SPEED, Boat
+from made_rudder import SPEED, Boat, estimate
 from numpy.typing import NDArray
 from scipy import integrate, signal
-from test_tune_cli import Run, estimate, small_crowds, written
+from test_tune_cli import Run, small_crowds, written
 
 import automarine_cli as am
 from automarine_cli.control.targets.ardupilot import scaling_base
