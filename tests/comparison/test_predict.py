@@ -63,9 +63,9 @@ def inside(prediction: Prediction, truth: Floats) -> Floats:
 
 def test_a_prediction_is_the_free_run_of_validate(tmp_path: Path) -> None:
     """Of heading and its mirror image, surge and roll: the same start, the same path."""
-    for motion in ("yaw", "surge", "roll"):
+    for motion, steps in (("yaw", "steps"), ("surge", "surge"), ("roll", "roll_validation")):
         logs = SAMPLE_RUNS / ("validation" if motion == "yaw" else f"{motion}_validation")
-        fit = getattr(am, f"fit_{motion}")(SAMPLE_RUNS / ("steps" if motion == "yaw" else motion))
+        fit = getattr(am, f"fit_{motion}")(SAMPLE_RUNS / steps)
         (number,) = [fit.preference.number]
         validation = am.validate(logs, model=fit).models[number]
         predicted = fit.predict(logs)
