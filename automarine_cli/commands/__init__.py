@@ -58,7 +58,7 @@ COMMANDS = {
     "Upkeep": {"verify": "Check that results are unchanged."},
 }
 """Names and short helps by group, in the order of the help."""
-MODULES = {f"fit-{motion}": "fit_motion" for motion in ("yaw", "surge", "sway", "heave", "roll", "pitch")}
+MODULES = {f"fit-{motion}": "fit_motion" for motion in ("yaw", "surge", "sway", "heave", "roll", "pitch", "planar")}
 """Modules that do not have the command's name."""
 IN_PYTHON = {"run": "run_campaign", "slice": "slice_log"}
 """Names of commands in Python, where they have others there."""

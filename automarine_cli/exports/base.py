@@ -21,7 +21,6 @@ DRAGS = ("linear-drag", "quadratic-drag")
 FORCE_LETTERS = "XYZKMN"
 """Of the six motions: the letter of force or moment (SNAME 1950)."""
 
-
 MATRICES = "Entries of motions that are not identified are placeholders: merge with your model, and add its buoyancy."
 
 
@@ -196,7 +195,7 @@ class Target:
     carries: frozenset[str] = frozenset(DRAGS)
     lacks: frozenset[tuple[str, int]] = frozenset()
     si: bool = True
-    uses: frozenset[str] = frozenset()
+    uses: frozenset[str] = frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"})
     varying: bool = False
     motions: tuple[str, ...] = tuple(DOFS)
     several: Several | None = None

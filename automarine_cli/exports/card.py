@@ -136,10 +136,6 @@ def _code(text: str) -> str:
 TARGET = Target(
     name="card",
     says="a model card: parameters, intervals, signs, range, data",
-    forms={"markdown": ".md"},
-    carries=frozenset({*effects.built_in(), PREFIX}),
-    varying=True,
-    si=False,
-    uses=frozenset({"newton_metres_per_nu"}),
-    write=write,
-)
+    forms={"markdown": ".md"}, carries=frozenset({*effects.built_in(), PREFIX}), varying=True, si=False,
+    uses=frozenset({"newton_metres_per_nu"}), write=write,
+)  # fmt: skip

@@ -12,17 +12,7 @@ from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
-from automarine_cli.exports.base import (
-    DRAGS,
-    MapSubject,
-    ModelOrigin,
-    MotionSubject,
-    Options,
-    Target,
-    Unsupported,
-    Written,
-    plain,
-)
+from automarine_cli.exports.base import MapSubject, ModelOrigin, MotionSubject, Options, Target, Unsupported
 from automarine_cli.exports.vehicle import DAMPING, Vehicle, planar_couplings
 from automarine_cli.models.model import CONSTANT, DELAY, RESTORING, Model, Term
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, models_of, motion_of
@@ -75,7 +65,7 @@ class Exported:
     moment_unit: str | None
     carried: tuple[str, ...]
     left_out: tuple[Unsupported, ...]
-    written: Written
+    written: base.Written
     not_identified: tuple[str, ...] = ()
     place: Path | None = None
 
@@ -283,10 +273,10 @@ def _axes(file: ModelSource, frame: str, form: str, settings: Options, number: s
         return axes
     content, stored = file_and_models(file.data, name)
     which = _one_of(stored.models, number or stored.preferred, "--number")
-    model, logs = (
-        stored.models[which].delayed(-min(stored.command_delay, 0.0)),
-        _logs_behind(file.source, origin.sha256),
-    )
+    model = stored.models[which].delayed(-min(stored.command_delay, 0.0))
+    manifest, logs = manifest_of(file.source.parent) if isinstance(file.source, Path) else None, None
+    if manifest is not None and any(entry.sha256 == origin.sha256 for entry in manifest.outputs):
+        logs = tuple((e.file, e.sha256 or "unreadable") for e in manifest.inputs if e.role in ("log", "hold_out"))
     return [MotionSubject((replace(origin, number=which),), frame, form, settings, (), model, content, logs)]
 
 
@@ -356,7 +346,7 @@ def _of_vehicle(effect: Unsupported, model: Model, frame: str, mass: float | Non
     if effect.name in (CONSTANT, RESTORING):
         alone_here = replace(model, terms=tuple(term for term in model.terms if term.name == effect.name))
         value = (in_enu(alone_here) if frame == "ENU" else alone_here).terms[0].values[0]
-        size = f": {base.number(value)} {plain(model.moment_unit)}"
+        size = f": {base.number(value)} {base.plain(model.moment_unit)}"
         if effect.name == RESTORING and mass is not None:
             size += f", GM {value / (GRAVITY_M_S2 * mass):.4g} m"
     return Unsupported(name, effect.why + size)
@@ -410,7 +400,7 @@ def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     """Drag that a model has twice, once of its own and once found by a diagnosis, as one term."""
     merged: dict[str | int, Term] = {}
     for i, term in enumerate(terms):
-        key = term.name if term.name in DRAGS else i
+        key = term.name if term.name in base.DRAGS else i
         twin = merged.get(key)
         merged[key] = replace(twin, values=(twin.values[0] + term.values[0],)) if twin else term
     return tuple(merged.values())
@@ -490,11 +480,3 @@ def in_newton_metres(model: Model, factor: float) -> Model:
 
     terms, unit = tuple(map(scaled, model.terms)), model.dof.units.forces[1]
     return replace(model, masses=(factor * model.inertia,), terms=terms, moment_unit=unit)
-
-
-def _logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:
-    """Return names and hashes of the logs that a result file was made of, by the manifest beside it; None without."""
-    manifest = manifest_of(file.parent) if isinstance(file, Path) else None
-    if manifest is None or not any(entry.sha256 == sha256 for entry in manifest.outputs):
-        return None
-    return tuple((e.file, e.sha256 or "unreadable") for e in manifest.inputs if e.role in ("log", "hold_out"))

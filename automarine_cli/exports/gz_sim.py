@@ -34,14 +34,9 @@ def write(subject: Vehicle) -> Written:
     off = {"disable_added_mass": "true"}
     if subject.several:
         lacking = [dof.name for dof in MOTIONS if dof.number not in subject.places]
-        merge = "merge with the values of your model, and add its buoyancy."
-        notes = (
-            *subject.about_own(ENGINE),
-            f"{joined(lacking).capitalize()} {'are' if lacking[1:] else 'is'} not identified: {merge}"
-            if lacking
-            else merge.capitalize(),
-            *subject.about_water(),
-        )
+        merge = f"{joined(lacking)} {'are' if lacking[1:] else 'is'} not identified: merge" if lacking else "merge"
+        merge = f"{merge.capitalize()} with the values of your model, and add its buoyancy."
+        notes = (*subject.about_own(ENGINE), merge, *subject.about_water())
         lines, off = subject.head(*notes), off | {"disable_coriolis": "true"}
     else:
         axis = subject.axis
@@ -50,7 +45,12 @@ def write(subject: Vehicle) -> Written:
         absolute, square = f"{linear}abs{v.upper()}", f"{linear}{v.upper()}"
         derivatives = {linear: 0.0, absolute: 0.0} | derivatives
         if subject.form == DERIVATIVE and added[i, i]:
-            _refuse_unstable(axis.inertias, dot, axis.dof.words.inertia)
+            if added[i, i] >= (rigid := axis.inertias[0]):
+                raise SettingError(
+                    f"gz-sim takes <{dot}> from the last step's acceleration, which grows without bound where the "
+                    f"added {axis.dof.words.inertia} ({number(added[i, i])}) is not below the rigid one "
+                    f"({number(rigid)}); give --form {FLUID}"
+                )
             derivatives[dot], off, added = -added[i, i], {"disable_added_mass": "false"}, 0.0 * added
         notes = (
             axis.about_inertia(),
@@ -74,22 +74,9 @@ def write(subject: Vehicle) -> Written:
     return Written(filled("gz-sim", fields), notes)
 
 
-def _refuse_unstable(inertias: tuple[float, float], dot: str, word: str) -> None:
-    rigid, added = inertias
-    if added >= rigid:
-        raise SettingError(
-            f"gz-sim takes <{dot}> from the last step's acceleration, which grows without bound where the added "
-            f"{word} ({number(added)}) is not below the rigid one ({number(rigid)}); give --form {FLUID}"
-        )
-
-
 TARGET = Target(
     name="gz-sim",
     says="Gazebo Sim: SDF for the Hydrodynamics system",
-    forms={FLUID: ".sdf", DERIVATIVE: ".sdf"},
-    frames=("ENU", "NED"),
-    carries=frozenset({*DRAGS, "drag-asymmetry"}),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
-    write=write,
-    several=Several({FLUID: ".sdf"}, couples=True),
-)
+    forms={FLUID: ".sdf", DERIVATIVE: ".sdf"}, frames=("ENU", "NED"), carries=frozenset({*DRAGS, "drag-asymmetry"}),
+    write=write, several=Several({FLUID: ".sdf"}, couples=True),
+)  # fmt: skip

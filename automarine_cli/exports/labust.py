@@ -32,9 +32,5 @@ coupled: false
 TARGET = Target(
     name="labust",
     says="LABUST's simulator and controllers: model YAML, positive coefficients",
-    forms={"model": ".yaml"},
-    frames=("NED",),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
-    write=write,
-    several=Several({"model": ".yaml"}),
-)
+    forms={"model": ".yaml"}, frames=("NED",), write=write, several=Several({"model": ".yaml"}),
+)  # fmt: skip

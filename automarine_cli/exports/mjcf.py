@@ -12,19 +12,7 @@ import math
 from collections.abc import Mapping
 
 from automarine_cli.effects.coulomb_drag import CREEP
-from automarine_cli.exports.base import (
-    DRAGS,
-    MotionSubject,
-    Several,
-    Target,
-    Written,
-    comment,
-    filled,
-    head,
-    mirrored,
-    number,
-    row,
-)
+from automarine_cli.exports import base
 from automarine_cli.exports.vehicle import Vehicle
 from automarine_cli.models.model import RESTORING
 
@@ -44,8 +32,8 @@ THRUSTS = "The controls of thrusters are thrusts in N: the map makes them of sig
 HELD = "A motion without a joint is not identified and is held: merge joints and actuators with your model."
 HEAVY = "Gravity is 0: weight and buoyancy are not part of the model."
 MJCF_EFFECTS = (
-    *DRAGS, "cubic-drag", "coulomb-drag", "tether-spring", "bias-moment", "thruster-lag", "input-delay", "saturation",
-    "restoring-moment",
+    *base.DRAGS, "cubic-drag", "coulomb-drag", "tether-spring", "bias-moment", "thruster-lag", "input-delay",
+    "saturation", "restoring-moment",
 )  # fmt: skip
 LACKS = {
     *(("thruster-lag", law) for law in (0, 2, 3, 4)),  # filterexact is first order in the thrust
@@ -54,7 +42,7 @@ LACKS = {
 """Laws of effects that it has no counterpart for."""
 
 
-def write(subject: Vehicle) -> Written:
+def write(subject: Vehicle) -> base.Written:
     axes, joints = subject.axes, [_joint(axis) for axis in subject.axes]
     warnings = [STICKY] * any("frictionloss" in joint for joint in joints)
     slides = sum(not axis.dof.angular for axis in axes)
@@ -69,13 +57,13 @@ def write(subject: Vehicle) -> Written:
         v, drag = axis.dof.symbols.velocity, "(d0 + d1 |{0}| + d2 {0}^2) {0}, d of damping"
         equation = f"({axis.dof.words.inertia} + armature) {v}' = {axis.dof.symbols.force} - {drag.format(v)}"
         notes = [axis.about_inertia(), FREE_NOTE.format(axis.dof.name), VERSION, *warnings]
-        lines = head(axis, equation, notes)
+        lines = base.head(axis, equation, notes)
     places = subject.thrusters.places if subject.thrusters else ()
     up = -1.0 if subject.frame == "NED" else 1.0  # MuJoCo's y is to port
-    sites = dict(zip(("thruster_port", "thruster_stbd"), (number(up * y) for y in places)))
+    sites = dict(zip(("thruster_port", "thruster_stbd"), (base.number(up * y) for y in places)))
     fields = {
-        "head": comment(lines), "step": number(TIMESTEP_S), "mass": number(subject.mass),
-        "moments": row(subject.moments),
+        "head": base.comment(lines), "step": base.number(TIMESTEP_S), "mass": base.number(subject.mass),
+        "moments": base.row(subject.moments),
         "joints": "".join(f"      <joint{_attributes(joint)}/>\n" for joint in ordered),
         "actuators": "".join(
             f'    <general name="{axis.force if subject.several else axis.dof.words.force}" joint="{axis.dof.name}"'
@@ -88,26 +76,26 @@ def write(subject: Vehicle) -> Written:
             for axis in axes for kind, name in (("pos", axis.dof.words.position), ("vel", axis.dof.words.rate))
         ),
     }  # fmt: skip
-    return Written(filled("mjcf", fields), tuple(notes))
+    return base.Written(base.filled("mjcf", fields), tuple(notes))
 
 
-def _joint(subject: MotionSubject) -> dict[str, str]:
+def _joint(subject: base.MotionSubject) -> dict[str, str]:
     dof = subject.dof
-    turned = subject.frame == "NED" and mirrored(dof)  # MuJoCo's z is up, its y to port
+    turned = subject.frame == "NED" and base.mirrored(dof)  # MuJoCo's z is up, its y to port
     axis = JOINT_AXES[dof.number % 3].replace("1", "-1") if turned else JOINT_AXES[dof.number % 3]
-    damping = [subject.value(name) for name in (*DRAGS, "cubic-drag")]
+    damping = [subject.value(name) for name in (*base.DRAGS, "cubic-drag")]
     spring = subject.values.get("tether-spring", (0.0, 0.0, 0.0, 0.0))
     upright = subject.value("restoring-moment")
     stiffness = [spring[0] + upright, 0.0, (spring[3] if spring[1] == HARDENING else 0.0) - upright / 6.0]
     added = subject.inertias[1]
     return {
-        "name": dof.name, "type": "hinge" if dof.angular else "slide", "axis": axis, "damping": row(damping),
-        "armature": number(added) if added else "", **_friction(subject),
-        "stiffness": row(stiffness) if any(stiffness) else "",
+        "name": dof.name, "type": "hinge" if dof.angular else "slide", "axis": axis, "damping": base.row(damping),
+        "armature": base.number(added) if added else "", **_friction(subject),
+        "stiffness": base.row(stiffness) if any(stiffness) else "",
     }  # fmt: skip
 
 
-def _friction(subject: MotionSubject) -> dict[str, str]:
+def _friction(subject: base.MotionSubject) -> dict[str, str]:
     """Dry friction as a constraint that is soft: its force rises with the speed as our smoothed sign does, to the same
     way of stopping, integral of v coth(v/CREEP): a straight line to pi/sqrt(6) CREEP. The impedance is MuJoCo's least,
     so that the constraint answers the speed and not what pushes."""
@@ -115,33 +103,28 @@ def _friction(subject: MotionSubject) -> dict[str, str]:
     if not size:
         return {}
     damping = size / (math.pi / math.sqrt(6) * CREEP * subject.model.inertia)
-    soft = {"solreffriction": row([-SOFTEST, -damping]), "solimpfriction": row([SOFTEST, SOFTEST, 0.001, 0.5, 2.0])}
-    return {"frictionloss": number(size), **soft}
+    soft = {"solreffriction": [-SOFTEST, -damping], "solimpfriction": [SOFTEST, SOFTEST, 0.001, 0.5, 2.0]}
+    return {name: base.row(values) for name, values in {"frictionloss": [size], **soft}.items()}
 
 
-def _actuator(subject: MotionSubject) -> dict[str, str]:
+def _actuator(subject: base.MotionSubject) -> dict[str, str]:
     lag, delay = subject.value("thruster-lag"), subject.value("input-delay")
     most, constant = subject.values.get("saturation", (math.inf,))[0], subject.value("bias-moment")
-    attributes = {"dyntype": "filterexact", "dynprm": number(lag), "actearly": "true"} if lag else {}
+    attributes = {"dyntype": "filterexact", "dynprm": base.number(lag), "actearly": "true"} if lag else {}
     if delay:
-        attributes |= {"delay": number(delay), "nsample": str(math.ceil(delay / TIMESTEP_S) + 2)}
+        attributes |= {"delay": base.number(delay), "nsample": str(math.ceil(delay / TIMESTEP_S) + 2)}
     if math.isfinite(most):
-        attributes |= {"ctrllimited": "true", "ctrlrange": row([-most, most])}
-    return attributes | ({"biastype": "affine", "biasprm": row([constant, 0.0, 0.0])} if constant else {})
+        attributes |= {"ctrllimited": "true", "ctrlrange": base.row([-most, most])}
+    return attributes | ({"biastype": "affine", "biasprm": base.row([constant, 0.0, 0.0])} if constant else {})
 
 
 def _attributes(attributes: Mapping[str, str]) -> str:
     return "".join(f' {name}="{value}"' for name, value in attributes.items() if value)
 
 
-TARGET = Target(
+TARGET = base.Target(
     name="mjcf",
     says="MuJoCo: an MJCF model, drag as damping of a joint",
-    forms={"joint": ".xml"},
-    frames=("ENU", "NED"),
-    carries=frozenset(MJCF_EFFECTS),
-    lacks=frozenset(LACKS),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
-    write=write,
-    several=Several({"joint": ".xml"}, thrusters=True),
-)
+    forms={"joint": ".xml"}, frames=("ENU", "NED"), carries=frozenset(MJCF_EFFECTS), lacks=frozenset(LACKS),
+    write=write, several=base.Several({"joint": ".xml"}, thrusters=True),
+)  # fmt: skip

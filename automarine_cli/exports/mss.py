@@ -11,30 +11,18 @@ M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r + g = tau.
 
 from automarine_cli import effects
 from automarine_cli.dofs import PLANAR
-from automarine_cli.exports.base import (
-    DRAGS,
-    MotionSubject,
-    Several,
-    Target,
-    Written,
-    comment,
-    filled,
-    head,
-    number,
-    plain,
-    row,
-)
+from automarine_cli.exports import base
 from automarine_cli.exports.vehicle import MATRIX_EFFECTS, Vehicle
 from automarine_cli.models.model import CONSTANT, RESTORING
 
 AXES = "xyzxyz"  # along or about which the six motions are
 
 
-def write(subject: Vehicle) -> Written:
+def write(subject: Vehicle) -> base.Written:
     return _function(subject) if subject.several else _constants(subject.axis)
 
 
-def _constants(subject: MotionSubject) -> Written:
+def _constants(subject: base.MotionSubject) -> base.Written:
     force, r, words = subject.force, subject.dof.symbols.velocity, subject.dof.words
     rigid, added = subject.inertias
     rigid_symbol = f"I_{AXES[subject.dof.number]}" if subject.dof.angular else "m"
@@ -53,19 +41,21 @@ def _constants(subject: MotionSubject) -> Written:
     applied = force if letter == force else f"{letter}_{force}"
     equation = f"({rigid_symbol} - {force}_{r}dot) {r}' = {applied}"
     for effect, (name, factor, meaning) in terms.items():
-        if effect in DRAGS or effect in subject.values:
+        if effect in base.DRAGS or effect in subject.values:
             value = subject.value(effect) if effect == "bias-moment" else -subject.value(effect)
             unit = subject.dof.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
-            rows.append((name, value, plain(unit), meaning))
+            rows.append((name, value, base.plain(unit), meaning))
             equation += f" + {name} {factor}".rstrip()
     signs = f"Signs: derivatives of the hydrodynamic {words.force}; damping and added {words.inertia} are negative."
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
-    lines = "".join(f"{name} = {number(value)}{end}  {sign} {unit}, {meaning}\n" for name, value, unit, meaning in rows)
-    return Written(comment(head(subject, equation, notes), sign) + lines, notes)
+    lines = "".join(
+        f"{name} = {base.number(value)}{end}  {sign} {unit}, {meaning}\n" for name, value, unit, meaning in rows
+    )
+    return base.Written(base.comment(base.head(subject, equation, notes), sign) + lines, notes)
 
 
-def _function(subject: Vehicle) -> Written:
+def _function(subject: Vehicle) -> base.Written:
     """M, C and D of the plane as three by three, of all else as six by six."""
     places = [dof.number for dof in PLANAR.dofs]
     in_plane = subject.places == places and len(subject.origins) == 1
@@ -75,24 +65,19 @@ def _function(subject: Vehicle) -> Written:
         entry = f"D({places.index(drag.places[0]) + 1},{places.index(drag.places[-1]) + 1})"
         size = f" * {drag.factor}" * bool(drag.factor)
         meaning = "positive where it resists" if drag.rank < 2 else drag.meaning
-        lines.append(f"{entry} = {entry} + {number(drag.value)}{size};  % {drag.name}, {meaning}\n")
+        lines.append(f"{entry} = {entry} + {base.number(drag.value)}{size};  % {drag.name}, {meaning}\n")
     text = {
-        "inertia": "; ".join(row(line) for line in subject.inertia[places][:, places]),
-        "drag": "".join(lines), "constant": row(subject.diagonal(CONSTANT)[places]),
-        "restoring": row(subject.diagonal(RESTORING)[3:5]), "axes": " ".join(str(i + 1) for i in subject.places),
-        "head": comment(subject.head(), "%"),
+        "inertia": "; ".join(base.row(line) for line in subject.inertia[places][:, places]),
+        "drag": "".join(lines), "constant": base.row(subject.diagonal(CONSTANT)[places]),
+        "restoring": base.row(subject.diagonal(RESTORING)[3:5]), "axes": " ".join(str(i + 1) for i in subject.places),
+        "head": base.comment(subject.head(), "%"),
     }  # fmt: skip
-    return Written(filled("mss_planar" if in_plane else "mss_vehicle", text), subject.about_water())
+    return base.Written(base.filled("mss_planar" if in_plane else "mss_vehicle", text), subject.about_water())
 
 
-TARGET = Target(
+TARGET = base.Target(
     name="mss",
     says="Fossen's MSS and its Python twin: constants N_r, N_rr with their signs",
-    forms={"python": ".py", "matlab": ".m"},
-    frames=("NED",),
-    carries=MATRIX_EFFECTS,
-    si=False,
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
-    write=write,
-    several=Several({"matlab": ".m"}, couples=True),
-)
+    forms={"python": ".py", "matlab": ".m"}, frames=("NED",), carries=MATRIX_EFFECTS, si=False, write=write,
+    several=base.Several({"matlab": ".m"}, couples=True),
+)  # fmt: skip

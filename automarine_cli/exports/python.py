@@ -11,28 +11,17 @@ import sys
 from collections.abc import Iterable, Iterator
 from types import ModuleType
 
+import numpy as np
+
 from automarine_cli import effects
 from automarine_cli.dofs import HEAVE, PLANAR
-from automarine_cli.effects import base
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
-from automarine_cli.exports.base import (
-    FORCE_LETTERS,
-    MotionSubject,
-    Several,
-    Target,
-    Written,
-    comment,
-    filled,
-    head,
-    number,
-    plain,
-    row,
-)
+from automarine_cli.exports import base
 from automarine_cli.exports.thrusters import largest_signal, table
 from automarine_cli.exports.vehicle import MATRIX_EFFECTS, SPEED_LETTERS, Vehicle
 from automarine_cli.models.model import CONSTANT, RESTORING, Term
-from automarine_cli.quantities import STEERED
+from automarine_cli.quantities import STEERED, Floats
 
 MAX_EXPORT_STEP_S = 0.02  # s: the longest step of the integrator
 METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember", "states"}
@@ -44,11 +33,11 @@ PYTHON_EFFECTS = [effect.name for effect in _LIBRARY if not (effect.columns or e
 RUDDER = " `rudder` is its angle as logged{0} [rad]."
 
 
-def write(subject: Vehicle) -> Written:
+def write(subject: Vehicle) -> base.Written:
     return _vehicle(subject) if subject.several else _motion(subject.axis)
 
 
-def _motion(subject: MotionSubject) -> Written:
+def _motion(subject: base.MotionSubject) -> base.Written:
     terms, dof, symbols = subject.model.terms, subject.dof, subject.dof.symbols
     inertia = symbols.inertia.upper()  # I_R, M_U, M_W
     logged = [name for term in terms for name in effects.get(term.name).needs]
@@ -57,9 +46,9 @@ def _motion(subject: MotionSubject) -> Written:
     equation = " ".join([motion, *map(subject.equation_of, moments)])
     text = {
         **dof.vocabulary,
-        "head": comment(head(subject, equation, ()), "#"),
+        "head": base.comment(base.head(subject, equation, ()), "#"),
         "inertia": inertia,
-        "constants": f"{inertia} = {number(subject.model.inertia)}  # {subject.unit}: rigid and added together\n"
+        "constants": f"{inertia} = {base.number(subject.model.inertia)}  # {subject.unit}: rigid and added together\n"
         + "".join(constants(subject, term) for term in terms),
         "runtime": runtime([effects.get(term.name) for term in terms]),
         "terms": "".join(f"    ({maker(effects.get(t.name))}, {arguments(subject, t)}),\n" for t in terms),
@@ -69,16 +58,16 @@ def _motion(subject: MotionSubject) -> Written:
         "more": ", **columns" if logged else "",
         "columns": f" So does columns[{logged[0]!r}][i]." if logged else "",
         "signals": "{name: np.asarray(column)[None, sample] for name, column in columns.items()}" if logged else "{}",
-        "step": number(MAX_EXPORT_STEP_S),
+        "step": base.number(MAX_EXPORT_STEP_S),
     }
-    return Written(filled("python", text))
+    return base.Written(base.filled("python", text))
 
 
 def runtime(chosen: Iterable[Effect]) -> str:
     """The source of what effects need to act, in the library's own order: no definition that nothing calls."""
     classes = [type(effect) for effect in chosen]
     effect_modules = sorted({kind.__module__ for kind in classes} - {Learned.__module__})
-    modules: list[ModuleType] = [base, *(sys.modules[name] for name in (Learned.__module__, *effect_modules))]
+    modules: list[ModuleType] = [effects.base, *(sys.modules[name] for name in (Learned.__module__, *effect_modules))]
     defined = {name: part for module in modules for name, part in definitions(module).items()}
     needed, new = set[str](), {"State", "Commands", "Effect", *(kind.__name__ for kind in classes)}
     while new:
@@ -122,17 +111,17 @@ def maker(effect: Effect) -> str:
     return f'type("Curve", (Learned,), {{"name": "", "variable": {variable}}})()'
 
 
-def constants(subject: MotionSubject, term: Term) -> str:
+def constants(subject: base.MotionSubject, term: Term) -> str:
     effect = effects.get(term.name)
     cards = effect.card(subject.dof, subject.model.moment_unit).parameters
     return "".join(
-        f"{name} = {number(value)}  # {plain(card.unit)}: {plain(card.meaning)}\n"
+        f"{name} = {base.number(value)}  # {base.plain(card.unit)}: {base.plain(card.meaning)}\n"
         for name, card, value in zip(names(subject, term), cards, term.values)
         if name
     )
 
 
-def names(subject: MotionSubject, term: Term) -> list[str]:
+def names(subject: base.MotionSubject, term: Term) -> list[str]:
     """The constant of each parameter: K_RR of the drags, THRUST_LOSS_B of others; empty for one that stands as a number
     among the values: a choice of law, and what counts under no such law, or makes a learned curve."""
     effect, result = effects.get(term.name), []
@@ -143,9 +132,9 @@ def names(subject: MotionSubject, term: Term) -> list[str]:
     return result
 
 
-def arguments(subject: MotionSubject, term: Term) -> str:
+def arguments(subject: base.MotionSubject, term: Term) -> str:
     """The values of a term as a tuple; an effect that may differ from run to run gets none of a run's own."""
-    values = [name or number(value) for name, value in zip(names(subject, term), term.values)]
+    values = [name or base.number(value) for name, value in zip(names(subject, term), term.values)]
     return f"({', '.join([*values, *['0.0'] * effects.get(term.name).per_run])},)"
 
 
@@ -165,7 +154,7 @@ MOVED = {
 """Rates of north and east by the velocities in the vehicle's axes."""
 
 
-def _vehicle(subject: Vehicle) -> Written:
+def _vehicle(subject: Vehicle) -> base.Written:
     """One file of the plane, which has simulate() alone, and one of all else."""
     in_plane, enu = subject.places == PLANES and len(subject.origins) == 1, subject.frame == "ENU"
     north, east = subject.water or (0.0, 0.0)
@@ -176,54 +165,54 @@ def _vehicle(subject: Vehicle) -> Written:
     for drag in subject.drags:
         size = f" * {drag.factor}" * bool(drag.factor)
         forces[drag.places[0]].append(f"{drag.name.upper()}{size} * {SPEED_LETTERS[drag.places[-1]]}")
-        constants.append(f"{drag.name.upper()} = {number(drag.value)}  # {drag.meaning}")
+        constants.append(f"{drag.name.upper()} = {base.number(drag.value)}  # {drag.meaning}")
     for i, value in enumerate(subject.diagonal(CONSTANT).tolist()):
         if value:
             # some terms bring their sign along
-            name, weighs = f"{FORCE_LETTERS[i]}_0", i == HEAVE.number
+            name, weighs = f"{base.FORCE_LETTERS[i]}_0", i == HEAVE.number
             forces[i] += [] if weighs else [f"- {name}"]
-            constants.append(f"{name} = {number(value)}  # {'weight less buoyancy' if weighs else 'always acts'}")
+            constants.append(f"{name} = {base.number(value)}  # {'weight less buoyancy' if weighs else 'always acts'}")
     for axis in subject.axes:
         i, leans = axis.dof.number, {"roll": "cos(theta) * sin(phi)", "pitch": "sin(theta)"}
         if value := axis.value(RESTORING):
             name = f"{axis.force}_{axis.dof.symbols.position}".upper()
             forces[i].append(f"{name} * {leans[axis.dof.name]}")
-            constants.append(f"{name} = {number(value)}  # m g GM")
+            constants.append(f"{name} = {base.number(value)}  # m g GM")
         for name, value, factor, meaning in _steering(axis):
             forces[i].append(f"- {name} * {factor}")
-            constants.append(f"{name} = {number(value)}  # {meaning}")
-    lines = [f"[{row(line, ', ')}]" for line in subject.inertia[places][:, places]]
+            constants.append(f"{name} = {base.number(value)}  # {meaning}")
+    lines = [f"[{base.row(line, ', ')}]" for line in subject.inertia[places][:, places]]
     rudder = any("rudder" in term for terms in forces for term in terms)
     thrusters = ""
     if subject.thrusters is not None:
         n, thrust = table(subject.thrusters.map, largest_signal(subject.thrusters))
-        fields = {"n": row(n, ", "), "thrust": row(thrust, ", "), "places": f"({row(subject.thrusters.places, ', ')})"}
-        thrusters = filled("python_thrusters", fields)
+        columns: dict[str, Floats] = {"n": n, "thrust": thrust, "places": np.array(subject.thrusters.places)}
+        thrusters = base.filled("python_thrusters", {name: base.row(x, ", ") for name, x in columns.items()})
     text = {
         "thrusters": thrusters, "inertia": (", " if in_plane else ",\n    ").join(lines),
-        "current": f"({row(water, ', ')})",
+        "current": f"({base.row(water, ', ')})",
         "constants": "\n".join(constants) + "\n" * bool(constants),
         "drags": "\n".join(f"            {' + '.join(forces[i]).replace('+ - ', '- ') or '0.0'}," for i in places),
-        "step": number(MAX_EXPORT_STEP_S), "axes": AXIS_SENSES[subject.frame], "water": WATER[subject.frame],
+        "step": base.number(MAX_EXPORT_STEP_S), "axes": AXIS_SENSES[subject.frame], "water": WATER[subject.frame],
         "moved": MOVED[subject.frame], "places": subject.places,
         "arguments": ", rudder=0.0" * rudder, "more": RUDDER.format(" with the other sign" * enu) * rudder,
-        "weight": f"{FORCE_LETTERS[HEAVE.number]}_0" if subject.diagonal(CONSTANT)[HEAVE.number] else "0.0",
-        "head": comment(subject.head(), "#"),
+        "weight": f"{base.FORCE_LETTERS[HEAVE.number]}_0" if subject.diagonal(CONSTANT)[HEAVE.number] else "0.0",
+        "head": base.comment(subject.head(), "#"),
     }  # fmt: skip
-    return Written(filled("python_planar" if in_plane else "python_vehicle", text), subject.about_water())
+    return base.Written(base.filled("python_planar" if in_plane else "python_vehicle", text), subject.about_water())
 
 
-def _steering(axis: MotionSubject) -> Iterator[tuple[str, float, str, str]]:
+def _steering(axis: base.MotionSubject) -> Iterator[tuple[str, float, str, str]]:
     """Name, value, factor and meaning of what rudder and speed ahead do to a motion."""
     force, values = axis.force, axis.values
     squared, size = "u * abs(u)", axis.settings.newton_metres_per_nu
     if axis.file is not None and axis.file.force_unit == STEERED and size is not None:
         race, usual = values.get("rudder-inflow", (1.0, 1.0))
-        inflow = f" * ({number(race)} + {number((1.0 - race) / usual**2)} * {squared})" * (race != 1.0)
+        inflow = f" * ({base.number(race)} + {base.number((1.0 - race) / usual**2)} * {squared})" * (race != 1.0)
         yield f"{force}_DELTA", size, f"rudder{inflow}", "by the angle of the rudder"
     if "rudder" in values:
         value, law, race = values["rudder"]
-        inflow = {0: f" * {squared}", 1: f" * ({squared} + {number(race)})"}.get(round(law), "")
+        inflow = {0: f" * {squared}", 1: f" * ({squared} + {base.number(race)})"}.get(round(law), "")
         yield f"{force}_DELTA", value, f"rudder{inflow}", "by the angle of the rudder"
     if "rudder-drag" in values:
         yield f"{force}_DELTADELTA", -values["rudder-drag"][0], f"rudder**2 * {squared}", "drag of the rudder"
@@ -231,13 +220,10 @@ def _steering(axis: MotionSubject) -> Iterator[tuple[str, float, str, str]]:
         yield f"{force}_UR", values["cross-coupling"][0], "u * r", "coupling with the speed ahead"
 
 
-TARGET = Target(
+TARGET = base.Target(
     name="python",
     says="one file of Python and numpy with simulate()",
-    forms={"simulate": ".py"},
-    carries=frozenset({*PYTHON_EFFECTS, *STEERING, PREFIX}),
-    si=False,
-    uses=frozenset({"newton_metres_per_nu", "arm", "n_max"}),
-    write=write,
-    several=Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING, couples=True, thrusters=True),
-)
+    forms={"simulate": ".py"}, carries=frozenset({*PYTHON_EFFECTS, *STEERING, PREFIX}), si=False,
+    uses=frozenset({"newton_metres_per_nu", "arm", "n_max"}), write=write,
+    several=base.Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING, couples=True, thrusters=True),
+)  # fmt: skip

@@ -157,9 +157,5 @@ TARGET = Target(
     name="thrusters",
     says="a thruster map: constants, uuv_simulator or Gazebo",
     forms={form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in EQUATIONS},
-    carries=frozenset(),
-    si=False,
-    uses=frozenset({"symmetrise", "n_max", "lag"}),
-    motions=(),
-    write=write,
-)
+    carries=frozenset(), si=False, uses=frozenset({"symmetrise", "n_max", "lag"}), motions=(), write=write,
+)  # fmt: skip

@@ -41,9 +41,5 @@ FORMS = {"urdf": ".urdf", "controller": ".yaml"}
 TARGET = Target(
     name="uuv",
     says="uuv_simulator and its forks: URDF for the plugin, YAML for the controllers",
-    forms=FORMS,
-    frames=("ENU", "NED"),
-    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"}),
-    write=write,
-    several=Several(FORMS),
-)
+    forms=FORMS, frames=("ENU", "NED"), write=write, several=Several(FORMS),
+)  # fmt: skip

@@ -22,10 +22,8 @@ SYNONYMS = {
 """Words of other fields, and those that the guide has for them."""
 SYNONYM_SHARE, BEGINNING_SHARE = 0.6, 0.5  # of a word's worth, where a synonym or only its beginning is there
 NAME, HEADING = 10.0, 6.0  # mentions in the text that a page's name and a heading of this word alone are worth
-SATURATION, LENGTH_SHARE = (
-    1.5,
-    0.6,
-)  # k1 and b of BM25: Robertson & Zaragoza 2009, The Probabilistic Relevance Framework
+# k1 and b of BM25: Robertson & Zaragoza 2009, The Probabilistic Relevance Framework
+SATURATION, LENGTH_SHARE = 1.5, 0.6
 PHRASE_FACTOR = 1.6  # of a section that has all words next to each other
 REST, REST_SHARE = 5, 0.02  # sections of a page that make its worth, and the share of all but the best
 WORD = re.compile(r"\w+")

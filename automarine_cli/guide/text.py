@@ -11,7 +11,7 @@ INDENT = "  "  # of code
 LINK = re.compile(r"(?<!!)\[((?:\\.|[^\]\\])*)\]\(([^)\s]+)\)")
 PICTURE = re.compile(r'!\[([^\]]*)\]\([^)]+\)|<img [^>]*alt="([^"]*)"[^>]*>')
 HEADING = re.compile(r"(#+) (.*)")
-ITEM = re.compile(r"(- |\d+\. )")
+ITEM = re.compile(r"- |\d+\. ")
 EMPHASIS = re.compile(r"\*\*|(?<![\w*])\*(?=\S)([^*]+)(?<=\S)\*(?![\w*])")
 FORMULA = re.compile(r"(?<![\\`$\w])\$([^$`]+)\$(?!\w)")
 LETTERS = {
@@ -58,19 +58,9 @@ def _shown(block: Sequence[str], width: int, heading: Callable[[str], str]) -> l
     if match := PICTURE.fullmatch(first):
         return textwrap.wrap(f"[Picture: {match[1] or match[2]}]", width)
     if ITEM.match(first):
-        return [line for item in _items(block) for line in _filled(item, width, hanging="  ")]
+        items = re.split(rf"\n(?={ITEM.pattern})", "\n".join(block))
+        return [line for item in items for line in _filled(re.sub(r"\s*\n\s*", " ", item), width, hanging="  ")]
     return _filled(" ".join(block), width)
-
-
-def _items(block: Sequence[str]) -> Iterator[str]:
-    """Each entry of a list on one line."""
-    item: list[str] = []
-    for line in block:
-        if ITEM.match(line) and item:
-            yield " ".join(item)
-            item = []
-        item.append(line.strip())
-    yield " ".join(item)
 
 
 def _filled(text: str, width: int, hanging: str = "") -> list[str]:

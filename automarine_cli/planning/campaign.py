@@ -28,18 +28,9 @@ from automarine_cli.pipeline.parallel import Progress, silent
 from automarine_cli.pipeline.records import Codec, Document, Shown, Source, read_mapping, to_mapping
 from automarine_cli.planning import candidates as pool
 from automarine_cli.planning import information as info
+from automarine_cli.planning import rivals
 from automarine_cli.planning.candidates import PLAN, Limits, PaperRun, Supply, TimedRun, consumption, drive_of
 from automarine_cli.planning.information import Fitting, Intervals, PlannedLog, PriorResults
-from automarine_cli.planning.rivals import (
-    Discrimination,
-    Pair,
-    Split,
-    contest,
-    head_start,
-    pairs_of,
-    splits,
-    with_effect,
-)
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.simulation.specification import SIMULATION_SCHEMA, time_to_turn
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
@@ -49,7 +40,7 @@ FAR_TURN_RATIO = 1.5  # a run turns far if it turns by more than this times what
 MAX_SPLIT_ROUNDS = 3  # how often the wrong explanation is fitted again to the runs chosen, and the choice made again
 EVIDENCE_MARGIN = 1.3
 """By how much more evidence is asked for, and again when a choice fell short: it is not quite linear."""
-Objective = Intervals | Discrimination
+Objective = Intervals | rivals.Discrimination
 HALF_WIDTH_STDERRS = 2.2  # half width of an interval in standard errors: Student's t where about a dozen runs carry it
 MAX_SWEEPS = 8
 BALANCE_WORTH = 1e-3
@@ -94,7 +85,7 @@ class PlanBudget:
 
 def select(
     fitting: Fitting, limits: Limits, largest: float, supply: Supply, before: Floats, wanted: Floats,
-    pairs: Sequence[Pair], progress: Progress = silent,
+    pairs: Sequence[rivals.Pair], progress: Progress = silent,
 ) -> tuple[list[PaperRun], dict[str, str], PaperRun | None]:  # fmt: skip
     """Choose runs within the limits, say why by label, and which of them is the check that comes first and last.
 
@@ -179,16 +170,16 @@ def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[PaperRun,
     return runs
 
 
-def _split(pairs: Sequence[Pair], spread: Sequence[PaperRun], budget: PlanBudget, limits: Limits) -> Floats:
+def _split(pairs: Sequence[rivals.Pair], spread: Sequence[PaperRun], budget: PlanBudget, limits: Limits) -> Floats:
     """How often to run each candidate so that every pair is split, as cheaply as may be, (K,)."""
-    starts = np.array([head_start(a, b, limits.pool.runs) for a, b in pairs])
+    starts = np.array([rivals.head_start(a, b, limits.pool.runs) for a, b in pairs])
     required = np.maximum(EVIDENCE_MARGIN * limits.goal.evidence - starts, 1.0)
     about, counts = tuple(pairs), budget.fixed
     for _ in range(MAX_SPLIT_ROUNDS):
-        contests = tuple(contest(a, b, spread) for a, b in about)
-        counts = choose(Discrimination(contests, required), budget).astype(float)
+        contests = tuple(rivals.contest(a, b, spread) for a, b in about)
+        counts = choose(rivals.Discrimination(contests, required), budget).astype(float)
         runs = [spread[i] for i, count in enumerate(counts.astype(int)) for _ in range(count)]
-        outcome, about = splits(pairs, runs)
+        outcome, about = rivals.splits(pairs, runs)
         short = np.array([split.evidence < limits.goal.evidence for split in outcome])
         if not short.any():
             break
@@ -330,7 +321,7 @@ class Plan(Shown):
     now: Mapping[str, Estimate]
     alone: Mapping[str, Estimate]
     together: Mapping[str, Estimate]
-    splits: tuple[Split, ...]
+    splits: tuple[rivals.Split, ...]
     errors: Mapping[str, Floats]
     notes: tuple[str, ...]
     drive: TwinThrusters | None = None
@@ -410,7 +401,7 @@ def plan_campaign(
     there, unit = {term.name for term in prior.model.terms}, prior.stored.model.moment_unit
     for name in dict.fromkeys(parameter.partition(" ")[0] for parameter in wanted):
         if name in effects.names() and name not in there and not info.lacking(name, unit):
-            start = with_effect(fitting_of(prior, limits), prior.model, name, largest)[0]
+            start = rivals.with_effect(fitting_of(prior, limits), prior.model, name, largest)[0]
             prior = replace(prior, model=start.model)
     fitting = fitting_of(prior, limits)
     wanted_ones = info.wanted_directions(fitting, wanted)
@@ -420,11 +411,11 @@ def plan_campaign(
     if prior.doubts:
         like = runs_of(fitting, limits, largest) if fitting.steered else pool.paper_grid(fitting.base, largest)
     grid = pool.scheduled(like, limits, supply)
-    pairs = pairs_of(prior, fitting, [slot.candidate for slot in grid], largest)
+    pairs = rivals.pairs_of(prior, fitting, [slot.candidate for slot in grid], largest)
     chosen, why, check = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
     slots = pool.scheduled(pool.in_order(chosen, check, seed), limits, supply)
     runs = [slot.candidate for slot in slots]
-    outcome = splits(pairs, runs)[0]
+    outcome = rivals.splits(pairs, runs)[0]
     per_run = fitting.information(runs)
     short = (
         f"Not split within these limits: {split.true} from {split.other} where {split.true} is true; "

@@ -21,15 +21,8 @@ from automarine_cli.models.model import Model, steady_rate
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, keyed
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.run import IMPOSSIBLE_EXTRAPOLATION
-from automarine_cli.simulation.specification import (
-    AboveZero,
-    Commands,
-    Limit,
-    Settings,
-    ZeroOrMore,
-    moment_text,
-    time_to_turn,
-)
+from automarine_cli.simulation import specification
+from automarine_cli.simulation.specification import AboveZero, Commands, Limit, Settings, ZeroOrMore, moment_text
 from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
@@ -240,7 +233,7 @@ def paper_grid(model: Model, largest: float) -> tuple[PaperRun, ...]:
 
 def _seconds(model: Model, moment: float, degrees: float) -> float:
     """Time to turn so far from rest, by inertia and drag, on a tenth of a second."""
-    return max(round(time_to_turn(radians(degrees), moment, model), 1), 0.5)
+    return max(round(specification.time_to_turn(radians(degrees), moment, model), 1), 0.5)
 
 
 def step_of(model: Model, moment: float, degrees: float, kind: str = "step", label: str = "") -> PaperRun:

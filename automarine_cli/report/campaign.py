@@ -21,16 +21,8 @@ from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ExcludedRun, OutputError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.fits.driven import JUDGED_HORIZON_S
-from automarine_cli.models.store import (
-    DIAGNOSIS,
-    MODELS,
-    PLANAR_MODEL,
-    DiagnosisFile,
-    ModelFile,
-    Moved,
-    PlanarFile,
-    named_model,
-)
+from automarine_cli.models import store
+from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, PlanarFile, named_model
 from automarine_cli.pipeline.records import ResultKind, RunsUsed, Shown, to_mapping
 from automarine_cli.pipeline.results_folder import MANIFEST, Manifest, read_manifest
 from automarine_cli.report.log_tables import CHECK, CheckFile, sensor_sentences
@@ -158,8 +150,8 @@ def _of(motion: str, fit: ResultKind[Any], fitted: tuple[tuple[str, ...], ...]) 
 STEPS = (
     CampaignStep("check", "check", CHECK),
     CampaignStep("fit-thrusters", "thrusters", THRUSTER_MAP, "thrusters", (("thrusters",),)),
-    *(step for motion in DOFS for step in _of(motion, MODELS[motion], (("steps",), ("manoeuvres",)))),
-    *_of(PLANAR.name, PLANAR_MODEL, (("runs",),)),
+    *(step for motion in DOFS for step in _of(motion, store.MODELS[motion], (("steps",), ("manoeuvres",)))),
+    *_of(PLANAR.name, store.PLANAR_MODEL, (("runs",),)),
     CampaignStep("tune", "tune", TUNING, "tune", (), (f"diagnosis/{DIAGNOSIS.file}", "yaw/yaw_model.json")),
 )
 STEP_NAMES = (*(step.name for step in STEPS), REPORT)
@@ -210,7 +202,7 @@ class MotionResults:
         self.fit, self.validation = steps.get(motion), steps.get(f"{before}validation")
         self.diagnosis, self.final = steps.get(f"{before}diagnosis"), steps.get(f"{before}final_validation")
         file: DiagnosisFile | None = self.diagnosis.file if self.diagnosis else None
-        self.added, self.base = "", dict[str, Moved]()
+        self.added, self.base = "", dict[str, store.Moved]()
         if file is not None and file.verdict == NAMED and not file.of_thrusters:
             self.added, self.base = " and ".join(effect.name for effect in file.effects), dict(file.base)
 

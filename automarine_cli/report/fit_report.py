@@ -187,11 +187,9 @@ def warnings_of(fit: YawFit) -> tuple[str, ...]:
 
 
 def fit_warnings(
-    fits: Mapping[str, OutputErrorFit],
-    preference: Preference,
-    names_of_runs: Sequence[str],
+    fits: Mapping[str, OutputErrorFit], preference: Preference, names_of_runs: Sequence[str],
     position_noise: float | None = None,
-) -> list[str]:
+) -> list[str]:  # fmt: skip
     """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
     `position_noise` [rad] that the headings have by themselves."""
     fit = fits[preference.number]

@@ -1,7 +1,6 @@
 """What `validate` shows: every model over all runs, every run under every model, a figure of each run; and `predict`:
 the end of each run, and all of it in files."""
 
-import io
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -60,7 +59,7 @@ def _(result: Prediction) -> Sections:
     names, columns = [of_run.run.name for of_run in result.predicted], result.columns()
     alone, table = len(names) == 1, "prediction.parquet" if result.parquet else "prediction.csv"
     stems = ["prediction"] if alone else [f"prediction_{stem}" for stem in file_stems(names)]
-    form = partial(_parquet if result.parquet else _csv, columns)
+    form = partial(_file_of, columns, result.parquet)
     files: dict[str, Content] = {"prediction.json": result.to_json(), table: form}
     figures = {
         name: Drawing("runs.prediction_figure", of_run, result.shown) for name, of_run in zip(stems, result.predicted)
@@ -124,18 +123,11 @@ def _predicted_end(result: Prediction) -> str:
     return f"{len(ends)} runs are predicted; at their ends the 95 % band of the {position} is {sizes}."
 
 
-def _csv(columns: Mapping[str, Any]) -> str:
+def _file_of(columns: Mapping[str, Any], parquet: bool) -> str | bytes:
     import pandas as pd  # here, as validations need none of it
 
-    return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n")
-
-
-def _parquet(columns: Mapping[str, Any]) -> bytes:
-    import pandas as pd
-
-    content = io.BytesIO()
-    pd.DataFrame(columns).to_parquet(content, index=False)
-    return content.getvalue()
+    frame = pd.DataFrame(columns)
+    return frame.to_parquet(index=False) if parquet else frame.to_csv(index=False, lineterminator="\n")
 
 
 def _answer(result: Validation, more: str) -> str:

@@ -39,9 +39,7 @@ def velocity_noise(run: Run) -> float:
 SEGMENT_LENGTHS = (16, 32, 128)  # Samples of a segment of the spectra: filters of different length show in each
 MIN_SEGMENTS, MIN_SEGMENTS_OF_OCTAVES = 10, 24  # Segments of a spectrum, and from which on single octaves can be told
 CHANCE_COHERENCE = 9.0  # coherence in a bin, times the overlapping segments, that chance exceeds in one of a thousand
-NOISE_BAND_RATIO = (
-    1.6  # The position is noise at frequencies where its spectrum is no more than so many times the lowest
-)
+NOISE_BAND_RATIO = 1.6  # Where its spectrum is no more than so many times the lowest, the position is noise
 ARITHMETIC_NOISE = 1e-6  # Of positions [rad or m]; what is less is arithmetic
 
 

@@ -86,10 +86,8 @@ class RunSeen:
         noise, unit = f"{words.position}_noise_{dof.units.shown}", f"{words.force}_unit"
         keys = {"noise": noise, "extent": words.range_key, "moment_unit": unit, "half_turn": dof.step_key}
         limits = {"allocation_limits": [limit.to_json() for limit in self.limits]} if self.limits else {}
-        plain = {
-            name: value for name, value in vars(self).items() if name not in ("dof", "trace", "commanded", "limits")
-        }
-        return {keys.get(name, name): value for name, value in plain.items()} | limits
+        inner = ("dof", "trace", "commanded", "limits")
+        return {keys.get(name, name): value for name, value in vars(self).items() if name not in inner} | limits
 
 
 @dataclass(frozen=True)

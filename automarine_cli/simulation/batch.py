@@ -173,22 +173,17 @@ def make_batch(
     lengths = padded([g.length for g in grids], steps)
     forces = [force[:, g.held] for force, g in zip(commanded, grids)]
     return Batch(
-        motion=motion,
-        names=tuple(run.name for run in runs),
-        length=lengths,
-        stretch=padded([g.stretch for g in grids], steps),
-        switch=padded([g.switch for g in grids], steps),
+        motion=motion, names=tuple(run.name for run in runs), length=lengths,
+        stretch=padded([g.stretch for g in grids], steps), switch=padded([g.switch for g in grids], steps),
         force=np.stack([padded([force[d] for force in forces], steps) for d in range(len(motion.dofs))]),
         node=padded([g.node for g in grids], samples),
         seen=padded([np.ones(len(run), dtype=bool) for run in runs], samples),
         channels=tuple(_channels(runs, motion, samples, channels)),
-        interval=padded([g.interval for g in grids], switches),
-        start=np.array([run.time[0] for run in runs]),
+        interval=padded([g.interval for g in grids], switches), start=np.array([run.time[0] for run in runs]),
         before=np.array([[[commanded_before(run, dof)] for run in runs] for dof in motion.dofs]),
-        window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW_S).astype(int),
-        moment_unit=unit,
+        window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW_S).astype(int), moment_unit=unit,
         signals={n: padded([s[g.held] for s, g in zip(signals_of(runs, n), grids)], steps) for n in signals},
-    )
+    )  # fmt: skip
 
 
 def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
@@ -262,10 +257,7 @@ def _grid(run: Run, force: Floats, max_step: float) -> _Grid:
         switch, width = np.zeros_like(switch), np.array([np.median(width)])
     moves = np.where(late, -2.0, 2.0) / count[which]
     return _Grid(
-        length=(intervals / count)[which],
-        stretch=np.where(changed[which], moves, 0.0),
-        switch=np.where(changed[which], switch, 0),
-        held=which + late,
-        node=np.concatenate([[0], np.cumsum(count)]),
+        length=(intervals / count)[which], stretch=np.where(changed[which], moves, 0.0),
+        switch=np.where(changed[which], switch, 0), held=which + late, node=np.concatenate([[0], np.cumsum(count)]),
         interval=width,
-    )
+    )  # fmt: skip

@@ -133,17 +133,14 @@ def _draw(plan: Plan, specification: Specification, seed: int, windows: int) -> 
             row[:] = size * lasting(normal(windows, seed, key, dof.name), left)
     pushed[-1] += added
     return SimulatedRun(
-        plan,
-        start=float(scatter.dof.inner(start)),
-        log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
+        plan, start=float(scatter.dof.inner(start)), log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
         switches=np.asarray((np.array(plan.changes, dtype=float) - share) * specification.logger.period),
         biases={
             name: float(sensor.bias * normal(1, seed, key, *words)[0])
             for name, (sensor, _, words) in specification.sensed.items()
         },
-        added_moment=added,
-        disturbance=pushed,
-    )
+        added_moment=added, disturbance=pushed,
+    )  # fmt: skip
 
 
 def _added_moment(plan: Plan, specification: Specification, seed: int) -> float:
@@ -181,11 +178,10 @@ def _truth(
     position = np.zeros((size, 1, len(plans)))
     position[last, 0] = [run.start for run in drawn]
     start = Start(
-        position,
-        log_gain=np.array([[run.log_gain for run in drawn]]),
+        position, log_gain=np.array([[run.log_gain for run in drawn]]),
         own={} if motion.turns else _own_phases(model, plans, seed),
         disturbance=np.stack([run.disturbance for run in drawn], axis=1)[:, None],
-    )
+    )  # fmt: skip
     result = simulate(model, batch, start=start)
     truth = np.concatenate([result.positions[0], result.velocities[0]], axis=2)
     truth[:, :, last] = result.reading(batch.channels[-1])[0]

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, State, Target, Tunable
-from automarine_cli.control.targets.loops import hold, leads, low_pass, share, spread, within
+from automarine_cli.control.targets import base
+from automarine_cli.control.targets.base import Gains, State, Target, Tunable, hold, low_pass, share, spread, within
 from automarine_cli.errors import SettingError
 from automarine_cli.quantities import Complexes, Floats
 
@@ -63,10 +63,10 @@ class ParameterFile(Target):
     numbers = 6
     rate: ClassVar[str]  # what the parameters of the rate loop begin with
 
-    def crossover(self, nominal: NominalPlant) -> float:
+    def crossover(self, nominal: base.NominalPlant) -> float:
         return min(super().crossover(nominal), self.range_of(f"{self.rate}_P")[1] / nominal.inertia)
 
-    def cascade(self, numbers: Floats, nominal: NominalPlant, angle: str, least: float) -> dict[str, Floats]:
+    def cascade(self, numbers: Floats, nominal: base.NominalPlant, angle: str, least: float) -> dict[str, Floats]:
         """Defaults, but a rate loop with a crossover in shares of what delays and range allow, and in shares of that
         the gain of the `angle` loop and of the sum, which is `least` of it or more."""
         inner, outer, summed, _, _, lead = numbers.T
@@ -77,10 +77,10 @@ class ParameterFile(Target):
             angle: crossover * spread(outer, 0.08, 1.5),
             f"{self.rate}_P": p,
             f"{self.rate}_I": p * crossover * spread(summed, least, 0.5),
-            f"{self.rate}_D": p * lag * leads(lead),
+            f"{self.rate}_D": p * lag * base.leads(lead),
         }
 
-    def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
+    def text(self, gains: Mapping[str, float], nominal: base.NominalPlant, notes: Sequence[str]) -> str:
         head = f"{self.of} gains for {self.firmware}; names and units may differ in other versions."
         lines = [f"# {line}" for line in (head, *notes)]
         return "\n".join([*lines, *(f"{name},{gains[name]:.6g}" for name in self.searched)]) + "\n"
@@ -115,7 +115,7 @@ class ArduSub(ParameterFile):
         Tunable("ATC_INPUT_TC", "time over which a step of the target heading is smoothed", "s", 0.15, 0.0, 1.0),
     )  # fmt: skip
 
-    def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
+    def propose(self, numbers: Floats, nominal: base.NominalPlant) -> dict[str, Floats]:
         """Loops as in `cascade`, and a reference in shares of what the thrusters can follow."""
         *_, rate, speed_up, _ = numbers.T
         reach = 1.0 / nominal.inertia
@@ -139,7 +139,7 @@ class ArduSub(ParameterFile):
         integral = within(holding + zero, gains["ATC_RAT_YAW_IMAX"])
         return (zero, zero, position, zero, zero, zero, zero, zero, integral, zero)
 
-    def controller(self, gains: Gains) -> Controller:
+    def controller(self, gains: Gains) -> base.Controller:
         dt, limit = self.period, gains["ATC_ACCEL_Y_MAX"] * CDEG
         p, i, d, imax = (gains[f"ATC_RAT_YAW_{name}"] for name in ("P", "I", "D", "IMAX"))
         of_demand, of_error, of_change = (share(dt, gains[f"ATC_RAT_YAW_FLT{letter}"]) for letter in "TED")
@@ -215,7 +215,7 @@ class ArduRover(ParameterFile):
         Tunable("ATC_STR_ACC_MAX", "largest acceleration of the turn", "deg/s²", 120.0, 0.0, 1000.0, True),
     )  # fmt: skip
 
-    def propose(self, numbers: Floats, nominal: NominalPlant) -> dict[str, Floats]:
+    def propose(self, numbers: Floats, nominal: base.NominalPlant) -> dict[str, Floats]:
         """As for Sub; feed-forward is one over the steady rate at the whole output."""
         *_, rate, speed_up, _ = numbers.T
         gains = self.cascade(numbers, nominal, "ATC_STR_ANG_P", 0.01) | {
@@ -237,7 +237,7 @@ class ArduRover(ParameterFile):
             )
         return min(scaling_base(usual) / speed, 1.0)
 
-    def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
+    def text(self, gains: Mapping[str, float], nominal: base.NominalPlant, notes: Sequence[str]) -> str:
         text = super().text(gains, nominal, notes)
         return f"{text}{SCALING},{scaling_base(nominal.speed):.6g}\n" if nominal.steered and nominal.speed else text
 
@@ -247,7 +247,7 @@ class ArduRover(ParameterFile):
         # gyro's filter (two states), rate asked for, filtered error, integral, last output
         return (zero, zero, zero, zero, integral, zero)
 
-    def controller(self, gains: Gains) -> Controller:
+    def controller(self, gains: Gains) -> base.Controller:
         dt, limit, most = self.period, gains["ATC_STR_ACC_MAX"] * RAD, gains["ATC_STR_RAT_MAX"] * RAD
         speed_up, most = np.where(limit > 0, limit * dt, np.inf), np.where(most > 0, most, np.inf)
         of_error = share(dt, gains["ATC_STR_RAT_FLTE"])

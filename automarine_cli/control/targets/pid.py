@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, State, Target, Tunable
-from automarine_cli.control.targets.loops import hold, spread, summed, within
+from automarine_cli.control.targets import base
+from automarine_cli.control.targets.base import Controller, Gains, NominalPlant, State, Target, Tunable, spread, within
 from automarine_cli.quantities import Complexes, Floats
 
 DERIVATIVE_FILTER_RATIO = 10.0  # how many times shorter than the derivative's time its low-pass is: chapter 3
@@ -54,7 +54,7 @@ class Pid(Target):
             slope = slope + dt / (dt + gains["T_f"]) * ((position - before) / dt - slope)
             error = reference - position
             now = gains["K_p"] * (gains["b"] * reference - position) - gains["K_d"] * slope
-            integral = summed(integral, integral + gains["K_i"] * dt * error, now, error)
+            integral = base.summed(integral, integral + gains["K_i"] * dt * error, now, error)
             return (position, slope, integral), within(now + integral, 1.0)
 
         return step
@@ -65,7 +65,7 @@ class Pid(Target):
         weight = dt / (dt + gains["T_f"])
         slope = weight / (1.0 - (1.0 - weight) / z) * (1.0 - 1.0 / z) / dt
         controller = gains["K_p"] + gains["K_i"] * dt / (1.0 - 1.0 / z) + gains["K_d"] * slope
-        return controller * hold(s, dt), np.zeros_like(controller)
+        return controller * base.hold(s, dt), np.zeros_like(controller)
 
     def text(self, gains: Mapping[str, float], nominal: NominalPlant, notes: Sequence[str]) -> str:
         units = {p.name: p.unit.replace("{x}", nominal.dof.units.base) for p in self.parameters}

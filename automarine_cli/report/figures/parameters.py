@@ -18,16 +18,8 @@ from automarine_cli.fits.steps import StepData
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.planning.campaign import Plan
-from automarine_cli.report.figures.style import (
-    COLOURS,
-    PAGE_IN,
-    above_residuals,
-    house_style,
-    legend_below,
-    new_figure,
-    panels,
-    shortened,
-)
+from automarine_cli.report.figures import style
+from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure, shortened
 from automarine_cli.report.tables import interval, number
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.curves import SplineCurve
@@ -55,7 +47,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     unit = {"us": "µs"}.get(pooled.n_unit, pooled.n_unit) or "unit as logged"
     control = f"Control signal n [{unit}]"
     labels = control, "Thrust of one thruster [N]", "Measured − fitted [N]"
-    figure, thrust, residuals = above_residuals(PAGE_IN * 0.8, 5.6, labels)
+    figure, thrust, residuals = style.above_residuals(PAGE_IN * 0.8, 5.6, labels)
     thrust.axhline(0.0, color="0.6", lw=0.6)
     n, force, spread = points.n[good], points.force[good], np.nan_to_num(points.spread[good])
     look = {"yerr": spread, "label": "measured ± standard deviation"} if spread.any() else {"label": "measured"}
@@ -155,7 +147,7 @@ def residuals_figure(
 def compare_figure(sides: Sequence[ComparedResult], differences: Sequence[Difference]) -> Figure:
     """Draw a panel for each parameter; the interval of the first result goes on as a band."""
     names = list(dict.fromkeys(name for side in sides for name in side.parameters))
-    figure, axes = panels(len(names), 3, 0.75 + 0.32 * len(sides), 0.0, sharey=True)
+    figure, axes = style.panels(len(names), 3, 0.75 + 0.32 * len(sides), 0.0, sharey=True)
     for ax, name in zip(axes.flat, names):
         apart = {difference.of: difference for difference in differences if difference.parameter == name}
         for i, side in enumerate(sides):
@@ -181,7 +173,7 @@ def compare_figure(sides: Sequence[ComparedResult], differences: Sequence[Differ
 def plan_figure(plan: Plan) -> Figure:
     """Draw a panel for each parameter, run by run."""
     names, minutes = list(plan.errors)[:MAX_PANELS], plan.minutes
-    figure, axes = panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
+    figure, axes = style.panels(len(names), 3 if len(names) <= 3 else 2, 2.2, 0.6)
     half = int(np.searchsorted(minutes, 0.5 * minutes[-1]))
     wider = max(plan.errors[name][half] / plan.errors[name][-1] for name in names)
     advice = "Play the whole plan" if wider > MIN_WIDTH_RATIO else "Half of the plan is enough"
@@ -223,7 +215,7 @@ def tuning_figure(tuning: "Tuning") -> Figure:
         position = f"{dof.words.position.capitalize()} [{dof.units.shown}]"
         axes[0, i].set(xlim=(0.0, task.recovery), xlabel="Time [s]", ylabel=position)
     axes[0, 0].axhline(way, color="0.4", lw=0.6, ls=":")
-    legend_below(figure, axes[0, 0], ncols=4)
+    style.legend_below(figure, axes[0, 0], ncols=4)
     return figure
 
 

@@ -69,24 +69,21 @@ def _series(ax: Axes, number: int, looks: Mapping[object, str]) -> Iterator[dict
     inside = {series[0]: str(series.get_label()) for series in ax.containers if isinstance(series, ErrorbarContainer)}
     drawn: list[Artist] = [line for line in ax.lines if line.get_transform() == ax.transData]
     kinds = LineCollection, PathCollection
-    drawn += [series for series in ax.collections if isinstance(series, kinds) and not _nameless(series)]
+    drawn += [series for series in ax.collections if isinstance(series, kinds) and _name(series)]
     for place, artist in enumerate(drawn):
         artist.set_gid(f"series_{number}_{place}")
-        name = inside.get(artist, "" if _nameless(artist) else str(artist.get_label()))
+        name = inside.get(artist, _name(artist))
         yield {"id": artist.get_gid(), "name": _plain(name or looks.get(_look(artist), ""))}
     for series in bars:
-        ends = [
-            (bar.get_x() + bar.get_width(), bar.get_y() + bar.get_height() / 2)
-            if series.orientation == "horizontal"
-            else (bar.get_x() + bar.get_width() / 2, bar.get_y() + bar.get_height())
-            for bar in series.patches
-        ]
-        name = "" if str(series.get_label()).startswith("_") else str(series.get_label())
-        yield {"name": _plain(name), "at": [[float(x), float(y)] for x, y in ends]}
+        along, up = (1.0, 0.5) if series.orientation == "horizontal" else (0.5, 1.0)
+        ends = ((bar.get_x() + along * bar.get_width(), bar.get_y() + up * bar.get_height()) for bar in series.patches)
+        yield {"name": _plain(_name(series)), "at": [[float(x), float(y)] for x, y in ends]}
 
 
-def _nameless(artist: Artist) -> bool:
-    return not str(artist.get_label()) or str(artist.get_label()).startswith("_")
+def _name(series: Artist | BarContainer) -> str:
+    """The label of a series; those that begin with a line are matplotlib's own."""
+    label = str(series.get_label())
+    return "" if label.startswith("_") else label
 
 
 def _look(artist: Artist) -> object:
