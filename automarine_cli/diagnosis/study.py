@@ -398,9 +398,11 @@ class DiagnosisProblem:
         return model
 
 
-def study_of(runs: Sequence[Run], base: Model, channels: tuple[str, ...] | None = None) -> DiagnosisProblem:
-    """A study of `runs`; whether they are driven, the evidence says."""
-    driven = disturbed(runs, base, np.array([starts_at_rest(run) for run in runs]), channels)
+def study_of(
+    runs: Sequence[Run], base: Model, channels: tuple[str, ...] | None = None, driven: bool = False
+) -> DiagnosisProblem:
+    """A study of `runs`; whether they are driven, the fit of their base says, else the evidence."""
+    driven = driven or disturbed(runs, base, np.array([starts_at_rest(run) for run in runs]), channels)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
     return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted({*needed, *base.signals})), channels=channels)

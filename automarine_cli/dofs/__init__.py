@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from automarine_cli.dofs.dof import Dof
-from automarine_cli.dofs.rotations import PITCH, ROLL, YAW
-from automarine_cli.dofs.translations import HEAVE, SURGE, SWAY
+from automarine_cli.dofs.motions import HEAVE, PITCH, ROLL, SURGE, SWAY, YAW
 
 __all__ = ["ALL_BUT_YAW", "DOFS", "HEAVE", "PITCH", "PLANAR", "ROLL", "SURGE", "SWAY", "YAW", "Dof", "Motion", "alone"]
 

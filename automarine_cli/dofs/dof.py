@@ -142,12 +142,12 @@ class Dof:
     position: str
     velocity: str
     command: str
-    thrusters: tuple[str, ...]
-    sides: tuple[float, ...]
     symbols: Symbols
     words: Words
     units: Units
     limits: Limits
+    thrusters: tuple[str, ...] = ()
+    sides: tuple[float, ...] = ()
     turn: float = inf
     levered: bool = False
     has_constant: bool = False

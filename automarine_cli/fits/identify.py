@@ -27,8 +27,15 @@ from automarine_cli.fits.preference import (
     prefer_driven,
     prefer_quiet,
 )
-from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
-from automarine_cli.fits.steps import StepData, data_of_steps
+from automarine_cli.fits.steps import (
+    Consistency,
+    Start,
+    StepData,
+    data_of_steps,
+    fit_halves,
+    fit_whole_or_half,
+    starting,
+)
 from automarine_cli.models.model import COMMAND_DELAY, Model, main_drag, steady_rate
 from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
 from automarine_cli.models.store import ROLES, effects_json, model_head
@@ -286,7 +293,7 @@ def identify_turns(
 
     `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": steps if at least
     three at two sizes of moment serve and they are half of the runs or more, else whole runs. Steps count whole, unless
-    what comes after the first half-turns disagrees with them (see step_fit.py). `priors` are what
+    what comes after the first half-turns disagrees with them (see steps.py). `priors` are what
     need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
     of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back,
