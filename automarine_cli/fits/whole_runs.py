@@ -15,7 +15,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.innovations import Fit
+from automarine_cli.fits.innovations import Fit, InnovationsFit
 from automarine_cli.fits.linear_mixed import (
     DISTURBANCE,
     GAIN,
@@ -530,8 +530,8 @@ def run_dof(mixed: Fit, direction: Floats) -> float:
         return float(sum(mixed.readings.values()) - len(mixed.theta))
     if not _few_carry(mixed, direction):
         return degrees_of_freedom(mixed, direction)
-    of_forecasts = mixed.driven and not direction[mixed.parameters.of_model.stop :].any()
-    within = mixed.forecasts if of_forecasts else 0.0
+    of_model = not direction[mixed.parameters.of_model.stop :].any()
+    within = mixed.forecasts if isinstance(mixed, InnovationsFit) and of_model else 0.0
     if within > runs - 1:
         of_runs, likely = (direction @ c @ direction for c in (jackknife(mixed.left_out), mixed.covariance))
         if of_runs < likely * special.fdtri(runs - 1, within, 0.5):
