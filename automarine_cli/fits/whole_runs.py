@@ -15,7 +15,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.innovations import Fit
+from automarine_cli.fits.innovations import Fit, InnovationsFit
 from automarine_cli.fits.linear_mixed import (
     DISTURBANCE,
     GAIN,
@@ -523,11 +523,20 @@ def _few_carry(mixed: Fit, direction: Floats) -> bool:
 
 def run_dof(mixed: Fit, direction: Floats) -> float:
     """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells; of one run its
-    readings less its parameters."""
+    readings less its parameters. Few runs that scatter by no more than forecasts within them explain (below the median
+    of F, so that the test rather errs to their side) have those of the forecasts."""
     runs = len(mixed.left_out)
     if runs == 1:
         return float(sum(mixed.readings.values()) - len(mixed.theta))
-    return float(runs - 1) if _few_carry(mixed, direction) else degrees_of_freedom(mixed, direction)
+    if not _few_carry(mixed, direction):
+        return degrees_of_freedom(mixed, direction)
+    of_model = not direction[mixed.parameters.of_model.stop :].any()
+    within = mixed.forecasts if isinstance(mixed, InnovationsFit) and of_model else 0.0
+    if within > runs - 1:
+        of_runs, likely = (direction @ c @ direction for c in (jackknife(mixed.left_out), mixed.covariance))
+        if of_runs < likely * special.fdtri(runs - 1, within, 0.5):
+            return within
+    return float(runs - 1)
 
 
 def covariance_json(
