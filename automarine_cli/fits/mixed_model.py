@@ -106,6 +106,9 @@ Response = Callable[[Floats, Floats], Floats]
 ReadingSlopes = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 """Readings (R, N) for theta (p,) and run effects (R, q), and their derivatives by both, (R, N, p) and (R, N, q)."""
 
+PairedResponse = Callable[[Floats, Floats, NDArray[np.int64]], Floats]
+"""Readings (K, N) of runs `rows` (K,), each for its own theta (K, p) and run effects (K, q)."""
+
 MIN_NOISE = 1e-4  # where the fit of a channel's noise starts at least [its unit]
 
 CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))  # rise of a deviance at the ends of a 95 % interval
@@ -150,7 +153,7 @@ class Problem:
     """Measured readings (R, N) with their mask, the response to theta (p,), the run effects, and the `parameters`.
 
     `slots` are the channels, the first that counts first. `slopes` are the derivatives of the response where a formula
-    has them.
+    has them, `paired` the response of single runs where it can be had.
     """
 
     response: Response
@@ -160,6 +163,7 @@ class Problem:
     parameters: Parameters
     slots: tuple[Slot, ...]
     slopes: ReadingSlopes | None = None
+    paired: PairedResponse | None = None
 
     def informed(self, priors: Priors) -> "Problem":
         return replace(self, parameters=self.parameters.informed(priors))
@@ -280,8 +284,14 @@ def of_free(problem: Problem) -> Problem:
         readings, by_theta, by_run = problem.slopes(filled(theta), b)
         return readings, by_theta[:, :, free], by_run
 
-    parameters = problem.parameters.of_free()
-    return replace(problem, response=response, parameters=parameters, slopes=problem.slopes and slopes)
+    def paired(theta: Floats, b: Floats, rows: NDArray[np.int64]) -> Floats:
+        assert problem.paired is not None
+        return problem.paired(filled(theta), b, rows)
+
+    return replace(
+        problem, response=response, parameters=problem.parameters.of_free(), slopes=problem.slopes and slopes,
+        paired=problem.paired and paired,
+    )  # fmt: skip
 
 
 def with_fixed(fit: MixedFit, parameters: Parameters) -> MixedFit:
@@ -387,8 +397,8 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
 
     By the problem's formula, else as one-sided differences.
 
-    A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
-    the mirrored derivatives.
+    A run effect that can only be zero is not perturbed, where the response of single runs can be had in no run in
+    which it can. Steps point away from zero, so that a mirrored campaign has the mirrored derivatives.
     """
     if problem.slopes is not None:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -401,6 +411,8 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     free = np.flatnonzero(problem.effects.scale.any(axis=0))
     p, q = len(phi), len(free)
     step = PHI_STEP * np.where(phi < 0, -1.0, 1.0) * np.maximum(np.abs(phi), 1e-1)
+    if problem.paired is not None:
+        return _paired_derivatives(problem, phi, b, step)
     sets = np.tile(phi, (1 + p + q, 1))
     effects = np.tile(b, (1 + p + q, 1, 1))
     sets[np.arange(1, 1 + p), np.arange(p)] += step
@@ -411,6 +423,25 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
         by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
         by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
+
+
+def _paired_derivatives(problem: Problem, phi: Floats, b: Floats, step: Floats) -> tuple[Floats, Floats, Floats]:
+    """The same of single runs: few have as many run effects as the one with most."""
+    assert problem.paired is not None
+    (runs, samples), p = problem.observed.shape, len(phi)
+    column, row = np.nonzero(problem.effects.scale.T)
+    rows = np.concatenate([np.tile(np.arange(runs), 1 + p), row])
+    sets = problem.parameters.natural(phi + np.concatenate([np.zeros((1, p)), np.diag(step)]))
+    effects, moved = b[rows], runs * (1 + p) + np.arange(len(row))
+    effects[moved, column] += RUN_STEP
+    theta = sets[np.concatenate([np.repeat(np.arange(1 + p), runs), np.zeros(len(row), dtype=int)])]
+    by_run = np.zeros((runs, samples, b.shape[1]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        out = np.where(problem.observed[rows], problem.paired(theta, effects, rows), 0.0)
+        fitted = out[:runs]
+        by_run[row, :, column] = (out[moved] - fitted[row]) / RUN_STEP
+        by_phi = (out[runs : runs * (1 + p)].reshape(p, runs, samples) - fitted) / step[:, None, None]
+    return fitted, np.moveaxis(by_phi, 0, 2), by_run
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # where the response is infinite, `weigh` says so
