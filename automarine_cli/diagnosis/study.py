@@ -480,7 +480,14 @@ def run_effects_given(problem: Problem, theta: Floats, variances: Floats, rounds
     def response(nothing: Floats, b: Floats) -> Floats:
         return simulated(np.tile(theta, (len(b), 1)), b)
 
-    problem = replace(problem, response=response, parameters=Parameters(()))  # nothing else is left to be fitted
+    single = problem.paired
+
+    def paired(nothing: Floats, b: Floats, rows: NDArray[np.int64]) -> Floats:
+        assert single is not None
+        return single(np.tile(theta, (len(b), 1)), b, rows)
+
+    # nothing else is left to be fitted
+    problem = replace(problem, response=response, paired=single and paired, parameters=Parameters(()))
 
     def costs(fitted: Floats, b: Floats) -> Floats:
         penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2

@@ -107,6 +107,9 @@ Response = Callable[[Floats, Floats], Floats]
 ReadingSlopes = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 """Readings (R, N) for theta (p,) and run effects (R, q), and their derivatives by both, (R, N, p) and (R, N, q)."""
 
+PairedResponse = Callable[[Floats, Floats, NDArray[np.int64]], Floats]
+"""Readings (K, N) of runs `rows` (K,), each for its own theta (K, p) and run effects (K, q)."""
+
 MIN_NOISE = 1e-4  # where the fit of a channel's noise starts at least [its unit]
 
 CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))  # rise of a deviance at the ends of a 95 % interval
@@ -151,7 +154,7 @@ class Problem:
     """Measured readings (R, N) with their mask, the response to theta (p,), the run effects, and the `parameters`.
 
     `slots` are the channels, the first that counts first. `slopes` are the derivatives of the response where a formula
-    has them.
+    has them, `paired` the response of single runs where it can be had.
     """
 
     response: Response
@@ -161,6 +164,7 @@ class Problem:
     parameters: Parameters
     slots: tuple[Slot, ...]
     slopes: ReadingSlopes | None = None
+    paired: PairedResponse | None = None
 
     def informed(self, priors: Priors) -> "Problem":
         return replace(self, parameters=self.parameters.informed(priors))
@@ -338,8 +342,8 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     By the problem's formula, else as one-sided differences. Those by parameters that are fixed count as zero: their
     direction may be that of others (the moment at which a loss is told, and the loss), and would take a search with it.
 
-    A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
-    the mirrored derivatives.
+    A run effect that can only be zero is not perturbed, where the response of single runs can be had in no run in
+    which it can. Steps point away from zero, so that a mirrored campaign has the mirrored derivatives.
     """
     free = problem.parameters.free
     if problem.slopes is not None:
@@ -350,9 +354,11 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
         by_theta = by_theta * np.where(problem.parameters.log, theta, 1.0) * np.isin(np.arange(len(phi)), free)
         fitted = np.where(problem.observed, fitted, 0.0)
         return fitted, np.where(there, by_theta, 0.0), np.where(there, by_run, 0.0)
+    step = PHI_STEP * np.where(phi < 0, -1.0, 1.0)[free] * np.maximum(np.abs(phi[free]), 1e-1)
+    if problem.paired is not None:
+        return _paired_derivatives(problem, phi, b, step)
     acts = np.flatnonzero(problem.effects.scale.any(axis=0))
     p, q = len(free), len(acts)
-    step = PHI_STEP * np.where(phi < 0, -1.0, 1.0)[free] * np.maximum(np.abs(phi[free]), 1e-1)
     sets = np.tile(phi, (1 + p + q, 1))
     effects = np.tile(b, (1 + p + q, 1, 1))
     sets[np.arange(1, 1 + p), free] += step
@@ -363,6 +369,28 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
         by_run[acts] = (out[1 + p :] - out[0]) / RUN_STEP
         by_phi[free] = (out[1 : 1 + p] - out[0]) / step[:, None, None]
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
+
+
+def _paired_derivatives(problem: Problem, phi: Floats, b: Floats, step: Floats) -> tuple[Floats, Floats, Floats]:
+    """The same of single runs: few have as many run effects as the one with most."""
+    assert problem.paired is not None
+    free = problem.parameters.free
+    (runs, samples), p = problem.observed.shape, len(free)
+    column, row = np.nonzero(problem.effects.scale.T)
+    rows = np.concatenate([np.tile(np.arange(runs), 1 + p), row])
+    sets = np.tile(phi, (1 + p, 1))
+    sets[np.arange(1, 1 + p), free] += step
+    sets = problem.parameters.natural(sets)
+    effects, moved = b[rows], runs * (1 + p) + np.arange(len(row))
+    effects[moved, column] += RUN_STEP
+    theta = sets[np.concatenate([np.repeat(np.arange(1 + p), runs), np.zeros(len(row), dtype=int)])]
+    by_phi, by_run = np.zeros((len(phi), runs, samples)), np.zeros((runs, samples, b.shape[1]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        out = np.where(problem.observed[rows], problem.paired(theta, effects, rows), 0.0)
+        fitted = out[:runs]
+        by_run[row, :, column] = (out[moved] - fitted[row]) / RUN_STEP
+        by_phi[free] = (out[runs : runs * (1 + p)].reshape(p, runs, samples) - fitted) / step[:, None, None]
+    return fitted, np.moveaxis(by_phi, 0, 2), by_run
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # where the response is infinite, `weigh` says so
