@@ -288,10 +288,9 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     laws = ", ".join(f"{model} {law}" for model, law in DRAG_LAWS.items())
     of_units = (
-        f"Drag of the models: {laws}. {dof.words.force.capitalize()} [{unit}], "
-        f"{quadratic} [{dof.unit_of('quadratic', unit)}], "
-        f"{linear} [{dof.unit_of('linear', unit)}], SSE [{squared}] of the plain least squares; brackets are 95 % "
-        "intervals."
+        f"Drag of the models: {laws}. {dof.words.force.capitalize()} [{unit}], {quadratic} "
+        f"[{dof.unit_of('quadratic', unit)}], {linear} [{dof.unit_of('linear', unit)}], SSE [{squared}] of the plain "
+        "least squares; brackets are 95 % intervals."
     )
     title = f"Table 1. Identified {dof.name} models: drag"
     return Table.of(title, rows, (of_units, *_signs(dof), *notes), (3, 7)).without_empty_rows()

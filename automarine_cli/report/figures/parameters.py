@@ -102,12 +102,12 @@ def residuals_figure(
         shortest = min(len(values) for _, values in residuals)
         lags = np.arange(1, min(MAX_LAGS, shortest - 1) + 1)
         interval_s = float(np.median(np.concatenate([np.diff(time) for time, _ in residuals])))
-        alike = autocorrelation([values for _, values in residuals], len(lags))
+        acf = autocorrelation([values for _, values in residuals], len(lags))
         band = 1.96 / np.sqrt(len(left))
         lagged.axhspan(-band, band, color="0.88", lw=0, zorder=0, label="95 % of white noise")
-        lagged.vlines(lags * interval_s, 0.0, alike, color=COLOURS["blue"], lw=1.2, label="residuals")
+        lagged.vlines(lags * interval_s, 0.0, acf, color=COLOURS["blue"], lw=1.2, label="residuals")
         lagged.axhline(0.0, color="0.4", lw=0.6)
-        lagged.set_ylim(min(-0.3, 1.1 * float(alike.min())), max(0.5, 1.1 * float(alike.max())))
+        lagged.set_ylim(min(-0.3, 1.1 * float(acf.min())), max(0.5, 1.1 * float(acf.max())))
         lagged.legend(loc="upper right")
         edges = np.linspace(-MAX_RESIDUAL, MAX_RESIDUAL, 51)
         shown = np.clip(left, -MAX_RESIDUAL, MAX_RESIDUAL)
@@ -115,9 +115,7 @@ def residuals_figure(
         normal = np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
         spread.plot(edges, normal, color=COLOURS["black"], lw=1.0, label="normal")
         spread.legend(loc="upper right")
-        said.append(
-            f"residuals {np.sqrt(np.mean(left**2)):.2f} times the noise, neighbours correlate by {alike[0]:.2f}"
-        )
+        said.append(f"residuals {np.sqrt(np.mean(left**2)):.2f} times the noise, neighbours correlate by {acf[0]:.2f}")
     over_time.set(title="Residuals over time", xlabel="Time [s]", ylabel="Residual [× noise]")
     lagged.set(title="Autocorrelation", xlabel="Lag [s]", ylabel="Correlation [1]")
     spread.set(
