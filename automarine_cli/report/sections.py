@@ -96,8 +96,7 @@ class Sections:
         """Write the files, then the figures in each of the formats, drawn by `each`."""
         for name, content in self.files.items():
             folder.write(name, content() if callable(content) else content)
-        for warning in self.warnings:
-            folder.warn(warning)
+        folder.warnings += self.warnings
         save_figures(folder, self.figures, formats, each)
 
 
