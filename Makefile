@@ -81,9 +81,9 @@ run: $(READY) ## Every step of the campaign sample_runs/pool_day.toml and its re
 
 reproduce: $(READY) ## The demo twice, under two locales; fails unless every byte is equal
 	rm -rf $(OUT)/reproduce
-	$(MAKE) demo OUT=$(OUT)/reproduce/first JOBS=1 > /dev/null
-	umask 077; export TZ=Pacific/Kiritimati LC_ALL=C PYTHONHASHSEED=4242; \
-	  $(MAKE) demo OUT=$(OUT)/reproduce/second JOBS=2 > /dev/null
+	$(MAKE) demo OUT=$(OUT)/reproduce/first JOBS=1 > /dev/null & first=$$!; \
+	  umask 077; export TZ=Pacific/Kiritimati LC_ALL=C PYTHONHASHSEED=4242; \
+	  $(MAKE) demo OUT=$(OUT)/reproduce/second JOBS=2 > /dev/null; second=$$?; wait $$first && exit $$second
 	diff -r $(OUT)/reproduce/first $(OUT)/reproduce/second
 	$(AUTOMARINE) verify $(OUT)/reproduce/first -q
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
@@ -92,7 +92,7 @@ reproduce: $(READY) ## The demo twice, under two locales; fails unless every byt
 docs: $(DOCS_READY) ## The guide as a site with a search, into OUT/docs; fails at a broken link, a lost word, a page too wide
 	rm -rf $(OUT)/docs
 	$(BIN)/sphinx-build -q -n -W --keep-going -c .docs -d $(OUT)/docs.doctrees -E . $(OUT)/docs
-	$(BIN)/python -m pytest -q tests/guide/test_site.py
+	SITE=$(OUT)/docs $(BIN)/python -m pytest -q tests/guide/test_site.py
 	echo "Site: $(OUT)/docs/index.html"
 
 wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty environment and use it there

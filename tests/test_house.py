@@ -30,12 +30,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5856, "report": 5249, "logs": 4002, "diagnosis": 3933, "commands": 3504, "runs": 2739,
+    "fits": 5856, "report": 5249, "logs": 4002, "diagnosis": 3936, "commands": 3505, "runs": 2739,
     "thrusters": 2713, "link": 2657, "control": 2178, "effects": 2306, "planning": 1898, "simulation": 1662,
-    "exports": 1938, "comparison": 1645, "models": 1238, "filters": 996, "pipeline": 807, "dofs": 588, "top": 325,
+    "exports": 1938, "comparison": 1645, "models": 1238, "filters": 1003, "pipeline": 807, "dofs": 588, "top": 325,
     "guide": 402,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 46_602
+MAX_LINES_IN_ALL = 46_613
 MAX_FILES = 225
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -89,7 +89,8 @@ def _of_a_motion(
     with append_exclusions(aside):
         diagnosis = diagnose_runs(
             runs, stored.undelayed, hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels,
-            number=stored.preferred, foretell=lambda seconds: foretell(drive["progress"], seconds / jobs),
+            number=stored.preferred, driven=bool(stored.random),
+            foretell=lambda seconds: foretell(drive["progress"], seconds / jobs),
         )  # fmt: skip
     return replace(diagnosis, parent={"file": stored.source, "sha256": sha256(model)}, set_aside=tuple(aside))
 

@@ -701,11 +701,12 @@ def split_off(runs: Sequence[Run], seed: int, fewest: int = MIN_TO_HOLD_OUT) -> 
 
 def diagnose_runs(
     runs: Sequence[Run], base: Model, *, hold_out: Sequence[Run] | None = None, seed: int = 0, map_fn: Each = alone,
-    channels: str = AUTO, number: str = "3", foretell: Callable[[float], None] = lambda seconds: None,
+    channels: str = AUTO, number: str = "3", driven: bool = False,
+    foretell: Callable[[float], None] = lambda seconds: None,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose `base`, model `number` of its file, on `runs`; `hold_out` None draws a quarter of the runs, `channels`
-    says which sensors count (`runs.channels.choose_channels`), `foretell` hears how many seconds one process will take.
-    Raises RunError for too few runs."""
+    says which sensors count (`runs.channels.choose_channels`), `driven` that the base was fitted with a disturbance,
+    `foretell` hears how many seconds one process will take. Raises RunError for too few runs."""
     runs = [run for run in runs if len(run) >= 20]
     chosen = choose_channels([*runs, *(hold_out or ())], base.dof, channels, late_position=True)
     runs, out = ([chosen.cleaned(run) for run in some] for some in (runs, hold_out or ()))
@@ -715,7 +716,7 @@ def diagnose_runs(
         raise TooFewRunsError(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {MIN_RUNS}"
         )
-    study = study_of(fitted, base, channels=chosen.names)
+    study = study_of(fitted, base, chosen.names, driven)
     foretell(expected_seconds(study))
     searched = search(study, seed, map_fn)
     where = find_where(searched.study, searched.base, seed)

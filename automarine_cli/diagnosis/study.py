@@ -398,9 +398,11 @@ class DiagnosisProblem:
         return model
 
 
-def study_of(runs: Sequence[Run], base: Model, channels: tuple[str, ...] | None = None) -> DiagnosisProblem:
-    """A study of `runs`; whether they are driven, the evidence says."""
-    driven = disturbed(runs, base, np.array([starts_at_rest(run) for run in runs]), channels)
+def study_of(
+    runs: Sequence[Run], base: Model, channels: tuple[str, ...] | None = None, driven: bool = False
+) -> DiagnosisProblem:
+    """A study of `runs`; whether they are driven, the fit of their base says, else the evidence."""
+    driven = driven or disturbed(runs, base, np.array([starts_at_rest(run) for run in runs]), channels)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
     return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted({*needed, *base.signals})), channels=channels)
@@ -478,7 +480,14 @@ def run_effects_given(problem: Problem, theta: Floats, variances: Floats, rounds
     def response(nothing: Floats, b: Floats) -> Floats:
         return simulated(np.tile(theta, (len(b), 1)), b)
 
-    problem = replace(problem, response=response, parameters=Parameters(()))  # nothing else is left to be fitted
+    single = problem.paired
+
+    def paired(nothing: Floats, b: Floats, rows: NDArray[np.int64]) -> Floats:
+        assert single is not None
+        return single(np.tile(theta, (len(b), 1)), b, rows)
+
+    # nothing else is left to be fitted
+    problem = replace(problem, response=response, paired=single and paired, parameters=Parameters(()))
 
     def costs(fitted: Floats, b: Floats) -> Floats:
         penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2

@@ -8,13 +8,10 @@ north and east, and the heading (Fossen 2021, chapter 2).
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from automarine_cli.dofs.dof import Dof
-from automarine_cli.dofs.rotations import PITCH, ROLL, YAW
-from automarine_cli.dofs.translations import HEAVE, SURGE, SWAY
+from automarine_cli.dofs.dof import DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW, Dof
 
 __all__ = ["ALL_BUT_YAW", "DOFS", "HEAVE", "PITCH", "PLANAR", "ROLL", "SURGE", "SWAY", "YAW", "Dof", "Motion", "alone"]
 
-DOFS: Mapping[str, Dof] = {dof.name: dof for dof in (YAW, SURGE, HEAVE, SWAY, ROLL, PITCH)}
 ALL_BUT_YAW: Mapping[str, Dof] = {name: dof for name, dof in DOFS.items() if dof is not YAW}
 
 

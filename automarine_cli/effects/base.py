@@ -21,6 +21,7 @@ effect acts on one degree of freedom and sees the state of that one, and the flo
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from math import inf, nan
 from typing import ClassVar
 
@@ -335,9 +336,12 @@ def choose(law: Floats, *options: Callable[[], Floats]) -> Floats:
 
 def deliver_by_law(options: Sequence[Deliver], commands: Commands, values: tuple[Floats, ...], law: Floats) -> Floats:
     """What each parameter set's own law delivers, (P, R, M): every law sees the sets that ask for it, and no others."""
+    law = np.round(law)  # whether fixed or aside for a derivative
     laws = np.unique(law)
     if len(laws) == 1:
         return options[round(float(laws[0]))](commands, values)
+    if law.shape[1] > 1:  # runs with parameters of their own
+        return choose(law, *(partial(option, commands, values) for option in options))
     shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, law.shape)
     delivered = np.empty(shape)
     for number in laws:

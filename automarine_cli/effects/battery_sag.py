@@ -26,17 +26,10 @@ class BatterySag(Effect):
         Parameter("t_ref", "clock at which nothing was lost yet", "s", -inf, inf, 0.0, reference="clock"),
         choice("law", "how the load tells", "at once; after a time; by the charge drawn"),
         Parameter(
-            "T_V",
-            "time constant of the sag under load",
-            "s",
-            0.3,
-            300.0,
-            5.0,
-            scan=(2.0, 6.0, 20.0),
-            log=True,
+            "T_V", "time constant of the sag under load", "s", 0.3, 300.0, 5.0, scan=(2.0, 6.0, 20.0), log=True,
             laws=(1,),
         ),
-    )
+    )  # fmt: skip
     equation = "{f}_delivered = {f} exp(-discharge (t - t_ref)) (1 - load |{f}|/tau_ref)"
     says = "The supply sags: thrust falls with load or as the battery empties."
     reveals = "a log of the bus voltage, and the first run repeated last"

@@ -14,17 +14,10 @@ class CoulombDrag(Effect):
         choice("law", "whether it grows near rest", "the same; Stribeck"),
         Parameter("c_s", "what is more of it at rest", "{force}", 0.0, inf, 0.03, off=0.0, laws=(1,)),
         Parameter(
-            "v_s",
-            "{speed} at which that has faded to 1/e",
-            "{x}/s",
-            0.02,
-            2.0,
-            0.15,
-            scan=(0.07, 0.15, 0.3),
-            log=True,
+            "v_s", "{speed} at which that has faded to 1/e", "{x}/s", 0.02, 2.0, 0.15, scan=(0.07, 0.15, 0.3), log=True,
             laws=(1,),
         ),
-    )
+    )  # fmt: skip
     equation = "-c sgn({v})"
     says = "A friction {force} of constant size opposes every motion."
     reveals = "the ends of coast-downs, which stop in finite time, and small {forces}, which do not start the vehicle"

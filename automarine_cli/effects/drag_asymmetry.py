@@ -7,14 +7,10 @@ class DragAsymmetry(Effect):
     name = "drag-asymmetry"
     parameters = (
         Parameter(
-            "e",
-            "half the difference of quadratic drag {to_positive} and {to_negative}",
-            "{force} s²{/x2}",
-            -inf,
-            inf,
+            "e", "half the difference of quadratic drag {to_positive} and {to_negative}", "{force} s²{/x2}", -inf, inf,
             0.05,
         ),
-    )
+    )  # fmt: skip
     equation = "-e {v}²"
     says = "Drag is larger when {moving} one way than the other."
     reveals = "equal {forces} {both_ways}, and a coast-down {each_way}"

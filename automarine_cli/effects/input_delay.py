@@ -74,11 +74,12 @@ def _on_and_off(commands: Commands, values: tuple[Floats, ...]) -> Floats:
     its rises and falls."""
     on, _, off = values
     before = np.broadcast_to(commands.before, (*commands.force.shape[:2], 1))
-    delivered = np.zeros(())
+    first, rises, falls = np.zeros_like(before), np.zeros_like(commands.force), np.zeros_like(commands.force)
     for side in (1.0, -1.0):
-        first = np.maximum(side * before, 0.0)
-        change = np.diff(np.maximum(side * commands.force, 0.0), axis=2, prepend=first)
-        for late, part, base in ((on, np.maximum(change, 0.0), first), (off, np.minimum(change, 0.0), 0.0 * first)):
-            part_commands = replace(commands, force=base + np.cumsum(part, axis=2), before=base)
-            delivered = delivered + side * delayed(part_commands, late)
-    return delivered
+        held = np.maximum(side * before, 0.0)
+        change = np.diff(np.maximum(side * commands.force, 0.0), axis=2, prepend=held)
+        first, rises = first + side * held, rises + side * np.maximum(change, 0.0)
+        falls = falls + side * np.minimum(change, 0.0)
+    risen = replace(commands, force=first + np.cumsum(rises, axis=2), before=first)
+    fallen = replace(commands, force=np.cumsum(falls, axis=2), before=0.0 * first)
+    return delayed(risen, on) + delayed(fallen, off)

@@ -10,16 +10,10 @@ class ThrusterLimit(SingleThrusterEffect):
     name = "thruster-limit"
     parameters = (
         Parameter(
-            "limit",
-            "largest share of the {force} of one thruster",
-            "{force}",
-            0.0,
-            inf,
-            0.5,
-            off=inf,
+            "limit", "largest share of the {force} of one thruster", "{force}", 0.0, inf, 0.5, off=inf,
             scan=(0.25, 0.33, 0.42, 0.55, 0.7, 0.9),
         ),
-    )
+    )  # fmt: skip
     equation = "{f}_delivered = sum over thrusters of sgn({f}_i) min(|{f}_i|, limit)"
     says = "Each thruster gives no more than a largest share of the {force}, whatever is commanded."
     reveals = "the highest commands of one thruster with small ones of the other"

@@ -85,13 +85,9 @@ class WaterSwirl(Effect):
             return pulled / np.where(pulled * water < 0, calm, 1.0)
 
         rate = choose(
-            law,
-            lambda: chi * slip - decay,
-            lambda: chi * np.abs(slip) * slip - decay,
-            lambda: chi * np.abs(state.velocity) * slip - decay,
-            lambda: chi * state.delivered / largest - decay,
-            lambda: chi * np.abs(slip) * slip - np.abs(water) * decay,
-            own_time,
+            law, lambda: chi * slip - decay, lambda: chi * np.abs(slip) * slip - decay,
+            lambda: chi * np.abs(state.velocity) * slip - decay, lambda: chi * state.delivered / largest - decay,
+            lambda: chi * np.abs(slip) * slip - np.abs(water) * decay, own_time,
             lambda: chi * state.delivered / largest - np.abs(water) * decay,
-        )
+        )  # fmt: skip
         return (rate / lag,)

@@ -18,6 +18,9 @@ from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 MAX_STEP_S, USUAL_STEP_S, MIN_STEP_S = 0.25, 0.1, 0.05
 """Steps of the filter [s]: the longest, where readings hang together; where they are as noisy as sensors are; and the
 shortest, where each tells something new: a controller answers it, and the commands would tell of one left out."""
+STEP_SHARE = (
+    0.05  # of the time in which a rate changes by its own size: the step of a quiet gyro, between the two above
+)
 INDEPENDENT = 0.7
 """Share of the noise of every other reading that all of them have at least where each tells something new: filtered
 readings differ less from their neighbours."""
@@ -39,21 +42,25 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
     steps = [MAX_STEP_S]
     for dof, position in zip(motion.dofs, motion.positions):
         for quantity in (position, dof.velocity):
-            noises = list[tuple[float, float]]()
+            measures = list[tuple[float, float, float]]()
             for run in runs:
                 readings = run.channel(quantity)
                 if quantity in quantities and readings is not None:
                     fresh = np.flatnonzero(fresh_readings(readings))
                     every, other = (position_noise(run.time[at], readings[at]) for at in (fresh, fresh[::2]))
-                    noises.append((every, other))
-            if not noises:
+                    slopes = np.diff(readings[fresh]) / np.diff(run.time[fresh])
+                    swing = float(np.std(readings[fresh]) / np.std(slopes)) if slopes.any() else 0.0
+                    measures.append((every, other, swing))
+            if not measures:
                 continue
-            noise, other = np.median(noises, axis=0)
+            noise, other, swing = np.median(measures, axis=0)
             noisy = noise >= least_noise(dof, quantity == dof.velocity)
             if noisy and noise > INDEPENDENT * other:
                 steps.append(MIN_STEP_S)
-            elif noisy or (dof.angular and quantity == dof.velocity):  # a gyro, however quiet
+            elif noisy:
                 steps.append(USUAL_STEP_S)
+            elif dof.angular and quantity == dof.velocity:  # a gyro, however quiet
+                steps.append(max(USUAL_STEP_S, STEP_SHARE * swing))
     return min(steps)
 
 
@@ -215,14 +222,10 @@ class Course:
         rows |= {name: getattr(self, name)[:, runs] for name in ("commanded", "before")}
         rows |= {name: getattr(self, name)[runs, : steps + 1] for name in ("at", "part")}
         return replace(
-            self,
-            names=tuple(name for name, stays in zip(self.names, runs) if stays),
-            length=self.length[runs, :steps],
+            self, names=tuple(name for name, stays in zip(self.names, runs) if stays), length=self.length[runs, :steps],
             signals={name: column[runs] for name, column in self.signals.items()},
-            channels=_rows(self.channels, runs, steps),
-            often=_rows(self.often, runs, steps),
-            **rows,
-        )
+            channels=_rows(self.channels, runs, steps), often=_rows(self.often, runs, steps), **rows,
+        )  # fmt: skip
 
     @cached_property
     def unthinned(self) -> "Course":
@@ -235,14 +238,9 @@ class Course:
 
 
 def make_course(
-    runs: Sequence[Run],
-    at_rest: NDArray[np.bool_],
-    signals: Sequence[str] = (),
-    *,
-    motion: Motion | None = None,
-    channels: Sequence[str] | None = None,
-    step: float | None = None,
-) -> Course:
+    runs: Sequence[Run], at_rest: NDArray[np.bool_], signals: Sequence[str] = (), *, motion: Motion | None = None,
+    channels: Sequence[str] | None = None, step: float | None = None,
+) -> Course:  # fmt: skip
     """Lay `runs` out with steps of about `step` [s], by default as their sensors ask; those `at_rest` (R,) begin so.
 
     `motion` is by default that of the runs' one degree of freedom; `channels` names the quantities that count, by
@@ -273,20 +271,15 @@ def make_course(
             observed = padded([layout.seen[k, c] for layout in layouts], nodes)
             channels_of.append(Channel(quantity, d, velocity, values, observed))
     return Course(
-        motion=motion,
-        names=tuple(run.name for run in runs),
+        motion=motion, names=tuple(run.name for run in runs),
         length=padded([layout.length for layout in layouts], nodes - 1),
         commanded=np.stack([padded([x.commanded[d] for x in layouts], fine) for d in range(len(motion.dofs))]),
-        width=padded([layout.width for layout in layouts], fine),
-        early=np.array([layout.early for layout in layouts]),
-        at=at,
-        part=padded([layout.part for layout in layouts], nodes),
+        width=padded([layout.width for layout in layouts], fine), early=np.array([layout.early for layout in layouts]),
+        at=at, part=padded([layout.part for layout in layouts], nodes),
         before=np.array([layout.before for layout in layouts]).T[..., None],
         start=np.array([run.time[0] for run in runs]),
         signals={name: padded([layout.signals[name] for layout in layouts], fine) for name in signals},
-        channels=tuple(thinned),
-        often=tuple(often),
-        at_rest=at_rest,
+        channels=tuple(thinned), often=tuple(often), at_rest=at_rest,
         fastest=np.array([_fastest(runs, position) for position in motion.positions]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
         moment_unit=unit,
@@ -322,18 +315,10 @@ def _lay(
             at_nodes, averages, noise[k, c] = readings_of(run.time, readings, node, floor)
             values[k, c, at_nodes], observed[k, c, at_nodes] = averages, True
     return SimpleNamespace(
-        length=np.diff(node),
-        commanded=np.stack(commanded),
-        before=before,
-        width=np.diff(edges),
-        early=float(run.time[0] - edges[0]),
-        at=at,
-        part=np.clip((node - edges[at]) / np.diff(edges)[at], 0.0, 1.0),
-        signals=dict(zip(signals, logged)),
-        values=values,
-        seen=observed,
-        noise=noise[0],
-    )
+        length=np.diff(node), commanded=np.stack(commanded), before=before, width=np.diff(edges),
+        early=float(run.time[0] - edges[0]), at=at, part=np.clip((node - edges[at]) / np.diff(edges)[at], 0.0, 1.0),
+        signals=dict(zip(signals, logged)), values=values, seen=observed, noise=noise[0],
+    )  # fmt: skip
 
 
 def _fine(run: Run):  # type: ignore[no-untyped-def]

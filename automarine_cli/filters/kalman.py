@@ -69,18 +69,10 @@ def _places(dofs: int, terms: list[Bound], course: Course) -> States:
             bias[channel.quantity] = (at, channel.dof)
             at += 1
     return States(
-        position=tuple(range(dofs)),
-        velocity=tuple(range(dofs, first)),
-        water=tuple(range(first, first + water)),
-        memory=memory,
-        remembered={place: term.dof for place, term in zip(memory, slow)},
-        dynamic=dynamic,
-        pushed=tuple(range(dynamic, gain)),
-        gain=gain,
-        per_run=per_run,
-        bias=bias,
-        count=at,
-    )
+        position=tuple(range(dofs)), velocity=tuple(range(dofs, first)), water=tuple(range(first, first + water)),
+        memory=memory, remembered={place: term.dof for place, term in zip(memory, slow)}, dynamic=dynamic,
+        pushed=tuple(range(dynamic, gain)), gain=gain, per_run=per_run, bias=bias, count=at,
+    )  # fmt: skip
 
 
 class Step:
@@ -95,7 +87,10 @@ class Step:
         self.course, self.sets, self.runs = course, len(theta), len(course.names)
         dofs, terms = len(model.motion.dofs), list(model.forces(theta))
         self.places = _places(dofs, terms, course)
-        self.origin = _first_readings(course)
+        self.origin = np.zeros((dofs, self.runs))  # the first reading of each position, zero where it is not logged
+        for channel in course.channels:
+            if not channel.velocity:
+                self.origin[channel.dof] = channel.values[np.arange(self.runs), channel.seen.argmax(axis=1)]
         self.sensors = [t for t in terms if t.effect.place is Place.SENSOR and not t.effect.remembers]
         self.clock, self.signals = course.time, course.averaged_signals
         self.inverse = np.linalg.inv(model.inertia_matrix(theta))
@@ -239,16 +234,6 @@ class Step:
         return tried[0], [(place, (tried[1] - tried[2]) / (2.0 * size))]
 
 
-def _first_readings(course: Course) -> Floats:
-    """The first reading of each position, (D, R); zero where it is not logged."""
-    first = np.zeros((len(course.motion.dofs), len(course.names)))
-    for channel in course.channels:
-        if not channel.velocity:
-            at = channel.seen.argmax(axis=1)
-            first[channel.dof] = channel.values[np.arange(len(at)), at]
-    return first
-
-
 def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats, Floats]:
     """What the actuators deliver over the filter's steps, `late` (P,) [s] after the log has it: means and
     slopes, (K, D, P, R)."""
@@ -311,13 +296,9 @@ class FilterResult:
 
 
 def follow(
-    model: Model,
-    course: Course,
-    theta: Floats,
-    noises: Noises,
-    keep: bool = False,
+    model: Model, course: Course, theta: Floats, noises: Noises, keep: bool = False,
     trace: list[tuple[Floats, ...]] | None = None,
-) -> FilterResult:
+) -> FilterResult:  # fmt: skip
     """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too.
 
     A `trace` gets mean and covariance of every node, and what the next step made of them with its Jacobian.
@@ -423,15 +404,9 @@ def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Float
 
 
 def _update(
-    step: Step,
-    course: Course,
-    m: int,
-    mean: Floats,
-    covariance: Floats,
-    white: Floats,
-    innovation: Floats,
+    step: Step, course: Course, m: int, mean: Floats, covariance: Floats, white: Floats, innovation: Floats,
     variance: Floats,
-) -> None:
+) -> None:  # fmt: skip
     """Take in the readings of one node, channel by channel, in place."""
     for c, channel in enumerate(course.channels):
         observed = channel.seen[:, m]
@@ -541,16 +516,9 @@ def targets_of(
 
 
 def carried(
-    model: Model,
-    course: Course,
-    theta: Floats,
-    noises: Noises,
-    states: Floats,
-    channels: Sequence[Channel],
-    run: NDArray[np.int64],
-    origin: NDArray[np.int64],
-    last: NDArray[np.int64],
-) -> Floats:
+    model: Model, course: Course, theta: Floats, noises: Noises, states: Floats, channels: Sequence[Channel],
+    run: NDArray[np.int64], origin: NDArray[np.int64], last: NDArray[np.int64],
+) -> Floats:  # fmt: skip
     """What C channels show from each origin on under each theta (P, p), every prediction being a run of its own,
     (C, P, A, longest + 1).
 
@@ -587,12 +555,9 @@ def carried(
 
 
 def _rates(
-    channel: Channel,
-    time: Floats,
-    run: NDArray[np.int64],
-    origin: NDArray[np.int64],
+    channel: Channel, time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64],
     targets: dict[float, NDArray[np.int64]],
-) -> Floats:
+) -> Floats:  # fmt: skip
     """The rate at each origin by a straight line through the readings before it, (A,); of several lengths of that
     line the one that predicts best over the middle horizon."""
     middle = sorted(targets)[(len(targets) - 1) // 2]

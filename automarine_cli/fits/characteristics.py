@@ -1,5 +1,5 @@
 """What follows from a fit: the ballast of a vehicle that rises or sinks, the swing of one that weight and buoyancy turn
-back, the answer of one to its rudder.
+back, the answer of one to its rudder, what is left of the readings.
 
 A swing I p' = -k p - k2 |p| p - G sin(phi) + b has the natural frequency omega_n = sqrt(G/I), the damping ratio
 zeta = k/(2 sqrt(G I)), and over a swing of amplitude A the linear damping that takes as much energy,
@@ -19,8 +19,11 @@ import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.estimate import Estimate
+from automarine_cli.fits.driven import Judgement
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit
+from automarine_cli.fits.steps import StepData
 from automarine_cli.fits.whole_runs import OutputErrorFit, run_dof
-from automarine_cli.models.model import Model, steady_rate
+from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import TO_PORT
 from automarine_cli.runs.run import Run
@@ -194,9 +197,11 @@ def answer_to_rudder(
     side, speed = steering_of(runs)
     speed = next((term.values[1] for term in first.model.terms if term.name == "rudder-inflow"), speed)
 
+    def coefficient(model: Model, name: str) -> float:
+        return sum(term.values[0] for term in model.terms if term.name == name)
+
     def damping(model: Model) -> float:
-        coupled = sum(term.values[0] for term in model.terms if term.name == "cross-coupling")
-        return model.drag()[0] - coupled * (speed or 0.0)
+        return model.drag()[0] - coefficient(model, "cross-coupling") * (speed or 0.0)
 
     gain = derived(first, lambda model: side / damping(model), "1/s")
     time = derived(first, lambda model: model.inertia / damping(model), "s")
@@ -206,17 +211,13 @@ def answer_to_rudder(
         third = {
             "K": derived(cubic, lambda model: side / abs(damping(model)), "1/s"),
             "T": derived(cubic, lambda model: model.inertia / abs(damping(model)), "s"),
-            "n3": derived(cubic, lambda model: _cubic(model) / abs(damping(model)), "s²", log=False),
+            "n3": derived(cubic, lambda model: coefficient(model, "cubic-drag") / abs(damping(model)), "s²", log=False),
         }
     full = max(float(np.abs(run.command).max()) for run in runs)
     turning = float(steady_rate(full, damping(best), best.drag()[1]))
     pairs = tuple(pair for run in runs for pair in overshoots(best, run))
     effect = derived(first, lambda model: side / model.inertia, "1/s²")
     return Nomoto(side, speed, gain, time, third, n1, effect, full, turning, fastest, pairs, length)
-
-
-def _cubic(model: Model) -> float:
-    return next(term.values[0] for term in model.terms if term.name == "cubic-drag")
 
 
 def executes(run: Run) -> list[tuple[int, int]]:
@@ -259,3 +260,53 @@ def mean_miss(pairs: Sequence[tuple[float, float]]) -> float:
     """Root mean square difference of overshoot angles [rad] of logs and model."""
     logged, modelled = np.array(pairs).T
     return float(np.sqrt(np.mean((logged - modelled) ** 2)))
+
+
+def standardised_residuals(
+    fit: OutputErrorFit, runs: Sequence[Run], data: StepData | None, use: Judgement | None
+) -> list[tuple[Floats, Floats]]:
+    """Return time [s] and residual over its standard deviation, (n,) each, of every run, of the first sensor that
+    counts: innovations of a filter where runs were followed by one, else measured less fitted readings of the steps'
+    `data` or of whole `runs`. Empty where neither is to be had."""
+    mixed = fit.mixed
+    if isinstance(mixed, InnovationsFit):
+        if use is None or use.course is None:
+            return []
+        followed = DrivenProblem(fit.model, use.course, mixed.parameters).follow(mixed.phi[None])
+        innovation, variance = followed.innovation[0, 0], followed.variance[0, 0]
+        read = variance > 0
+        return [(t[at], e[at] / np.sqrt(v[at])) for t, e, v, at in zip(use.course.time, innovation, variance, read)]
+    name = mixed.slots[0].name
+    noise, fitted = mixed.noise_of[name], mixed.reading(name)
+    if data is not None:
+        channel = next(channel for channel in data.channels if channel.quantity == name)
+        left = (channel.values - fitted) / noise
+        return [(time[at], residual[at]) for time, residual, at in zip(data.time, left, channel.seen)]
+    residuals = []
+    for run, of_run in zip(runs, fitted):
+        reading = run.channel(name)
+        if reading is not None:
+            left = (reading - of_run[: len(run)]) / noise
+            at = np.isfinite(left)
+            residuals.append((run.time[at] - run.time[0], left[at]))
+    return residuals
+
+
+def autocorrelation(series: Sequence[Floats], lags: int) -> Floats:
+    """Return the correlation of values with those 1 to `lags` places later in the same series, pooled over all,
+    (lags,); of white noise of N values in all its standard error is 1/sqrt(N)."""
+    power = sum(float(values @ values) for values in series)
+    products = [sum(float(values[:-lag] @ values[lag:]) for values in series) for lag in range(1, lags + 1)]
+    return np.array(products) / max(power, 1e-300)
+
+
+def correlations(fit: OutputErrorFit) -> tuple[list[str], Floats]:
+    """Return the names of the k parameters that were estimated, the command delay among them, and the correlation of
+    their errors, (k, k), as the likelihood has it: few runs left out in turn give no good one. Of positive parameters
+    it is that of their logarithms."""
+    mixed = fit.mixed
+    names, deviation = mixed.parameters.names, np.sqrt(np.maximum(np.diagonal(mixed.covariance), 0.0))
+    asked = [*range(len(fit.model.theta)), names.index(COMMAND_DELAY)]
+    places = [i for i in asked if np.isfinite(deviation[i]) and deviation[i] > 0]
+    matrix = mixed.covariance[np.ix_(places, places)] / np.outer(deviation[places], deviation[places])
+    return [names[i] for i in places], matrix

@@ -26,6 +26,7 @@ STEERED_PACE = 3.0  # times as long and as rare are forecasts of what is steered
 ITERATIONS, OF_LEFT_OUT = 40, 6  # steps of a search, and of one without a run, which begins near its end
 SETTLED = 1e-3  # decrease of half the sum of squares still to be expected below which a search has converged
 BLOCKS = 8  # pieces of a single run that are left out in turn
+OVERLAP = 3.0 * HORIZON / (2.0 * HORIZON**2 + 1.0)  # sum of weights 1 - |l|/H of lags l over that of squares, over H
 FAR = 1e3  # times the largest reading beyond which a forecast has run away
 
 
@@ -98,13 +99,14 @@ class ForecastProblem:
 @dataclass(frozen=True)
 class ForecastFit:
     """Parameters of least misses: `phi` (p,) with those of what is random as they came, `left_out` (U, p) without each
-    unit (a run, or a piece of a single one), `covariance` (p, p) by the curvature, windows that overlap counted once,
-    `by_unit` (U, p, p) what each unit says of phi."""
+    unit (a run, or a piece of a single one), `covariance` (p, p) by the scatter of the windows' slopes, `by_unit`
+    (U, p, p) what each unit says of phi, `forecasts` how many windows there are that do not overlap."""
 
     phi: Floats
     left_out: Floats
     covariance: Floats
     by_unit: Floats
+    forecasts: float
     at_bound: tuple[int, ...]
     iterations: int
     converged: bool
@@ -182,29 +184,56 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
         if windows.any() and not windows.all():
             row[:] = _descend(problem.some(windows), phi, OF_LEFT_OUT).point.phi
     at_bound, covariance = end.point.spread(problem.free, driven.parameters.limits)
+    covariance = _by_pieces(problem, phi, covariance)
     by_unit = np.zeros((units, *covariance.shape))
     by_unit[:, problem.free[:, None], problem.free] = end.point.data + problem.prior_information / units
     places = tuple(np.flatnonzero(at_bound[: problem.count]).tolist())
-    return ForecastFit(phi, left_out, covariance, by_unit, places, end.iterations, end.converged)
+    forecasts = len(problem.run) / HORIZON
+    return ForecastFit(phi, left_out, covariance, by_unit, forecasts, places, end.iterations, end.converged)
+
+
+def _by_pieces(problem: ForecastProblem, phi: Floats, bread: Floats) -> Floats:
+    """Covariance (p, p) of phi (p,) by leaving out, in one linear step from the inverse curvature `bread` (p, p), each
+    piece of a run that HORIZON windows reach over: the jackknife of moving blocks, Künsch (1989), Annals of Statistics
+    17:1217. Scaled so that what is alike by as much as windows overlap counts whole."""
+    likely, (errors, by) = bread[np.ix_(problem.free, problem.free)], _slopes(problem, phi)
+    spread = likely @ problem.prior_information @ likely
+    for run in range(int(problem.run.max()) + 1):
+        of_run = problem.run == run
+        begin = np.subtract.outer(np.arange(of_run.sum()), np.arange(1 - HORIZON, of_run.sum()))
+        inside = ((begin >= 0) & (begin < HORIZON)).astype(float)
+        slope = np.einsum("cha,fcha,ab->bf", errors[..., of_run], by[..., of_run], inside)
+        curves = np.einsum("fcha,gcha,ab->bfg", by[..., of_run], by[..., of_run], inside)
+        remaining = np.eye(len(likely)) - curves @ likely
+        moved = likely @ np.linalg.pinv(remaining) @ slope[..., None]
+        spread += np.einsum("bf,bg->fg", moved[..., 0], moved[..., 0]) * OVERLAP
+    covariance = np.zeros_like(bread)
+    covariance[np.ix_(problem.free, problem.free)] = spread
+    return covariance
+
+
+def _slopes(problem: ForecastProblem, phi: Floats) -> tuple[Floats, Floats]:
+    """Scaled misses (C, H, A) under phi (p,) and their derivatives by the free parameters, (f, C, H, A)."""
+    steps = problem.driven.steps(phi)[: len(problem.free)]
+    moved = np.tile(phi, (1 + len(steps), 1))
+    moved[np.arange(1, len(moved)), problem.free] += steps
+    errors = problem.scaled(moved)
+    return errors[0], (errors[1:] - errors[0]) / steps[:, None, None, None]
 
 
 def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> Maximum[Floats]:
     """Search from phi (p,) within the bounds; the data of a point are the curvatures of the units there (U, f, f)."""
     driven, free = problem.driven, problem.free
-    steps = driven.steps(phi)[: len(free)]
 
     def evaluate(phis: Floats, searches: NDArray[np.int64]) -> list[Point[Floats]]:
         return [point(phi) for phi in phis]
 
     def point(phi: Floats) -> Point[Floats]:
-        moved = np.tile(phi, (1 + len(free), 1))
-        moved[np.arange(1, len(moved)), free] += steps
-        errors = problem.scaled(moved)
-        by = (errors[1:] - errors[0]) / steps[:, None, None, None]
+        errors, by = _slopes(problem, phi)
         curves = np.zeros((int(problem.unit.max()) + 1, len(free), len(free)))
         np.add.at(curves, problem.unit, np.einsum("fcha,gcha->afg", by, by))
-        value = float(driven.prior(phi) - 0.5 * (errors[0] ** 2).sum())
-        gradient = driven.prior_gradient(phi)[: len(free)] - np.einsum("cha,fcha->f", errors[0], by)
+        value = float(driven.prior(phi) - 0.5 * (errors**2).sum())
+        gradient = driven.prior_gradient(phi)[: len(free)] - np.einsum("cha,fcha->f", errors, by)
         return Point(phi, value, gradient, curves.sum(axis=0) + problem.prior_information, curves)
 
     (end,) = maximise(evaluate, phi[None], free, driven.parameters.limits, settled=SETTLED, iterations=iterations)
@@ -237,4 +266,5 @@ def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
         predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
         at_bound=tuple(sorted({*fit.at_bound, *(i for i in chance.at_bound if i >= count)})), information=by_run,
         converged=fit.converged and chance.converged, iterations=fit.iterations + chance.iterations,
+        forecasts=fit.forecasts,
     )  # fmt: skip

@@ -27,8 +27,15 @@ from automarine_cli.fits.preference import (
     prefer_driven,
     prefer_quiet,
 )
-from automarine_cli.fits.step_fit import Consistency, Start, fit_halves, fit_whole_or_half, starting
-from automarine_cli.fits.steps import StepData, data_of_steps
+from automarine_cli.fits.steps import (
+    Consistency,
+    Start,
+    StepData,
+    data_of_steps,
+    fit_halves,
+    fit_whole_or_half,
+    starting,
+)
 from automarine_cli.models.model import COMMAND_DELAY, Model, main_drag, steady_rate
 from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
 from automarine_cli.models.store import ROLES, effects_json, model_head
@@ -119,6 +126,7 @@ class YawFit(Shown):
     def to_json(self) -> dict[str, object]:
         fit, turn, dof = self.preferred, self.preferred.inertial_turn_angle, self.dof
         ends = [end for run in self.runs for end in (run.command.min(), run.command.max())]
+        ratios = {f"{name}_over_{dof.symbols.inertia}": ratio.to_json() for name, ratio in self.ratios.items()}
         return {
             **model_head(dof, self.moment_unit),
             "fitted_to": self.fitted_to,
@@ -134,7 +142,7 @@ class YawFit(Shown):
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             **self._swing_json(self.preference.number),
-            **self._ratios_json(),
+            **({"ratios": ratios} if self.of_ratios else {}),
             **({"nomoto": self.nomoto.to_json()} if self.nomoto else {}),
             "warnings": list(self.warnings),
             "runs": runs_json(len(self.used_runs), self.set_aside, self.used_runs),
@@ -179,10 +187,6 @@ class YawFit(Shown):
     def _swing_json(self, number: str) -> dict[str, object]:
         swing = {key: estimate and estimate.to_json() for key, estimate in self.swing_of(number).items()}
         return {"swing": swing} if swing else {}
-
-    def _ratios_json(self) -> dict[str, object]:
-        to = f"over_{self.dof.symbols.inertia}"
-        return {"ratios": {f"{name}_{to}": e.to_json() for name, e in self.ratios.items()}} if self.of_ratios else {}
 
     def _driven_json(self) -> dict[str, object]:
         """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
@@ -269,24 +273,15 @@ FEWEST_SAMPLES = 20  # of a whole run
 
 
 def identify_turns(
-    dof: Dof,
-    turns: tuple[HalfTurn, ...],
-    set_aside: tuple[ExcludedRun, ...],
-    load_runs: Callable[[], Sequence[Run]],
-    fit_to: str = "auto",
-    priors: Priors = NOTHING_KNOWN,
-    map_jobs: Each = alone,
-    channels: str = AUTO,
-    tail: float | None = None,
-    with_effects: Sequence[str] = (),
-    mass: float | None = None,
-    length: float | None = None,
-) -> YawFit:
+    dof: Dof, turns: tuple[HalfTurn, ...], set_aside: tuple[ExcludedRun, ...], load_runs: Callable[[], Sequence[Run]],
+    fit_to: str = "auto", priors: Priors = NOTHING_KNOWN, map_jobs: Each = alone, channels: str = AUTO,
+    tail: float | None = None, with_effects: Sequence[str] = (), mass: float | None = None, length: float | None = None,
+) -> YawFit:  # fmt: skip
     """Fit the three models to a motion's steps, or to whole runs, which `load_runs` gives if they are needed.
 
     `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": steps if at least
     three at two sizes of moment serve and they are half of the runs or more, else whole runs. Steps count whole, unless
-    what comes after the first half-turns disagrees with them (see step_fit.py). `priors` are what
+    what comes after the first half-turns disagrees with them (see steps.py). `priors` are what
     need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
     of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back,
@@ -318,14 +313,9 @@ def _reasons(set_aside: Sequence[ExcludedRun]) -> str:
 
 
 def _fit_steps(
-    turns: tuple[HalfTurn, ...],
-    set_aside: tuple[ExcludedRun, ...],
-    fit_to: str,
-    priors: Priors,
-    map_jobs: Each,
-    channels: str,
-    tail: float | None,
-) -> YawFit:
+    turns: tuple[HalfTurn, ...], set_aside: tuple[ExcludedRun, ...], fit_to: str, priors: Priors, map_jobs: Each,
+    channels: str, tail: float | None,
+) -> YawFit:  # fmt: skip
     dof = turns[0].step.run.dof
     chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
     turns = tuple(turn.of(chosen.cleaned(turn.step.run)) for turn in turns)
@@ -384,16 +374,9 @@ def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], Ch
 
 
 def _fit_whole(
-    runs: tuple[Run, ...],
-    turns: Sequence[HalfTurn],
-    few_steps: bool,
-    fit_to: str,
-    priors: Priors,
-    map_jobs: Each,
-    channels: str,
-    with_effects: Sequence[str],
-    length: float | None,
-) -> YawFit:
+    runs: tuple[Run, ...], turns: Sequence[HalfTurn], few_steps: bool, fit_to: str, priors: Priors, map_jobs: Each,
+    channels: str, with_effects: Sequence[str], length: float | None,
+) -> YawFit:  # fmt: skip
     moving, chosen, short = usable_runs(runs, channels)
     dof = moving[0].dof
     idle = np.array([not np.any(run.command) for run in moving])

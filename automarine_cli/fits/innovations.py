@@ -232,11 +232,13 @@ NO_START = "no starting point of the fit has a finite likelihood; check the unit
 @dataclass(frozen=True, eq=False)
 class InnovationsFit(Outcome):
     """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `gains` (R,) are the
-    runs' log gains as filtered."""
+    runs' log gains as filtered, `forecasts` how many there are that do not overlap, where the model's parameters are
+    of least squares of them."""
 
     driven: ClassVar[Literal[True]] = True
 
     gains: Floats
+    forecasts: float = 0.0
 
     def factor(self, block: str) -> float:
         """Size of what differs from run to run: of the gain, or of what an effect lets vary."""

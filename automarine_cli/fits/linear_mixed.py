@@ -382,14 +382,9 @@ def _information(grams: Grams, effects: RunEffects, variances: Floats, weighted:
 
 
 def _of_noises(
-    grams: Grams,
-    effects: RunEffects,
-    variances: Floats,
-    weighted: Weighted,
-    phi: Floats,
-    means: Floats,
+    grams: Grams, effects: RunEffects, variances: Floats, weighted: Weighted, phi: Floats, means: Floats,
     covariance: Floats | None,
-) -> list[float]:
+) -> list[float]:  # fmt: skip
     """Half the slope of the deviance by the logarithm of each channel's noise: samples less what is left of them, in
     units of that noise, at the run effects' posterior mean `means` (R, q), their spread and that of phi included."""
     scale = effects.deviation(variances)

@@ -91,7 +91,8 @@ class Outcome:
     @property
     def error_of_known(self) -> Floats:
         """Covariance of phi that the errors of what was known make, (p, p): no run that is left out shows it."""
-        return self.covariance @ self.parameters.information_of_priors @ self.covariance
+        erring = [name in self.parameters.priors for name in self.names]  # what is known exactly has no precision
+        return self.covariance @ np.diag(np.diagonal(self.parameters.prior[1]) * erring) @ self.covariance
 
 
 def jackknife(left_out: Floats) -> Floats:
@@ -105,6 +106,9 @@ Response = Callable[[Floats, Floats], Floats]
 """Readings (P, R, N) of all channels one after the other, for theta (P, p) and run effects (P, R, q)."""
 ReadingSlopes = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 """Readings (R, N) for theta (p,) and run effects (R, q), and their derivatives by both, (R, N, p) and (R, N, q)."""
+
+PairedResponse = Callable[[Floats, Floats, NDArray[np.int64]], Floats]
+"""Readings (K, N) of runs `rows` (K,), each for its own theta (K, p) and run effects (K, q)."""
 
 MIN_NOISE = 1e-4  # where the fit of a channel's noise starts at least [its unit]
 
@@ -150,7 +154,7 @@ class Problem:
     """Measured readings (R, N) with their mask, the response to theta (p,), the run effects, and the `parameters`.
 
     `slots` are the channels, the first that counts first. `slopes` are the derivatives of the response where a formula
-    has them.
+    has them, `paired` the response of single runs where it can be had.
     """
 
     response: Response
@@ -160,6 +164,7 @@ class Problem:
     parameters: Parameters
     slots: tuple[Slot, ...]
     slopes: ReadingSlopes | None = None
+    paired: PairedResponse | None = None
 
     def informed(self, priors: Priors) -> "Problem":
         return replace(self, parameters=self.parameters.informed(priors))
@@ -262,44 +267,6 @@ class MixedFit(Outcome):
         return scored_deviance(self.gram, self.effects, variances, restricted=True)[0]
 
 
-def of_free(problem: Problem) -> Problem:
-    """Return the problem without the parameters that are fixed: their direction may be that of others (the moment at
-    which a loss is told, and the loss), and would take the search with it."""
-    free = problem.parameters.free
-
-    def filled(theta: Floats) -> Floats:
-        full = np.tile(problem.parameters.bounds[:, 0], (*theta.shape[:-1], 1))
-        full[..., free] = theta
-        return full
-
-    def response(theta: Floats, b: Floats) -> Floats:
-        return problem.response(filled(theta), b)
-
-    def slopes(theta: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-        assert problem.slopes is not None
-        readings, by_theta, by_run = problem.slopes(filled(theta), b)
-        return readings, by_theta[:, :, free], by_run
-
-    parameters = problem.parameters.of_free()
-    return replace(problem, response=response, parameters=parameters, slopes=problem.slopes and slopes)
-
-
-def with_fixed(fit: MixedFit, parameters: Parameters) -> MixedFit:
-    """Return the fit with the fixed parameters put back, without any spread."""
-    free, count, runs = parameters.free, len(parameters), len(fit.left_out)
-    theta = parameters.bounds[:, 0].copy()
-    phi = parameters.search(theta)
-    left_out = np.tile(phi, (runs, 1))
-    covariance, information = np.zeros((count, count)), np.zeros((runs, count, count))
-    theta[free], phi[free], left_out[:, free] = fit.theta, fit.phi, fit.left_out
-    covariance[np.ix_(free, free)], information[:, free[:, None], free] = fit.covariance, fit.information
-    fixed = np.setdiff1d(np.arange(count), free)
-    return replace(
-        fit, parameters=parameters, theta=theta, phi=phi, covariance=covariance, left_out=left_out,
-        at_bound=tuple(sorted([*fixed.tolist(), *free[list(fit.at_bound)].tolist()])), information=information,
-    )  # fmt: skip
-
-
 PHI_STEP = 1e-6
 """Step of the one-sided differences by phi, as a share of it or of a tenth: truncation and rounding are then both some
 1e-6 of the derivative."""
@@ -315,16 +282,9 @@ MAX_PHI_STEP = 1.0  # largest change of the logarithm of a positive parameter in
 
 
 def fit_mixed(
-    problem: Problem,
-    theta: Floats,
-    *,
-    noise: float | Floats,
-    factors: Floats,
-    run_effects: Floats | None = None,
-    iterations: int = 60,
-    settled: float = SETTLED_STDERRS,
-    least_gain: float = 0.0,
-) -> MixedFit:
+    problem: Problem, theta: Floats, *, noise: float | Floats, factors: Floats, run_effects: Floats | None = None,
+    iterations: int = 60, settled: float = SETTLED_STDERRS, least_gain: float = 0.0,
+) -> MixedFit:  # fmt: skip
     """Fit `problem` from the start values; shapes as in `Problem`, `settled` as the constant of that name. The fit also
     ends with a whole step that gains less than `least_gain` in the sum of squares (of standard deviations).
 
@@ -333,17 +293,10 @@ def fit_mixed(
     Parameters whose bounds are one value are held there; they count as `at_bound`. Raises FitError when there are no
     more samples than parameters or the response is not finite at the start.
     """
-    parameters = problem.parameters
-    if len(parameters.free) < len(parameters):
-        free = fit_mixed(
-            of_free(problem), theta[parameters.free], noise=noise, factors=factors, run_effects=run_effects,
-            iterations=iterations, settled=settled, least_gain=least_gain,
-        )  # fmt: skip
-        return with_fixed(free, parameters)
-    if problem.count.sum() <= len(theta) + 1:
-        raise FitError(f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
-    bounds = parameters.limits
-    phi = np.clip(parameters.search(theta), bounds[:, 0], bounds[:, 1])
+    bounds, free = problem.parameters.limits, problem.parameters.free
+    if problem.count.sum() <= len(free) + 1:
+        raise FitError(f"{problem.count.sum()} samples cannot carry {len(free)} parameters; give more or longer runs")
+    phi = np.clip(problem.parameters.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
     noises = np.atleast_1d(noise)
     noises = np.append(noises, [slot.noise for slot in problem.counted[len(noises) :]])
@@ -356,9 +309,10 @@ def fit_mixed(
         variances = choose_variances(inside, problem.effects, variances)
         weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
         hessian, gradient = linear_mixed.normal_equations(point.gram, weighted)
-        change = linear_mixed.bounded_solution(hessian, gradient, bounds - point.phi[:, None])
+        change = _bounded_step(problem, hessian, gradient, point.phi)
         new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
-        spread = np.diagonal(linear_mixed.covariance_of(hessian))
+        spread = np.zeros_like(change)
+        spread[free] = np.diagonal(linear_mixed.covariance_of(hessian[np.ix_(free, free)]))
         precision = np.sqrt(np.maximum(spread, 1e-24))
         converged = bool(np.all(np.abs(change) <= settled * precision))
         share = share / 2.0 if change @ (last / precision**2) < 0 else min(1.0, 2.0 * share)
@@ -385,32 +339,58 @@ class _Point:
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
     """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q).
 
-    By the problem's formula, else as one-sided differences.
+    By the problem's formula, else as one-sided differences. Those by parameters that are fixed count as zero: their
+    direction may be that of others (the moment at which a loss is told, and the loss), and would take a search with it.
 
-    A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
-    the mirrored derivatives.
+    A run effect that can only be zero is not perturbed, where the response of single runs can be had in no run in
+    which it can. Steps point away from zero, so that a mirrored campaign has the mirrored derivatives.
     """
+    free = problem.parameters.free
     if problem.slopes is not None:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             theta = problem.parameters.natural(phi)
             fitted, by_theta, by_run = problem.slopes(theta, b)
         there = problem.observed[:, :, None]
-        by_theta = by_theta * np.where(problem.parameters.log, theta, 1.0)
+        by_theta = by_theta * np.where(problem.parameters.log, theta, 1.0) * np.isin(np.arange(len(phi)), free)
         fitted = np.where(problem.observed, fitted, 0.0)
         return fitted, np.where(there, by_theta, 0.0), np.where(there, by_run, 0.0)
-    free = np.flatnonzero(problem.effects.scale.any(axis=0))
-    p, q = len(phi), len(free)
-    step = PHI_STEP * np.where(phi < 0, -1.0, 1.0) * np.maximum(np.abs(phi), 1e-1)
+    step = PHI_STEP * np.where(phi < 0, -1.0, 1.0)[free] * np.maximum(np.abs(phi[free]), 1e-1)
+    if problem.paired is not None:
+        return _paired_derivatives(problem, phi, b, step)
+    acts = np.flatnonzero(problem.effects.scale.any(axis=0))
+    p, q = len(free), len(acts)
     sets = np.tile(phi, (1 + p + q, 1))
     effects = np.tile(b, (1 + p + q, 1, 1))
-    sets[np.arange(1, 1 + p), np.arange(p)] += step
-    effects[np.arange(1 + p, 1 + p + q), :, free] += RUN_STEP
-    by_run = np.zeros((b.shape[1], *b.shape[:1], problem.observed.shape[1]))
+    sets[np.arange(1, 1 + p), free] += step
+    effects[np.arange(1 + p, 1 + p + q), :, acts] += RUN_STEP
+    by_phi, by_run = (np.zeros((count, *problem.observed.shape)) for count in (len(phi), b.shape[1]))
     with np.errstate(over="ignore", invalid="ignore"):  # parameters that no vehicle has: `weigh` sees the infinity
         out = np.where(problem.observed, problem.response(problem.parameters.natural(sets), effects), 0.0)
-        by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
-        by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
+        by_run[acts] = (out[1 + p :] - out[0]) / RUN_STEP
+        by_phi[free] = (out[1 : 1 + p] - out[0]) / step[:, None, None]
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
+
+
+def _paired_derivatives(problem: Problem, phi: Floats, b: Floats, step: Floats) -> tuple[Floats, Floats, Floats]:
+    """The same of single runs: few have as many run effects as the one with most."""
+    assert problem.paired is not None
+    free = problem.parameters.free
+    (runs, samples), p = problem.observed.shape, len(free)
+    column, row = np.nonzero(problem.effects.scale.T)
+    rows = np.concatenate([np.tile(np.arange(runs), 1 + p), row])
+    sets = np.tile(phi, (1 + p, 1))
+    sets[np.arange(1, 1 + p), free] += step
+    sets = problem.parameters.natural(sets)
+    effects, moved = b[rows], runs * (1 + p) + np.arange(len(row))
+    effects[moved, column] += RUN_STEP
+    theta = sets[np.concatenate([np.repeat(np.arange(1 + p), runs), np.zeros(len(row), dtype=int)])]
+    by_phi, by_run = np.zeros((len(phi), runs, samples)), np.zeros((runs, samples, b.shape[1]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        out = np.where(problem.observed[rows], problem.paired(theta, effects, rows), 0.0)
+        fitted = out[:runs]
+        by_run[row, :, column] = (out[moved] - fitted[row]) / RUN_STEP
+        by_phi[free] = (out[runs : runs * (1 + p)].reshape(p, runs, samples) - fitted) / step[:, None, None]
+    return fitted, np.moveaxis(by_phi, 0, 2), by_run
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # where the response is infinite, `weigh` says so
@@ -474,6 +454,14 @@ def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit
     return None
 
 
+def _bounded_step(problem: Problem, hessian: Floats, gradient: Floats, phi: Floats) -> Floats:
+    """Change of phi (p,) that solves the equations within the bounds; what is fixed stays."""
+    free, step = problem.parameters.free, np.zeros_like(phi)
+    room = (problem.parameters.limits - phi[:, None])[free]
+    step[free] = linear_mixed.bounded_solution(hessian[np.ix_(free, free)], gradient[free], room)
+    return step
+
+
 def _at_bound(phi: Floats, bounds: Floats) -> NDArray[np.bool_]:
     return (phi - bounds[:, 0] < 1e-9) | (bounds[:, 1] - phi < 1e-9)
 
@@ -495,7 +483,7 @@ def _report(
     if len(left_out) > 1:
         remaining, pull = (hessian - weighted.hessian)[:, free][:, :, free], gradient - push
         left_out[:, free] += linear_mixed.solve_scaled(remaining, pull[:, free])
-    onward = linear_mixed.bounded_solution(hessian, gradient, bounds - phi[:, None])
+    onward = _bounded_step(problem, hessian, gradient, phi)
     beyond = _at_bound(phi + onward, bounds)
     # what a bound stops, or would with one more step, may not be profiled out: that is the likelihood beyond it
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
@@ -507,25 +495,13 @@ def _report(
         information += smooth / len(information)
     quantities, channels = [slot.name for slot in problem.counted], len(problem.counted)
     return MixedFit(
-        parameters=problem.parameters,
-        theta=problem.parameters.natural(phi),
-        phi=phi,
-        covariance=covariance,
-        left_out=left_out,
-        noises=np.exp(variances[:channels]),
-        factors=np.exp(variances[channels:]),
-        run_effects=point.b,
-        log_likelihood=-0.5 * (ml_deviance + int(problem.count.sum()) * np.log(2 * np.pi)),
-        predictive=linear_mixed.predictive(gram, weighted, left_out - phi),
-        fitted=point.fitted,
-        at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
-        iterations=iterations,
-        converged=converged,
-        information=information,
-        noise_of=dict(zip(quantities, np.exp(variances[:channels]).tolist())),
+        parameters=problem.parameters, theta=problem.parameters.natural(phi), phi=phi, covariance=covariance,
+        left_out=left_out, noises=np.exp(variances[:channels]), factors=np.exp(variances[channels:]),
+        run_effects=point.b, log_likelihood=-0.5 * (ml_deviance + int(problem.count.sum()) * np.log(2 * np.pi)),
+        predictive=linear_mixed.predictive(gram, weighted, left_out - phi), fitted=point.fitted,
+        at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)), iterations=iterations, converged=converged,
+        information=information, noise_of=dict(zip(quantities, np.exp(variances[:channels]).tolist())),
         readings=dict(zip(quantities, problem.count.sum(axis=0).tolist())),
-        density=linear_mixed.predictive(gram, weighted, np.zeros_like(left_out)),
-        slots=problem.slots,
-        gram=gram.keep(free),
-        effects=problem.effects,
-    )
+        density=linear_mixed.predictive(gram, weighted, np.zeros_like(left_out)), slots=problem.slots,
+        gram=gram.keep(free), effects=problem.effects,
+    )  # fmt: skip

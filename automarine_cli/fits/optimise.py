@@ -49,15 +49,9 @@ class Maximum(Generic[Data]):
 
 
 def maximise(
-    evaluate: Callable[[Floats, NDArray[np.int64]], Sequence[Point[Data]]],
-    starts: Floats,
-    free: NDArray[np.int64],
-    limits: Floats,
-    *,
-    settled: float,
-    iterations: int,
-    shares: Sequence[float] = (1.0,),
-) -> list[Maximum[Data]]:
+    evaluate: Callable[[Floats, NDArray[np.int64]], Sequence[Point[Data]]], starts: Floats, free: NDArray[np.int64],
+    limits: Floats, *, settled: float, iterations: int, shares: Sequence[float] = (1.0,),
+) -> list[Maximum[Data]]:  # fmt: skip
     """Search from each of `starts` (S, p), over the parameters `free` (f,) within `limits` (p, 2); in the order of the
     starts.
 

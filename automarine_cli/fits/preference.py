@@ -29,11 +29,9 @@ def lead_of(loss: Floats, rival: Floats) -> tuple[float, float]:
     return float(gap.sum()), float(error)
 
 
-def simplest_within(
-    losses: Mapping[str, Floats], parameters: Mapping[str, int], errors: float = MAX_CHANCE_ERRORS
-) -> str:
-    """Choose the model with fewest parameters of those that no more than so many standard errors over units tell from
-    the best; of several with as few the best.
+def simplest_within(losses: Mapping[str, Floats], parameters: Mapping[str, int]) -> str:
+    """Choose the model with fewest parameters of those that no more than MAX_CHANCE_ERRORS standard errors over units
+    tell from the best; of several with as few the best.
 
     `losses` are those (U,) of each unit left out of the fit, by model, which are summed (Vehtari, Gelman and Gabry
     2017, Statistics and Computing 27:1413).
@@ -43,7 +41,7 @@ def simplest_within(
     fewest = parameters[best]
     for model, loss in losses.items():
         behind, error = lead_of(losses[best], loss)
-        if behind <= errors * error:
+        if behind <= MAX_CHANCE_ERRORS * error:
             fewest = min(fewest, parameters[model])
     return min((model for model in losses if parameters[model] == fewest), key=lambda model: total[model])
 

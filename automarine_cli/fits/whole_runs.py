@@ -4,7 +4,7 @@ cannot show.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,11 @@ from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
+from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.innovations import Fit
+from automarine_cli.fits.innovations import Fit, InnovationsFit
 from automarine_cli.fits.linear_mixed import (
     DISTURBANCE,
     GAIN,
@@ -158,21 +159,28 @@ def whole_run_problem(
 
     inertia, last = model.index(model.dof.parameter("inertia")), len(parameters)
 
-    def readings(theta: Floats, b: Floats) -> Floats:
-        accelerations, delay = blocks.of(b, DISTURBANCE), theta[:, last, None, None]
+    @lru_cache(maxsize=1)
+    def of_runs(rows: tuple[int, ...]) -> Batch:
+        return batch.of_runs(np.array(rows))
+
+    def readings(theta: Floats, b: Floats, rows: NDArray[np.int64] | None = None) -> Floats:
+        own = rows is not None
+        runs, at = (of_runs(tuple(rows)), first[rows, 0]) if rows is not None else (batch, first[:, 0])
+        sets = theta[None] if own else theta[:, None]
+        accelerations, delay = blocks.of(b, DISTURBANCE), sets[..., last, None]
         of_run = blocks.of(b, SWITCHES)
         if confined:
-            of_run = batch.interval * instant(delay + of_run)
+            of_run = runs.interval * instant(delay + of_run)
         start = Start(
-            first[None, :, 0] + blocks.of(b, START_POSITION)[..., 0],
+            at + blocks.of(b, START_POSITION)[..., 0],
             blocks.of(b, START_VELOCITY)[..., 0],
             blocks.of(b, GAIN)[..., 0],
             of_run,  # a step may run backwards
-            theta[:, inertia, None, None] * accelerations if accelerations.any() else None,
+            sets[..., inertia, None] * accelerations if accelerations.any() else None,
             {name: blocks.of(b, name) for name in varying},
             command_delay=None if confined else delay,
         )
-        trajectory = simulate(model, batch, theta[:, :last], start)
+        trajectory = simulate(model, runs, theta[:, :last], start, own)
         if len(batch.channels) == 1:
             return trajectory.position
         predicted = [trajectory.reading(channel) for channel in batch.channels]
@@ -187,7 +195,13 @@ def whole_run_problem(
     delay = Parameter(COMMAND_DELAY, 0.0, *ends, role=NUISANCE, unit="s")
     searched = Parameters((*parameters, delay), priors={COMMAND_DELAY: Prior(0.0, 1.0)} if confined else {})
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
-    return Problem(readings, measured, observed, blocks, searched, slots_of(batch.channels))
+
+    def paired(theta: Floats, b: Floats, rows: NDArray[np.int64]) -> Floats:
+        return readings(theta, b[None], rows)[0]
+
+    learned = any(term.name.startswith(PREFIX) for term in model.terms)  # its curve is worked out once a run and set
+    slots = slots_of(batch.channels)
+    return Problem(readings, measured, observed, blocks, searched, slots, paired=None if learned else paired)
 
 
 def instant(z: Floats) -> Floats:
@@ -523,11 +537,20 @@ def _few_carry(mixed: Fit, direction: Floats) -> bool:
 
 def run_dof(mixed: Fit, direction: Floats) -> float:
     """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells; of one run its
-    readings less its parameters."""
+    readings less its parameters. Few runs that scatter by no more than forecasts within them explain (below the median
+    of F, so that the test rather errs to their side) have those of the forecasts."""
     runs = len(mixed.left_out)
     if runs == 1:
         return float(sum(mixed.readings.values()) - len(mixed.theta))
-    return float(runs - 1) if _few_carry(mixed, direction) else degrees_of_freedom(mixed, direction)
+    if not _few_carry(mixed, direction):
+        return degrees_of_freedom(mixed, direction)
+    of_model = not direction[mixed.parameters.of_model.stop :].any()
+    within = mixed.forecasts if isinstance(mixed, InnovationsFit) and of_model else 0.0
+    if within > runs - 1:
+        of_runs, likely = (direction @ c @ direction for c in (jackknife(mixed.left_out), mixed.covariance))
+        if of_runs < likely * special.fdtri(runs - 1, within, 0.5):
+            return within
+    return float(runs - 1)
 
 
 def covariance_json(

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from automarine_cli.dofs import DOFS, YAW, Dof, Motion
-from automarine_cli.dofs.rotations import DEGREE
+from automarine_cli.dofs.dof import DEGREE
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.records import Codec, Source, everything, keyed, read_plain
 from automarine_cli.text import in_words, listed, printable, quoted

@@ -438,9 +438,7 @@ class Layout:
     def ends(self, column: Recognised) -> tuple[float, float, float] | None:
         """The lowest, the highest and the usual value of a column as its rule reads it."""
         span, rule = self.spans.get(column.source), self.rules.get(column.key, ColumnRule(column.source))
-        if span is None:
-            return None
-        if len(rule.sources) > 1:
+        if span is None or len(rule.sources) > 1:
             return None
         if rule.sign_from is not None:
             return -abs(rule.scale) * span.high, abs(rule.scale) * span.high, 0.0
@@ -488,10 +486,8 @@ def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -
     sources = {column.source for column in mapped.values()}
     names = [name for name in layout.names if name not in sources]
     spans = {name: alike[name] for name in names if name in alike}
-    needed: tuple[str, ...] = NEEDED
-    swing = layout.dof.restoring
-    if swing:  # decays need no command
-        needed = ("time", layout.dof.position, layout.dof.command)
+    swing = layout.dof.restoring  # decays need no command
+    needed: tuple[str, ...] = ("time", layout.dof.position, layout.dof.command) if swing else NEEDED
     every = BOLLARD if layout.bollard else (*needed, layout.dof.velocity) if swing else YAW_QUANTITIES
     columns = {quantity: mapped.get(quantity) or recognise(quantity, names, spans) for quantity in every}
     columns |= mapped

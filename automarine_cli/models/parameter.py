@@ -154,12 +154,6 @@ class Parameters(Sequence[Parameter]):
                 precision[i, i] = ((expected.value if parameter.log else 1.0) / expected.stderr) ** 2
         return mean, precision
 
-    @property
-    def information_of_priors(self) -> Floats:
-        """What the errors of what a user knows say of phi, (p, p)."""
-        erring = {name for name, prior in self.priors.items() if prior.stderr is not None}
-        return np.diag([p if name in erring else 0.0 for name, p in zip(self.names, np.diagonal(self.prior[1]))])
-
     def informed(self, priors: Priors) -> "Parameters":
         """Return the same with what a user knows beforehand; what is known exactly is fixed."""
         exact = {name: prior.value for name, prior in priors.items() if prior.stderr is None}
@@ -170,8 +164,3 @@ class Parameters(Sequence[Parameter]):
         """Return the same with the first ones fixed at the values given, (f,)."""
         fixed = tuple(parameter.at(float(value)) for parameter, value in zip(self.entries, theta))
         return replace(self, entries=(*fixed, *self.entries[len(fixed) :]))
-
-    def of_free(self) -> "Parameters":
-        """Return those alone that a fit may choose."""
-        smooth = None if self.smooth is None else self.smooth[np.ix_(self.free, self.free)]
-        return replace(self, entries=tuple(self.entries[i] for i in self.free), smooth=smooth)

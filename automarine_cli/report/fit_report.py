@@ -20,7 +20,7 @@ from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
 from automarine_cli.fits.planar_fit import PlanarFit, criterion, structure_of
 from automarine_cli.fits.preference import Preference
-from automarine_cli.fits.step_fit import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
+from automarine_cli.fits.steps import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.models.parameter import Priors

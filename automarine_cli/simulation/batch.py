@@ -94,6 +94,14 @@ class Batch:
         signals = {name: column[self.longest_first] for name, column in self.signals.items()}
         return replace(self, window=self.window[self.longest_first], signals=signals, **rows)
 
+    def of_runs(self, rows: NDArray[np.int64]) -> "Batch":
+        """Return what a simulation needs of the runs `rows` (K,), any run any number of times."""
+        names = ("length", "stretch", "switch", "interval", "start", "window", "node")
+        of_rows = {name: getattr(self, name)[rows] for name in names}
+        of_rows |= {name: getattr(self, name)[:, rows] for name in ("force", "before")}
+        signals = {name: column[rows] for name, column in self.signals.items()}
+        return replace(self, names=tuple(self.names[row] for row in rows), signals=signals, **of_rows)
+
     @property
     def position(self) -> Floats:
         """Measured positions of the first degree of freedom (R, N), 0 in the padding."""

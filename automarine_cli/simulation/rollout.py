@@ -34,7 +34,7 @@ class Start:
     is that of everything delivered, `switch_delay` [s] of every change of command from the middle of the interval in
     which it happened, `disturbance` (D, P, R, windows), of one degree of freedom (P, R, windows), a moment or force in
     each window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run, `water` the
-    states of the water, (W, P, R), in the order of the model's terms, `command_delay` (P, 1, 1) [s] that of all
+    states of the water, (W, P, R), in the order of the model's terms, `command_delay` (P, R, 1) [s] that of all
     commands after that middle."""
 
     position: ArrayLike = 0.0
@@ -54,7 +54,7 @@ class Start:
             return array if array.ndim <= behind or array.shape[-1 - behind] == 1 else array.take(order, -1 - behind)
 
         moving = {name: rows(getattr(self, name)) for name in ("position", "velocity", "log_gain", "water")}
-        stored = {name: getattr(self, name) for name in ("switch_delay", "disturbance")}
+        stored = {name: getattr(self, name) for name in ("switch_delay", "disturbance", "command_delay")}
         moving |= {name: rows(values, 1) for name, values in stored.items() if values is not None}
         return replace(self, own={name: rows(values, 1) for name, values in self.own.items()}, **moving)
 
@@ -114,16 +114,22 @@ def step_for(model: Model, moment: float) -> float:
     return float(np.clip(model.fastest(moment) / 2.0, 1e-3, 0.2))
 
 
-def simulate(model: Model, batch: Batch, theta: Floats | None = None, start: Start | None = None) -> Trajectory:
-    """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own. Commands are
-    held over each step; the order is actuators on the commands, sum of forces with water states, division by inertia,
-    sensors on the positions."""
+def simulate(
+    model: Model, batch: Batch, theta: Floats | None = None, start: Start | None = None, own: bool = False
+) -> Trajectory:
+    """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own, or, of one
+    degree of freedom, each run under its `own` of them (R, p), as one set. Commands are held over each step; the order
+    is actuators on the commands, sum of forces with water states, division by inertia, sensors on the positions."""
     theta = np.atleast_2d(model.theta if theta is None else theta)
+    theta = theta[batch.longest_first] if own else theta
     node, row, start = batch.node, np.argsort(batch.longest_first), (start or Start()).of_runs(batch.longest_first)
     batch = batch.sorted
     starts = map(np.shape, (start.position, start.velocity, start.log_gain))
-    shape = np.broadcast_shapes((len(model.motion.dofs), len(theta), len(batch.names)), *starts)
-    terms = [start.bind(term) for term in model.forces(theta)]
+    shape = np.broadcast_shapes((len(model.motion.dofs), 1 if own else len(theta), len(batch.names)), *starts)
+    forces, inertia = model.forces(theta), model.inertia_matrix(theta)
+    if own:
+        forces, inertia = [replace(term, values=tuple(v.T for v in term.values)) for term in forces], inertia.T
+    terms = [start.bind(term) for term in forces]
     commands = list(batch.commands(start.switch_delay, start.command_delay))
     for term in actuators(terms):
         commanded = commands[term.dof]
@@ -131,7 +137,9 @@ def simulate(model: Model, batch: Batch, theta: Floats | None = None, start: Sta
         commands[term.dof] = replace(commanded, force=term.effect.deliver(forward, term.wide()))
     # a fit may try parameters that no vehicle has; it sees the infinity
     with np.errstate(over="ignore", invalid="ignore"):
-        true, velocities, stirred = _integrate(model, theta, terms, batch, commands, start, shape)
+        true, velocities, stirred = _integrate(
+            model.motion, inertia, model.current(theta), terms, batch, commands, start, shape
+        )
         readings, clock = true, commands[0]
         for term in terms:
             if term.effect.place is Place.SENSOR:
@@ -148,25 +156,24 @@ def simulate(model: Model, batch: Batch, theta: Floats | None = None, start: Sta
 
 
 def _integrate(
-    model: Model, theta: Floats, terms: Sequence[Bound], batch: Batch, commands: Sequence[Commands], start: Start,
-    shape: tuple[int, ...],
+    motion: Motion, inertia: Floats, current: Floats | None, terms: Sequence[Bound], batch: Batch,
+    commands: Sequence[Commands], start: Start, shape: tuple[int, ...],
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1), and the water's states, (W, P, R, M + 1).
     Positions are followed only where something depends on them: numpy's cost a call, not arithmetic, is what a step
     costs. In a current the velocities that are advanced are those through the water."""
     movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
-    followed = model.motion.turns or any(term.effect.uses_position for term in movers)
+    followed = motion.turns or any(term.effect.uses_position for term in movers)
     tau = _delivered(batch, commands, start, shape)
     clock, signals = commands[0], commands[0].signals
     curves = foreknown(movers, signals)
     lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (clock.length, clock.start))
     position = np.array(np.broadcast_to(start.position, shape), dtype=float)
     velocity = np.array(np.broadcast_to(start.velocity, shape), dtype=float)
-    current = model.current(theta)
     if current is not None:
         velocity = velocity - in_body_axes(current, position[2])
     count = sum(len(term.effect.states) for term in movers)
-    inertia, steps = model.inertia_matrix(theta), len(tau)
+    steps, own = len(tau), inertia.shape[2] > len(motion.dofs)
     velocities, travelled = np.empty((steps + 1, *shape)), np.zeros((steps + 1, *shape))
     stirred = np.empty((steps + 1, count, *shape[1:]))
     velocities[0], travelled[0], stirred[0] = velocity, position, start.water
@@ -176,7 +183,8 @@ def _integrate(
     for first, last, on in _stretches(batch.length):
         there, now, water = position[..., :on], velocities[first, ..., :on], list(stirred[first, ..., :on])
         running = [replace(t, values=tuple(v[:, :on] if v.shape[1] > 1 else v for v in t.values)) for t in movers]
-        slope = right_hand_side(model.motion, running, inertia, current, travelled[0, ..., :on])
+        of_these = inertia[..., :on] if own else inertia
+        slope = right_hand_side(motion, running, of_these, current, travelled[0, ..., :on])
         for m in range(first, last):
             h, begin = lengths[m, :, :on], begins[m, :, :on]
             if columns:
@@ -236,8 +244,9 @@ def right_hand_side(
 ) -> Slope:
     """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states."""
     single, turns = len(motion.dofs) == 1, motion.turns
-    inverse = 1.0 / inertia[:, 0, :1]
-    if not single:
+    if single:
+        inverse = 1.0 / inertia[:, 0]
+    else:
         momentum, accelerated = map(product_with, (inertia, np.asarray(np.linalg.inv(inertia), dtype=np.float64)))
     none = np.zeros(())
     flow = [none] * len(motion.dofs)

@@ -373,7 +373,11 @@ def fit_records(
     outcomes = ordered_map(judge, groups, jobs, progress=progress, stage="voltages") if groups else []
     notes += tuple(f"No map at this voltage: {refusal}." for refusal in outcomes if isinstance(refusal, FitError))
     voltages = tuple(outcome for outcome in outcomes if not isinstance(outcome, FitError))
-    exponents = _voltage_exponents(analysis) if len(voltages) > 1 else {}
+    data, exponents = analysis.chosen.data, dict[str, Estimate]()
+    for side, sign in data.directions.items() if len(voltages) > 1 else ():
+        if (part := data.where(data.n * sign > 0)).by_voltage:
+            shape = Shape(((side, analysis.chosen.form),), voltage=True)
+            exponents[side] = fit_shape(part, shape).voltage_power
     powers = [power.value for power in exponents.values()]
     if max(map(abs, powers), default=0.0) > FELT:
         notes += (
@@ -387,16 +391,6 @@ def fit_records(
         except FitError as refusal:
             without_map[name] = str(refusal)
     return ThrusterFit(loaded, analysis, tare, thrusters, voltages, exponents, notes, parts, without_map)
-
-
-def _voltage_exponents(analysis: Analysis) -> dict[str, Estimate]:
-    """The power of the voltage that thrust follows at a fixed command, in each direction with several voltages."""
-    data, form, powers = analysis.chosen.data, analysis.chosen.form, {}
-    for name, sign in data.directions.items():
-        side = data.where(data.n * sign > 0)
-        if side.by_voltage:
-            powers[name] = fit_shape(side, Shape(((name, form),), voltage=True)).voltage_power
-    return powers
 
 
 def _one_voltage(

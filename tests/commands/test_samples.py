@@ -19,6 +19,8 @@ def test_all_samples_are_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     for name, path in copied.items():
         assert (tmp_path / "sample_runs" / name).read_bytes() == path.read_bytes()
     assert run("check", "sample_runs/steps").exit_code == 0
+    again = am.samples(tmp_path / "day")
+    assert again.out == tmp_path / "day" and "sample files" in repr(again)
 
 
 def test_nothing_is_replaced(tmp_path: Path, run: Callable[..., Result]) -> None:
@@ -26,8 +28,3 @@ def test_nothing_is_replaced(tmp_path: Path, run: Callable[..., Result]) -> None
     refused = run("samples", tmp_path / "there")
     assert refused.exit_code == 1 and "exists; give another folder, or delete it first" in refused.stderr
     assert list((tmp_path / "there").iterdir()) == [] and len(list(tmp_path.iterdir())) == 1
-
-
-def test_python_copies_them_too(tmp_path: Path) -> None:
-    copied = am.samples(tmp_path / "day")
-    assert copied.out == tmp_path / "day" and "sample files" in repr(copied)

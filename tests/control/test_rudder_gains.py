@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_rudder import SPEED, Boat
+from made_rudder import SPEED, Boat, estimate
 from numpy.typing import NDArray
 from scipy import integrate, signal
-from test_tune_cli import Run, estimate, small_crowds, written
+from test_tune_cli import Run, small_crowds, written
 
 import automarine_cli as am
 from automarine_cli.control.targets.ardupilot import scaling_base
@@ -69,7 +69,7 @@ def true_margin(boat: Boat, pid: Pid, speed: float = SPEED) -> float:
     return float(2.0 / np.max(np.abs((1.0 - loop) / (1.0 + loop))))
 
 
-@pytest.mark.parametrize(("seed", "side"), [(0, 1), (1, -1), (2, 1), (2, -1)])
+@pytest.mark.parametrize(("seed", "side"), [(0, 1), (1, -1)])
 def test_a_true_boat_answers_as_promised(seed: int, side: int, tmp_path: Path) -> None:
     boat, out = Boat(effect=0.8, damping=0.9, quadratic=0.4, side=side), tmp_path / "out"
     tuned = am.tune(written(tmp_path, boat.model(seed)), target="pid", full=FULL_DEG, out=out, seed=seed)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import Result
+from made_rudder import estimate
 
 import automarine_cli as am
 from automarine_cli.control import design as designing
@@ -31,11 +32,6 @@ def smaller(patch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def small_crowds(monkeypatch: pytest.MonkeyPatch) -> None:
     smaller(monkeypatch)
-
-
-def estimate(value: float, unit: str, share: float = 0.03) -> dict[str, object]:
-    error = abs(share * value)
-    return {"value": value, "stderr": error, "ci95": [value - 2 * error, value + 2 * error], "unit": unit}
 
 
 def model(

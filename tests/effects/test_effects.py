@@ -174,6 +174,10 @@ def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
             batch = make_batch([run], 0.05, effect.needs)
             alone = simulate(model, batch, values, Start(position=np.array([[STARTS[r]]]))).position[0, 0]
             np.testing.assert_allclose(together[p, r, : len(run)], alone, rtol=0, atol=1e-12)
+    sets, rows = np.tile([2, 0], len(RUNS)), np.repeat(np.arange(len(RUNS)), 2)  # and with parameters of its own
+    batch = make_batch(RUNS, 0.05, effect.needs).of_runs(rows)
+    own = simulate(model, batch, theta[sets], Start(position=np.take(STARTS, rows)[None]), own=True).position[0]
+    np.testing.assert_allclose(own, together[sets, rows], rtol=0, atol=1e-12)
 
 
 @EVERY_LAW

@@ -51,7 +51,7 @@ def coasts(folder: Path, dof: Dof, seed: int, side: float = 1.0, count: int = 6)
 
 
 @pytest.mark.parametrize(
-    ("seed", "side"), [(1, 1.0), (1, -1.0), *(pytest.param(seed, 1.0, marks=pytest.mark.slow) for seed in (2, 3, 4, 5))]
+    ("seed", "side"), [(1, -1.0), *(pytest.param(seed, 1.0, marks=pytest.mark.slow) for seed in (2, 3, 4, 5))]
 )
 def test_coast_downs_alone_give_ratios(tmp_path: Path, seed: int, side: float) -> None:
     coasts(tmp_path, YAW, seed, side)

@@ -18,7 +18,7 @@ from automarine_cli.fits.driven import base_starts, driven_problem, fit_driven, 
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.preference import prefer_driven
-from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model
+from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, run_covariance, run_dof
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -66,6 +66,28 @@ def test_parameters_come_back_within_their_own_errors_and_stay_beside_what_is_ra
     assert np.array_equal(whole.of_model, problem.parameters.natural(fit.phi)[:2])
     assert np.allclose(whole.left_out[:, :2], fit.left_out[:, :2]) and np.isfinite(whole.predictive).all()
     assert 0.5 < whole.of_chance["yaw.disturbance"] / 0.1 < 2.0
+
+
+def test_few_runs_that_scatter_no_more_than_their_forecasts_count_by_these() -> None:
+    fit, axis = complete(), np.eye(len(complete().phi))[0]
+    assert fit.forecasts == 32.0  # four runs of 40 s, five seconds each
+    for scatter, dof in ((0.1, fit.forecasts), (3.0, 3.0)):
+        moved = np.outer([1.0, -1.0, 1.0, -1.0], scatter * np.sqrt(fit.covariance[0, 0] / 3.0) * axis)
+        few = replace(fit, left_out=fit.phi + moved)
+        assert run_dof(few, axis) == dof
+        assert run_covariance(few)[0, 0] == pytest.approx(max(scatter, 1.0) ** 2 * fit.covariance[0, 0])
+
+
+@pytest.mark.slow
+def test_the_covariance_of_forecasts_that_overlap_is_that_of_the_spread_over_seeds() -> None:
+    """The variance, and not the inverse curvature, which takes the noise of readings for what lasts."""
+    missed = []
+    for seed in range(20):
+        problem = problem_of(steered(3, 100 + seed, None, length=40.0, free=True))
+        start = begin(problem)
+        fit = fit_forecasts(problem, problem.parameters.search(start), start[None])
+        missed.append((fit.phi[:2] - [0.0, 1.2]) / np.sqrt(np.diagonal(fit.covariance)[:2]))
+    assert (np.abs(np.sqrt(np.mean(np.square(missed), axis=0)) - 1.0) < 0.5).all()  # 1 expected, with an error of 0.16
 
 
 def test_a_run_left_out_is_that_fit_to_the_others() -> None:

@@ -5,7 +5,7 @@ import pytest
 from identified import identify
 from made_campaigns import both_ways, campaign
 
-from automarine_cli.fits.residuals import autocorrelation, correlations, standardised_residuals
+from automarine_cli.fits.characteristics import autocorrelation, correlations, standardised_residuals
 
 LAGS = 5
 

@@ -75,7 +75,9 @@ def of_init() -> dict[str, str]:
     """What `init` says of keys, by section and key."""
     with TemporaryDirectory() as folder:
         place = Path(folder, "campaign.toml")
-        CliRunner().invoke(automarine, ["init", str(SAMPLE_RUNS), "-o", str(place), "-qq"], catch_exceptions=False)
+        CliRunner().invoke(
+            automarine, ["init", str(SAMPLE_RUNS), "-o", str(place), "--figures", "none", "-qq"], catch_exceptions=False
+        )
         written = lines(place.read_text(encoding="utf-8"))
         return {f"{section}.{key}".removeprefix("."): said for section, key, _, said in written if said}
 

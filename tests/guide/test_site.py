@@ -1,17 +1,14 @@
 """The site that `make docs` builds: every page is in its menu, every command has its options, and it fits a phone."""
 
-import json
+import os
 import re
 import runpy
-import shutil
-import subprocess
-import sys
 from html import unescape
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote, unquote, urlsplit
 
 import pytest
+from browser import looked_at
 from repository import ROOT
 from test_guide import BEST
 from test_notebooks import NOTEBOOKS
@@ -44,10 +41,6 @@ RESULTS = """<body>{frames}<script>addEventListener("load", () => {{
   }});
   document.documentElement.textContent = JSON.stringify(found);
 }})</script>"""
-BROWSER = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
-    "--allow-file-access-from-files", "--dump-dom",
-)  # fmt: skip
 
 
 def test_every_page_is_in_the_menu_once() -> None:
@@ -76,16 +69,13 @@ def words(text: str) -> set[str]:
     return set(re.findall(r"[A-Za-z]{3,}", text))
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip("sphinx", reason="make docs installs what builds the site")
-    folder = tmp_path_factory.mktemp("docs")
-    build = ["-m", "sphinx", "-q", "-n", "-W", "-c", ".docs", "-d", str(folder / "read"), ".", str(folder / "site")]
-    subprocess.run([sys.executable, *build], cwd=ROOT, check=True)
-    return folder / "site"
+@pytest.fixture
+def built() -> Path:
+    if "SITE" not in os.environ:
+        pytest.skip("`make docs` builds the site and tests it")
+    return Path(os.environ["SITE"]).resolve()
 
 
-@pytest.mark.slow
 def test_no_word_of_a_page_is_lost(built: Path) -> None:
     for name, path in SITE["PAGES"].items():
         if (page := path.relative_to(ROOT).as_posix()) in PAGES:
@@ -94,31 +84,20 @@ def test_no_word_of_a_page_is_lost(built: Path) -> None:
             assert words(said) - words(unescape(re.sub("<[^>]*>", " ", shown))) == set(), name
 
 
-def looked_at(folder: Path, page: str, frames: list[str]) -> Any:
-    """What the script of a page says of frames that Chromium has loaded."""
-    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if browser is None:
-        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    (folder / "look.html").write_text(page.format(frames="".join(frames)), encoding="utf-8")
-    command = [browser, *BROWSER, f"--user-data-dir={folder / 'profile'}", str(folder / "look.html")]
-    shown = subprocess.run(command, capture_output=True, encoding="utf-8", check=True, timeout=600).stdout
-    return json.loads(unescape(re.sub("<[^>]*>", "", shown)))
-
-
-@pytest.mark.slow
 def test_no_page_is_wider_than_its_window_or_asks_a_network(built: Path, tmp_path: Path) -> None:
     pages = list(built.rglob("*.html"))
     frame = '<iframe src="{}" width="{}" frameborder="0"></iframe>'
-    seen = looked_at(tmp_path, LOOK, [frame.format(page.as_uri(), wide) for page in pages for wide in WIDTHS])
+    frames = [frame.format(page.as_uri(), wide) for page in pages for wide in WIDTHS]
+    seen = looked_at(tmp_path, LOOK.format(frames="".join(frames)), quiet=False)
     assert len(seen) == len(WIDTHS) * len(pages) > 200
     assert [page for page in seen if page["width"] > page["wide"] or page["broken"]] == []
     assert {place for page in seen for place in page["asked"] if not place.startswith("file:")} == set()
 
 
-@pytest.mark.slow
 def test_the_search_of_the_site_shows_the_best_page_first_with_an_excerpt(built: Path, tmp_path: Path) -> None:
     asked = [f"{(built / 'search.html').as_uri()}?q={quote(words)}" for words in (*BEST, "zeppelin")]
-    *found, nothing = looked_at(tmp_path, RESULTS, [f'<iframe src="{each}"></iframe>' for each in asked])
+    frames = [f'<iframe src="{each}"></iframe>' for each in asked]
+    *found, nothing = looked_at(tmp_path, RESULTS.format(frames="".join(frames)), quiet=False)
     firsts = [Path(unquote(urlsplit(results[0][0]).path)).stem for results in found]
     assert dict(zip(BEST, firsts, strict=True)) == BEST and nothing == []
     for place, title, excerpt in (each for results in found for each in results):

@@ -1,7 +1,6 @@
 """One model fitted to step data, as `fit-yaw` fits it, from start values of one's choice."""
 
-from automarine_cli.fits.step_fit import fit_step_model
-from automarine_cli.fits.steps import StepData
+from automarine_cli.fits.steps import StepData, fit_step_model
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.models.parameter import NOTHING_KNOWN, Priors

@@ -7,17 +7,15 @@ import base64
 import json
 import re
 import shutil
-import subprocess
 from collections.abc import Callable
-from html import unescape
 from html.parser import HTMLParser
 from importlib.resources import files as resources
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
 from broken_logs.make import csv_of, good_table
+from browser import looked_at
 from click.testing import Result
 from made_sequences import model_file
 from small_campaign import make_small_campaign
@@ -383,10 +381,6 @@ onload = () => {{
   document.documentElement.textContent = JSON.stringify(seen);
 }}
 </script>"""
-BROWSER = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
-    "--allow-file-access-from-files", "--enable-logging=stderr", "--dump-dom",
-)  # fmt: skip
 
 
 USE = """<iframe src="report.html" width="{width}" height="900" style="border: 0"></iframe><script>
@@ -450,23 +444,16 @@ onload = () => {{
 A4_PX = 718  # 190 mm at 96 pixels an inch
 
 
-def looked_at(place: Path, text: str, look: str, *flags: str) -> dict[str, Any]:
-    """What the script of a page that shows the report in a frame tells of it; skipped where no browser is."""
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if program is None:
-        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    (place / "report.html").write_text(text, encoding="utf-8")
-    (place / "look.html").write_text(look)
-    command = [program, *BROWSER, *flags, f"--user-data-dir={place / 'profile'}", str(place / "look.html")]
-    shown = subprocess.run(command, capture_output=True, encoding="utf-8", check=True, timeout=600)
-    assert "CONSOLE" not in shown.stderr  # not even that the page's own policy kept something out
-    seen: dict[str, Any] = json.loads(unescape(re.sub("<[^>]*>", "", shown.stdout)))
-    return seen
+@pytest.fixture
+def shown(files: dict[str, str], tmp_path: Path) -> Path:
+    """Where the page of a test may show the report."""
+    (tmp_path / "report.html").write_text(files["report.html"], encoding="utf-8")
+    return tmp_path
 
 
 @pytest.mark.parametrize("width", [1200, 400])
-def test_a_run_is_chosen_and_its_figure_answers(files: dict[str, str], tmp_path: Path, width: int) -> None:
-    seen = looked_at(tmp_path, files["report.html"], USE.format(width=width))
+def test_a_run_is_chosen_and_its_figure_answers(shown: Path, width: int) -> None:
+    seen = looked_at(shown, USE.format(width=width))
     off = [float(re.search(r", off by ([\d.]+) deg$", name)[1]) for name in seen["runs"]]  # type: ignore[index]
     assert len(off) > 1 and off == sorted(off, reverse=True)
     assert [len(seen["first"]), len(seen["second"])] == [1, 1] and seen["first"] != seen["second"]
@@ -479,19 +466,19 @@ def test_a_run_is_chosen_and_its_figure_answers(files: dict[str, str], tmp_path:
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_paper_shows_every_run_on_white(files: dict[str, str], tmp_path: Path, dark: bool) -> None:
+def test_paper_shows_every_run_on_white(shown: Path, dark: bool) -> None:
     """The rules of print, on a page as wide as A4 within its margins."""
     scheme = f"--blink-settings=preferredColorScheme={1 - dark}"
-    seen = looked_at(tmp_path, files["report.html"], PRINT.format(width=A4_PX), scheme)
+    seen = looked_at(shown, PRINT.format(width=A4_PX), scheme)
     assert seen["figures"] > seen["chosen"] > 0 and seen["figures"] == seen["shown"]
     assert seen["width"] <= A4_PX and seen["controls"] == 0
     assert (seen["paper"], seen["ink"]) == ("rgb(255, 255, 255)", "rgb(0, 0, 0)")
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1200, False), (390, True)])
-def test_a_browser_shows_it_and_asks_nobody(files: dict[str, str], tmp_path: Path, width: int, dark: bool) -> None:
+def test_a_browser_shows_it_and_asks_nobody(shown: Path, width: int, dark: bool) -> None:
     scheme = f"--blink-settings=preferredColorScheme={1 - dark}"
-    seen = looked_at(tmp_path, files["report.html"], LOOK.format(width=width), scheme)
+    seen = looked_at(shown, LOOK.format(width=width), scheme)
     assert seen["asked"] == [] and seen["width"] <= width
     assert seen["broken"] == 0 and 0 < seen["box"] < FIRST_SCREEN
     for words in ("Thruster map", "Table 1. Identified yaw models: drag", "never moved", SHOWN[0], SHOWN[4]):

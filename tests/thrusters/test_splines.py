@@ -75,9 +75,9 @@ def test_levels_that_fall_are_refused(levels: list[tuple[float, float]]) -> None
 
 
 def test_an_s_shape_takes_the_spline_and_a_square_law_does_not(tmp_path: Path) -> None:
-    forms = [bollard_test(tmp_path, square(N), seed=seed).map.form for seed in range(10)]
-    assert forms.count("square") >= 8 and "spline" not in forms
-    fits = [bollard_test(tmp_path, s_shaped(N), seed=seed) for seed in range(10)]
+    forms = [bollard_test(tmp_path, square(N), seed=seed).map.form for seed in range(5)]
+    assert forms.count("square") >= 4 and "spline" not in forms
+    fits = [bollard_test(tmp_path, s_shaped(N), seed=seed) for seed in range(5)]
     assert all(fit.map.form == "spline" for fit in fits)
     assert "a curve through the mean of each level" in fits[0].analysis.because
     within = [
@@ -87,7 +87,7 @@ def test_an_s_shape_takes_the_spline_and_a_square_law_does_not(tmp_path: Path) -
         for k, estimate in enumerate(fit.analysis.chosen.estimates[side].values())
         if isinstance(estimate, Estimate)
     ]
-    assert len(within) == 200 and np.mean(within) > 0.93
+    assert len(within) == 100 and np.mean(within) > 0.93
 
 
 def test_both_directions_are_alike_and_falls_are_evened_out() -> None:

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from automarine_cli.comparison.side_by_side import ComparedResult, Difference
 from automarine_cli.dofs import Dof
 from automarine_cli.estimate import Estimate
+from automarine_cli.fits.characteristics import autocorrelation, correlations, standardised_residuals
 from automarine_cli.fits.driven import Judgement
-from automarine_cli.fits.residuals import autocorrelation, correlations, standardised_residuals
 from automarine_cli.fits.steps import StepData
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import COMMAND_DELAY
