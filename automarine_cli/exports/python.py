@@ -108,8 +108,7 @@ def maker(effect: Effect) -> str:
 
 
 def constants(subject: base.MotionSubject, term: Term) -> str:
-    effect = effects.get(term.name)
-    cards = effect.card(subject.dof, subject.model.moment_unit).parameters
+    cards = effects.get(term.name).card(subject.dof, subject.model.moment_unit).parameters
     return "".join(
         f"{name} = {base.number(value)}  # {base.plain(card.unit)}: {base.plain(card.meaning)}\n"
         for name, card, value in zip(names(subject, term), cards, term.values)

@@ -128,7 +128,7 @@ class ResultFolder:
     def __init__(self, out: Path, new: Path, occupied: Path | None) -> None:
         self._out, self._new, self._occupied = out, new, occupied
         self.hashes: dict[str, str] = {}
-        self.warnings: list[str] = []  # what the manifest says could not be made
+        self.warnings: list[str] = []
 
     def write(self, name: str, content: bytes | str | Mapping[str, object]) -> None:
         """Write one file, a mapping as JSON; `name` is relative, with forward slashes. Raises OutputError if the disk
@@ -143,6 +143,10 @@ class ResultFolder:
             (self._new / name).parent.mkdir(parents=True, exist_ok=True)
             (self._new / name).write_bytes(data)
         self.hashes[name] = hashlib.sha256(data).hexdigest()
+
+    def warn(self, sentence: str) -> None:
+        """Say in the manifest what could not be made."""
+        self.warnings.append(sentence)
 
 
 @contextlib.contextmanager

@@ -426,8 +426,7 @@ def plan_campaign(
     if earlier is not None:
         new = np.linalg.pinv(info.reported_covariance(info.moving(per_run)), hermitian=True)
         dof = float(max(len(per_run) + prior.used - 1, 1))
-        covariance = np.asarray(np.linalg.inv(new + before))
-        together = fitting.estimates(covariance, dict.fromkeys(fitting.estimands, dof))
+        together = fitting.estimates(np.asarray(np.linalg.inv(new + before)), dict.fromkeys(fitting.estimands, dof))
     return Plan(
         model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted,
         slots=_with_ways(slots, why, fitting), now=prior.now, alone=fitting.predicted(per_run), together=together,

@@ -115,8 +115,7 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
         if abs(share) > CORRELATED and set(pair) <= set(EVERY_ROLE) and not {i, j} & set(fit.mixed.at_bound):
             says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
             cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
-    joint = [caution for caution in cautions if caution.parameters == DRAG]
-    return joint or cautions
+    return [caution for caution in cautions if caution.parameters == DRAG] or cautions
 
 
 def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:

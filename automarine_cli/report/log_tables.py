@@ -199,8 +199,7 @@ def _(result: Slices) -> Sections:
     logs_cut = (log for source in result.sources for log in source.contents)
     files: dict[str, Content] = dict(zip((cut["file"] for cut in cuts), logs_cut))
     files |= {"slices.json": content, "slices.md": table.to_markdown()}
-    folders = dict.fromkeys(cut["file"].partition("/")[0] + "/" for cut in cuts)
-    listed = ("slices.json", "slices.md", *folders)
+    listed = ("slices.json", "slices.md", *dict.fromkeys(cut["file"].partition("/")[0] + "/" for cut in cuts))
     return Sections([f"{answer}.", table], files, listed=listed, rows=cuts)
 
 

@@ -69,8 +69,7 @@ def words(text: str) -> str:
 
 def _symbols(text: str) -> str:
     """Escaped text with symbols as in print, in which no per cent sign begins a line."""
-    tied = escape(text).replace(" %", "\N{NO-BREAK SPACE}%")
-    return with_symbols(tied, "<var>{}</var><sub>{}</sub>")
+    return with_symbols(escape(text).replace(" %", "\N{NO-BREAK SPACE}%"), "<var>{}</var><sub>{}</sub>")
 
 
 def _table(block: Sequence[str]) -> str:

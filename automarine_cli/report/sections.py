@@ -96,7 +96,8 @@ class Sections:
         """Write the files, then the figures in each of the formats, drawn by `each`."""
         for name, content in self.files.items():
             folder.write(name, content() if callable(content) else content)
-        folder.warnings += self.warnings
+        for warning in self.warnings:
+            folder.warn(warning)
         save_figures(folder, self.figures, formats, each)
 
 

@@ -60,8 +60,7 @@ def _promised_table(tuning: Tuning) -> Table:
     }  # fmt: skip
     columns = dict[str, dict[str, str]]()
     for name, outcome in tuning.outcomes():
-        bands = margins_of(outcome) | promises(outcome, dof)
-        columns[name] = {key: cell(of) for key, of in bands.items()}
+        columns[name] = {key: cell(of) for key, of in (margins_of(outcome) | promises(outcome, dof)).items()}
         columns[name]["settles"] = f"{100 * np.mean(outcome.scores.settles):.0f} %"
         columns[name]["keeps"] = f"{100 * outcome.share_with(task.margin):.0f} %"
         columns[name]["rejects"] = f"{100 * np.mean(outcome.scores.left <= task.band):.0f} %"

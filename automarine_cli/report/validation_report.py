@@ -163,8 +163,7 @@ def overall_table(result: Validation) -> Table:
     rows = []
     for model, scored in result.models.items():
         cells = {result.dof.fill(result.scores[name].heading): _cell(name, of) for name, of in scored.overall.items()}
-        first = next(iter(cells))
-        rows.append({"model": model} | cells | ({first: DIVERGED_CELL} if scored.diverged else {}))
+        rows.append({"model": model} | cells | ({next(iter(cells)): DIVERGED_CELL} if scored.diverged else {}))
     return Table.of(f"Validation over {plural(len(result.runs), 'run')}", rows, (result.because, *_notes(result)))
 
 

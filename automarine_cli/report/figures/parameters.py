@@ -45,8 +45,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     """Draw thrust and residuals of one thruster against its control signal, coloured by voltage, and the map."""
     points, pooled, good = result.points, result.analysis, result.points.flag == ""
     unit = {"us": "µs"}.get(pooled.n_unit, pooled.n_unit) or "unit as logged"
-    control = f"Control signal n [{unit}]"
-    labels = control, "Thrust of one thruster [N]", "Measured − fitted [N]"
+    labels = f"Control signal n [{unit}]", "Thrust of one thruster [N]", "Measured − fitted [N]"
     figure, thrust, residuals = style.above_residuals(PAGE_IN * 0.8, 5.6, labels)
     thrust.axhline(0.0, color="0.6", lw=0.6)
     n, force, spread = points.n[good], points.force[good], np.nan_to_num(points.spread[good])
@@ -68,8 +67,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
         label, line = ("square law", "--") if square else (f"chosen: {chosen}{law}", "-")
         label += sizes if square or chosen == "square" else ""
         thrust.plot(along, fit.along(along), color=colour, ls=line, label=label, zorder=3)
-        residual = force - fit.along(n)
-        residuals.plot(n, residual, "o", color=colour, mfc="none" if square else colour)
+        residuals.plot(n, force - fit.along(n), "o", color=colour, mfc="none" if square else colour)
     for side, sign in SIDES:
         if isinstance(curve := pooled.chosen.curves.get(side), SplineCurve):
             values = pooled.chosen.estimates[side].values()
@@ -206,8 +204,7 @@ def tuning_figure(tuning: "Tuning") -> Figure:
             (colour, line), clock, reach = GAIN_LOOKS[name], outcome.flight.time, MAX_RUNAWAY_STEPS * way
             flown = np.clip(np.nan_to_num(dof.shown(outcome.flight.position[:, i]), nan=reach), -reach, reach)
             low, middle, high = np.quantile(flown, [0.025, 0.5, 0.975], axis=0)
-            label = f"{name}, 95 %"
-            axes[0, i].fill_between(clock, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=label)
+            axes[0, i].fill_between(clock, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=f"{name}, 95 %")
             axes[0, i].plot(clock, middle, color=COLOURS[colour], ls=line, lw=1.0, label=f"{name}, median")
         axes[0, i].set_title(title, loc="left")
         position = f"{dof.words.position.capitalize()} [{dof.units.shown}]"

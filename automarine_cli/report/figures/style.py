@@ -205,7 +205,7 @@ def write_figures(
     draw, drawings = partial(drawn, formats), list(figures.items())
     for pages in map(draw, drawings) if each is None else each(draw, drawings, "drawing figures"):
         if isinstance(pages, str):
-            folder.warnings.append(pages)
+            folder.warn(pages)
             continue
         for name, content in pages.items():
             folder.write(name, content)
