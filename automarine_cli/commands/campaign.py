@@ -209,9 +209,7 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
             value = home / value
             if not value.is_file():
                 raise SettingError(f"{where}: there is no file {printable(value.name)}; give it relative to this file")
-        if key == "map":
-            yield key, value
-        elif key in ("seed", "strict"):
+        if key in ("seed", "strict"):
             yield key, _converted(load("validate"), key, value, where)
         elif key == "per_test":
             yield key, _converted(load("fit-thrusters"), "thrusters_per_test", value, where)

@@ -9,6 +9,7 @@ import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -64,14 +65,9 @@ class _Argument(Setting, click.Argument):
     pass
 
 
-def option(*names: str, **attributes: Any) -> Callable[[Function], Function]:
-    """Declare an option as `click.option` does; see `Setting` for what it may have beyond that."""
-    return click.option(*names, cls=_Option, **attributes)
-
-
-def argument(*names: str, **attributes: Any) -> Callable[[Function], Function]:
-    """Declare an argument as `click.argument` does; see `Setting` for what it may have beyond that."""
-    return click.argument(*names, cls=_Argument, **attributes)
+option: Callable[..., Callable[[Function], Function]] = partial(click.option, cls=_Option)
+argument: Callable[..., Callable[[Function], Function]] = partial(click.argument, cls=_Argument)
+"""Declare options and arguments as click does; see `Setting` for what they may have beyond that."""
 
 
 class Command(click.Command):
@@ -84,11 +80,9 @@ class Command(click.Command):
 
     def __init__(
         self, name: str, function: Function, report: str, then: str, *, saves: bool, by_effects: bool,
-        **attributes: Any,
+        **more: Any,
     ) -> None:  # fmt: skip
-        super().__init__(
-            name, help=inspect.getdoc(function), epilog=f"Learn more: automarine guide {name}", **attributes
-        )
+        super().__init__(name, help=inspect.getdoc(function), epilog=f"Learn more: automarine guide {name}", **more)
         self.function, self.report = function, report
         self.saves, self.by_effects = saves, by_effects
         self.draws = saves and any(param.name == "figure_formats" for param in self.params)

@@ -232,10 +232,7 @@ def fit_planar(
     channels, unfit = observed(campaign.runs), command_warnings(campaign.runs)
     names = channels.names()
     priors = qualified(beforehand, names, signed=sorted({*names.values()} - {*OWN}))
-    effects = parse_effects(with_effects, *PLANAR.dofs)
-    estimator = PlanarLikelihood(campaign.runs, channels, priors, effects)
-    tried = search(estimator)
+    fit = PlanarLikelihood(campaign.runs, channels, priors, parse_effects(with_effects, *PLANAR.dofs))
+    tried = search(fit)
     limits = tuple(limit.warning for limit in campaign.limits)
-    return PlanarFit(
-        tried, *estimator.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), priors
-    )
+    return PlanarFit(tried, *fit.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), priors)

@@ -48,9 +48,7 @@ def predict(
     from automarine_cli.comparison.prediction import Prediction, load_commands, predict_runs, read_doubt
 
     stored, doubt = read_doubt(model)
-    loaded = load_commands(
-        commands, stored, doubt, columns, thrusters, arm, strict=strict, jobs=jobs, progress=progress
-    )
+    runs = load_commands(commands, stored, doubt, columns, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
     position, rate = (None if value is None else stored.dof.inner(value) for value in (start, start_rate))
-    predicted = predict_runs(stored, doubt, loaded, position=position, rate=rate, seed=seed, progress=progress)
-    return Prediction(stored, doubt, predicted, loaded.set_aside, seed, parquet)
+    predicted = predict_runs(stored, doubt, runs, position=position, rate=rate, seed=seed, progress=progress)
+    return Prediction(stored, doubt, predicted, runs.set_aside, seed, parquet)

@@ -221,8 +221,7 @@ def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
     said once; with -v every run has its line."""
     if not runs or verbosity_level() < 0:
         return
-    head = f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}"
-    click.echo(coloured(head, sys.stderr, "yellow"), err=True)
+    click.echo(coloured(f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}", sys.stderr, "yellow"), err=True)
     alike: dict[object, list[Mapping[str, str]]] = {}
     for i, run in enumerate(runs):
         alike.setdefault(i if verbosity_level() > 0 else run["why"], []).append(run)

@@ -31,14 +31,10 @@ if TYPE_CHECKING:
     metavar="M", help="Disk margin to keep.",
 )  # fmt: skip
 @option(
-    "--full",
-    type=options.POSITIVE,
-    metavar="VALUE",
+    "--full", type=options.POSITIVE, metavar="VALUE",
     help="Moment or force of the whole output, in the model's unit; of a rudder its largest angle in degrees.",
-)
-@option(
-    "--delay", type=options.Finite(min=0, max=5), metavar="SECONDS", help="Longest delay that the logs cannot show."
-)
+)  # fmt: skip
+@option("--delay", type=options.Finite(0, 5), metavar="SECONDS", help="Longest delay that the logs cannot show.")
 @option(
     "--supply", type=(options.Finite(min=0, max=1, min_open=True), options.Finite(min=1, max=3, max_open=True)),
     default=(0.88, 1.08), show_default=True, metavar="LOW HIGH",

@@ -76,8 +76,7 @@ def fly(
                 positions.append(position)
             for _ in range(parts):
                 hull.advance(drive.deliver(output) - load, step / parts)
-    time = pace * step * np.arange(len(positions), dtype=np.float64)
-    return ClosedLoopRun(time, np.stack(positions, axis=2))
+    return ClosedLoopRun(pace * step * np.arange(len(positions), dtype=np.float64), np.stack(positions, axis=2))
 
 
 @dataclass(frozen=True)
@@ -387,8 +386,7 @@ def leaders(trials: Trials, task: Task, count: int) -> Trials:
         np.lexsort((np.maximum(trials["error"], task.band) / trials["disk"], worse)),
         *(np.argsort(c, kind="stable") for c in costs),
     ]
-    places = dict.fromkeys(np.concatenate([order[:count] for order in orders]).tolist())
-    return trials[list(places)]
+    return trials[list(dict.fromkeys(np.concatenate([order[:count] for order in orders]).tolist()))]
 
 
 def spread_numbers(count: int, size: int) -> Floats:

@@ -287,8 +287,7 @@ def _price(problem: GainProblem, chosen: Mapping[str, float] | None) -> tuple[st
     late = dead_time(crowds[0])
     early, later = np.quantile(late, [0.25, 0.75])
     if later - early >= MIN_DELAY_SPREAD_S:
-        prompt = crowds[0].pick(np.flatnonzero(late <= early))
-        parts.append((replace(prompt, name="a short delay"), "input-delay"))
+        parts.append((replace(crowds[0].pick(np.flatnonzero(late <= early)), name="a short delay"), "input-delay"))
     for part, effect in parts:
         alone = design.searched(replace(problem, crowds=(part,)), problem.task.margin, 1)["numbers"][:1]
         if not len(alone):

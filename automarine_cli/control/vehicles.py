@@ -218,9 +218,7 @@ class Body:
 def _slope_of(vehicles: Vehicles) -> tuple[Slope, int]:
     """The right-hand side of the equation of motion, and how many states the water has."""
     model, theta = vehicles.model, vehicles.theta
-    terms = [
-        replace(term, values=(*term.values, *[np.zeros((1, 1))] * term.effect.per_run)) for term in model.forces(theta)
-    ]
+    terms = [replace(t, values=(*t.values, *[np.zeros((1, 1))] * t.effect.per_run)) for t in model.forces(theta)]
     movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
     states = sum(len(term.effect.states) for term in movers)
     return right_hand_side(model.motion, movers, model.inertia_matrix(theta), None, np.zeros((1, 1, 1))), states

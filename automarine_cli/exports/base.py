@@ -21,8 +21,6 @@ DRAGS = ("linear-drag", "quadratic-drag")
 FORCE_LETTERS = "XYZKMN"
 """Of the six motions: the letter of force or moment (SNAME 1950)."""
 
-MATRICES = "Entries of motions that are not identified are placeholders: merge with your model, and add its buoyancy."
-
 
 @dataclass(frozen=True)
 class Options:
@@ -136,10 +134,6 @@ class MotionSubject(Subject):
             return f"{total} = {number(rigid)} rigid (given) + {number(added)} added."
         place = f"stands in one place, as rigid; no added {word} beside it."
         return f"{total} is the identified total of rigid and added {word} and {place}"
-
-    def about_entries(self) -> str:
-        """The sentence on what was not identified, for vectors and matrices of all six motions."""
-        return f"Only {self.dof.name} is identified: all other entries are placeholders; merge with your model."
 
 
 @dataclass(frozen=True)

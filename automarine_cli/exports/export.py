@@ -158,20 +158,18 @@ def export_model(
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
     subject: MapSubject | Vehicle
-    unit, lacking = None, list[str]()
+    unit, lacking = None, tuple[str, ...]()
     if target.motions:
         subject = _vehicle(takes, files, form, frame, chosen, number, several)
         carried = tuple(_carried(subject))
         unit = "N m" if subject.several else subject.axis.model.moment_unit
-        lacking = subject.not_identified
+        lacking = tuple(subject.not_identified)
     else:
         subject, carried = _map_subject(files[0], form, frame, chosen), ("thruster map",)
     written = takes.write(subject)
     if out is not None:
         write_whole(out, written.text)
-    return Exported(
-        target.name, form, frame, subject.origins, unit, carried, subject.left_out, written, tuple(lacking), out
-    )
+    return Exported(target.name, form, frame, subject.origins, unit, carried, subject.left_out, written, lacking, out)
 
 
 @dataclass(frozen=True)

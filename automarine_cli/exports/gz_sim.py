@@ -60,15 +60,13 @@ def write(subject: Vehicle) -> Written:
         )
         forces = f"{linear} {v} + {absolute} |{v}| {v} + {square} {v}^2 + {dot} {v}'"
         lines = head(axis, f"({RIGID_ENTRIES[i]} + {entry}) {v}' = {axis.force} + {forces}", notes)
-    pairs = [(i, j) for i in range(6) for j in range(i, 6) if added[i, j]]
-    entries = "".join(
-        f"          <{(t := AXIS_LETTERS[i] + AXIS_LETTERS[j])}>{number(added[i, j])}</{t}>\n" for i, j in pairs
-    )
+    tags = {AXIS_LETTERS[i] + AXIS_LETTERS[j]: added[i, j] for i in range(6) for j in range(i, 6) if added[i, j]}
+    entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in tags.items())
     settings = off | {tag: number(value) for tag, value in derivatives.items()}
     fields = {
         "head": comment(lines), "mass": number(subject.mass),
         **dict(zip(("ixx", "iyy", "izz"), map(number, subject.moments))),
-        "added": f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" * bool(pairs),
+        "added": f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" * bool(tags),
         "told": "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in settings.items()),
     }  # fmt: skip
     return Written(filled("gz-sim", fields), notes)

@@ -49,9 +49,7 @@ def _constants(subject: base.MotionSubject) -> base.Written:
     signs = f"Signs: derivatives of the hydrodynamic {words.force}; damping and added {words.inertia} are negative."
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
-    lines = "".join(
-        f"{name} = {base.number(value)}{end}  {sign} {unit}, {meaning}\n" for name, value, unit, meaning in rows
-    )
+    lines = "".join(f"{name} = {base.number(x)}{end}  {sign} {unit}, {meaning}\n" for name, x, unit, meaning in rows)
     return base.Written(base.comment(base.head(subject, equation, notes), sign) + lines, notes)
 
 

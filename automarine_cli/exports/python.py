@@ -45,21 +45,17 @@ def _motion(subject: base.MotionSubject) -> base.Written:
     motion = f"{symbols.inertia} {symbols.velocity}' = {subject.force}"
     equation = " ".join([motion, *map(subject.equation_of, moments)])
     text = {
-        **dof.vocabulary,
-        "head": base.comment(base.head(subject, equation, ()), "#"),
-        "inertia": inertia,
+        **dof.vocabulary, "head": base.comment(base.head(subject, equation, ()), "#"), "inertia": inertia,
         "constants": f"{inertia} = {base.number(subject.model.inertia)}  # {subject.unit}: rigid and added together\n"
         + "".join(constants(subject, term) for term in terms),
         "runtime": runtime([effects.get(term.name) for term in terms]),
         "terms": "".join(f"    ({maker(effects.get(t.name))}, {arguments(subject, t)}),\n" for t in terms),
-        "title": dof.words.position.capitalize(),
+        "title": dof.words.position.capitalize(), "unit": subject.model.moment_unit,
         "given": dof.words.force if symbols.force == subject.force else symbols.force,
-        "unit": subject.model.moment_unit,
-        "more": ", **columns" if logged else "",
+        "more": ", **columns" if logged else "", "step": base.number(MAX_EXPORT_STEP_S),
         "columns": f" So does columns[{logged[0]!r}][i]." if logged else "",
         "signals": "{name: np.asarray(column)[None, sample] for name, column in columns.items()}" if logged else "{}",
-        "step": base.number(MAX_EXPORT_STEP_S),
-    }
+    }  # fmt: skip
     return base.Written(base.filled("python", text))
 
 
@@ -112,8 +108,7 @@ def maker(effect: Effect) -> str:
 
 
 def constants(subject: base.MotionSubject, term: Term) -> str:
-    effect = effects.get(term.name)
-    cards = effect.card(subject.dof, subject.model.moment_unit).parameters
+    cards = effects.get(term.name).card(subject.dof, subject.model.moment_unit).parameters
     return "".join(
         f"{name} = {base.number(value)}  # {base.plain(card.unit)}: {base.plain(card.meaning)}\n"
         for name, card, value in zip(names(subject, term), cards, term.values)

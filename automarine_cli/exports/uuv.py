@@ -6,20 +6,13 @@ gazebo::HMFossen; uuv_gazebo_plugins/src/HydrodynamicModel.cc. Controllers: (izz
 quad_damping |r| r (uuv_control_interfaces/vehicle.py, which turns Gazebo's rates into SNAME's; odd drag is the same).
 """
 
-from automarine_cli.exports.base import MATRICES, Several, Target, Written, comment, filled, head, number, row
+from automarine_cli.exports.base import Several, Target, Written, comment, filled, number, row
 from automarine_cli.exports.vehicle import Vehicle
 
 
 def write(subject: Vehicle) -> Written:
-    if subject.several:
-        notes = (*subject.about_own("the rest of M is added mass"), MATRICES)
-        lines = subject.head(*notes)
-    else:
-        axis, r = subject.axis, subject.axis.dof.symbols.velocity
-        notes = (axis.about_inertia(), axis.about_entries())
-        rigid_entry = "izz" if axis.dof.angular else "mass"
-        equation = f"({rigid_entry} + Ma) {r}' = {axis.force} + linear_damping {r} + quadratic_damping |{r}| {r}"
-        lines = head(axis, equation, notes)
+    law = "({entry} + Ma) {r}' = {force} + linear_damping {r} + quadratic_damping |{r}| {r}"
+    lines, notes = subject.matrix_head("added mass", law, "izz")
     linear, quadratic = -subject.diagonal("linear-drag"), -subject.diagonal("quadratic-drag")
     fields = {"mass": number(subject.mass), **dict(zip(("ixx", "iyy", "izz"), map(number, subject.moments)))}
     if subject.form == "controller":
@@ -34,7 +27,7 @@ def write(subject: Vehicle) -> Written:
             "head": comment(lines), "entries": "\n".join(f"            {row(line)}" for line in subject.added),
             "linear": row(linear), "quadratic": row(quadratic),
         }  # fmt: skip
-    return Written(filled(f"uuv_{subject.form}", fields), notes)
+    return Written(filled(f"uuv_{subject.form}", fields), tuple(notes))
 
 
 FORMS = {"urdf": ".urdf", "controller": ".yaml"}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from automarine_cli.dofs import DOFS, PLANAR
-from automarine_cli.exports.base import FRAME_AXES, MapSubject, MotionSubject, Subject, joined, mirrored, number
+from automarine_cli.exports.base import FRAME_AXES, MapSubject, MotionSubject, Subject, head, joined, mirrored, number
 from automarine_cli.models.model import CONSTANT, INERTIA_COUPLINGS, RESTORING, Model
 from automarine_cli.quantities import Floats
 
@@ -133,6 +133,18 @@ class Vehicle(Subject):
             f"M is rigid and added inertia together{'; C follows from it, the Munk moment among it' * coupled}.",
             *map(str, self.left_out), *self.about_lacking(), *notes,
         ))  # fmt: skip
+
+    def matrix_head(self, remainder: str, law: str, inertia: str, *, coupled: bool = True) -> tuple[list[str], ...]:
+        """Head and notes of a file with vectors and matrices of all six motions: of several, the `remainder` of M is
+        what stands beside their own part; of one, its `law` with {entry} ("mass", or `inertia`), {r} and {force}."""
+        if self.several:
+            entries = "Entries of motions that are not identified are placeholders: merge with your model, and add its"
+            notes = [*self.about_own(f"the rest of M is {remainder}"), f"{entries} buoyancy."]
+            return self.head(*notes, coupled=coupled), notes
+        axis, entry = self.axis, inertia if self.axis.dof.angular else "mass"
+        entries = f"Only {axis.dof.name} is identified: all other entries are placeholders; merge with your model."
+        notes = [axis.about_inertia(), entries]
+        return head(axis, law.format(entry=entry, r=axis.dof.symbols.velocity, force=axis.force), notes), notes
 
     def about_lacking(self) -> tuple[str, ...]:
         """The sentence on what no file was of, where the vehicle was put together from files."""

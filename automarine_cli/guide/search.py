@@ -89,9 +89,7 @@ class Index:
         for number, worth in sorted(worths.items()):
             pages.setdefault(self.sections[number].page, []).append((worth, -number))
         best = {page: sorted(weights, reverse=True)[:REST] for page, weights in pages.items()}
-        order = {
-            page: weights[0][0] + REST_SHARE * sum(worth for worth, _ in weights[1:]) for page, weights in best.items()
-        }
+        order = {page: top[0][0] + REST_SHARE * sum(worth for worth, _ in top[1:]) for page, top in best.items()}
         return [self.sections[-best[page][0][1]] for page in sorted(order, key=lambda page: (-order[page], page))]
 
     def _worths_of(self, words: str) -> dict[int, float]:

@@ -215,8 +215,7 @@ class Collector:
             remedy = "check the vehicle, and stop it by hand"
             raise SettingError(f"the vehicle has stopped its campaigns but is not silent yet; {remedy}")
         if campaign is not None:
-            content = campaign.text.encode()
-            self._until_done(lambda: self.client.put_campaign(campaign.id, content))
+            self._until_done(lambda: self.client.put_campaign(campaign.id, campaign.text.encode()))
         fetched = set[Log]()
         while True:
             state = self._until_done(self.client.state)

@@ -15,7 +15,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -45,7 +44,14 @@ class Handler(BaseHTTPRequestHandler):
 
     def parse_request(self) -> bool:
         """Refuse whoever does not show the token, whatever is asked for."""
-        return super().parse_request() and self._is_allowed()
+        if not super().parse_request():
+            return False
+        header = self.headers.get("Authorization", "").encode("utf-8", "replace")
+        if hmac.compare_digest(header, f"Bearer {self.server.token}".encode()) and self.server.token:
+            self.server.know(self.connection)
+            return True
+        self._refuse(HTTPStatus.UNAUTHORIZED, "the token is missing or wrong")
+        return False
 
     def do_GET(self) -> None:
         if self.path == "/state":
@@ -84,14 +90,6 @@ class Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing: who asked is nobody's business."""
-
-    def _is_allowed(self) -> bool:
-        header = self.headers.get("Authorization", "").encode("utf-8", "replace")
-        if hmac.compare_digest(header, f"Bearer {self.server.token}".encode()) and self.server.token:
-            self.server.know(self.connection)
-            return True
-        self._refuse(HTTPStatus.UNAUTHORIZED, "the token is missing or wrong")
-        return False
 
     def _send_log(self, name: str) -> None:
         log = self.server.store.log(name)
@@ -285,9 +283,7 @@ def _serve(store: Store, vehicle: Vehicle, address: tuple[str, int], speed: floa
     tell(f"http://{where}:{server.server_address[1]}", token)
     threading.Thread(target=_tell_news, args=(server, tell, old), daemon=True).start()  # the lease waits for no disk
     # without what the store remembers: that would cross to the process
-    start = partial(
-        multiprocessing.get_context("spawn").Process, target=play, args=(Store(store.folder), vehicle, speed, word)
-    )
+    process, args = multiprocessing.get_context("spawn").Process, (Store(store.folder), vehicle, speed, word)
     player = None
     try:
         while True:
@@ -297,7 +293,7 @@ def _serve(store: Store, vehicle: Vehicle, address: tuple[str, int], speed: floa
                 except OSError as problem:
                     server.silence(problem)
             if not server.silenced and (player is None or not player.is_alive()):
-                player = start(name="player")  # one that died begins with the next run
+                player = process(target=play, args=args, name="player")  # one that died begins with the next run
                 with deaf_to_interrupts():
                     player.start()
             time.sleep(LEASE_BEAT_S)

@@ -138,10 +138,8 @@ class Store:
         says = list[str]()
         for campaign in self.accepted():
             record = self._record(campaign)
-            pending = (
-                0 if record is None or record.why_stopped is not None else sum(mark in NEW for mark in record.marks)
-            )
-            if pending:
+            marks = "" if record is None or record.why_stopped is not None else record.marks
+            if pending := sum(mark in NEW for mark in marks):
                 goes_on = f"it goes on with the last {pending} of its {len(campaign.runs)} runs"
                 says.append(f"campaign {campaign.id[: wire.ID_LETTERS]} was not over when serve started: {goes_on}")
         return tuple(says)

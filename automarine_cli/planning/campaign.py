@@ -149,9 +149,7 @@ def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[PaperRun,
         PaperRun(kind, f"{kind}_{side * angle:+g}{'' if speed is None else f'_{speed:g}m-s'}", (), speed=speed)
         for speed in speeds for kind, _, angle, _ in kinds for side in (1, -1)
     ]  # fmt: skip
-    parts = [
-        (count, side * np.deg2rad(angle), until) for _ in speeds for _, count, angle, until in kinds for side in (1, -1)
-    ]
+    parts = [(n, side * np.deg2rad(angle), until) for _ in speeds for _, n, angle, until in kinds for side in (1, -1)]
     rest_samples = round(fitting.rest * fitting.rate)
     for swing in range(pool.SWINGS):
         at = [i for i, (count, *_) in enumerate(parts) if swing < count]
@@ -428,8 +426,7 @@ def plan_campaign(
     if earlier is not None:
         new = np.linalg.pinv(info.reported_covariance(info.moving(per_run)), hermitian=True)
         dof = float(max(len(per_run) + prior.used - 1, 1))
-        covariance = np.asarray(np.linalg.inv(new + before))
-        together = fitting.estimates(covariance, dict.fromkeys(fitting.estimands, dof))
+        together = fitting.estimates(np.asarray(np.linalg.inv(new + before)), dict.fromkeys(fitting.estimands, dof))
     return Plan(
         model=prior.stored.source, fitting=fitting, limits=limits, supply=supply, seed=seed, wanted=wanted,
         slots=_with_ways(slots, why, fitting), now=prior.now, alone=fitting.predicted(per_run), together=together,
@@ -511,8 +508,7 @@ def specification(plan: Plan) -> tuple[dict[str, object], str]:
     needy = [term.name for term in added if effects.get(term.name).needs]
     noises = {"noise_deg": fitting.noise, "rate_noise_deg_s": fitting.rate_noise}
     return {
-        "schema": SIMULATION_SCHEMA,
-        "seed": plan.seed,
+        "schema": SIMULATION_SCHEMA, "seed": plan.seed,
         "vehicle": {
             symbols.inertia: model.inertia, symbols.quadratic: quadratic, symbols.linear: linear,
             f"{model.dof.words.force}_unit": model.moment_unit,
@@ -524,10 +520,7 @@ def specification(plan: Plan) -> tuple[dict[str, object], str]:
         "logger": {"rate_hz": fitting.rate} | {
             key: round(float(np.rad2deg(noise)), 6) for key, noise in noises.items() if noise is not None
         },
-        "scatter": {
-            "gain": fitting.scatter,
-            "start_heading_deg": [slot.candidate.start_heading for slot in plan.slots],
-        },
+        "scatter": {"gain": fitting.scatter, "start_heading_deg": [run.start_heading for run in plan.candidates]},
         "campaign": {
             "order": "listed", "rest_before_s": limits.runs.rest_before_s, "wait_between_s": limits.pool.wait_s,
         },

@@ -181,28 +181,23 @@ class PaperRun:
 def candidates(model: Model, limits: Limits, largest: float) -> tuple[PaperRun, ...]:
     """List every run that the limits allow, in a fixed order, both sides of each."""
     # even in the root of the moment, hence in the yaw rate under quadratic drag
-    roots, sides, turn = np.linspace(MIN_MOMENT_SHARE**0.5, 1.0, limits.moments.levels), (1, -1), limits.pool.turn_deg
+    roots, ways, turn = np.linspace(MIN_MOMENT_SHARE**0.5, 1.0, limits.moments.levels), (1, -1), limits.pool.turn_deg
     sizes = (*(float(f"{largest * root**2:.3g}") for root in roots[:-1]), largest)
-    first_parts = [  # moment, seconds and label of the steps after which a run goes on
-        (side * size, _seconds(model, size, degrees), f"{moment_text(side * size)}_{degrees:.0f}deg")
-        for size in sizes[1::2] for degrees in (turn / 3, 2 * turn / 3) for side in sides
+    first_parts = [  # moment and seconds of the steps after which a run goes on, and their label
+        ((side * size, _seconds(model, size, degrees)), f"{moment_text(side * size)}_{degrees:.0f}deg")
+        for size in sizes[1::2] for degrees in (turn / 3, 2 * turn / 3) for side in ways
     ]  # fmt: skip
-    whole_steps = [step_of(model, side * largest, turn) for side in sides]
+    whole_steps = [step_of(model, side * largest, turn) for side in ways]
     constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
     coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
     every: dict[str, Iterable[PaperRun]] = {
-        "step": (
-            step_of(model, side * size, share * turn) for size in sizes for share in STEP_SHARES for side in sides
-        ),
-        "coast-down": (
-            PaperRun("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
-            for moment, hold, label in first_parts
-        ),
+        "step": (step_of(model, side * size, share * turn) for size in sizes for share in STEP_SHARES for side in ways),
+        "coast-down": (PaperRun("coast-down", f"coast_{label}", (part, (0.0, coast))) for part, label in first_parts),
         "reversal": (
             PaperRun("reversal", f"reversal_{label}", ((moment, hold), (-moment, round(1.5 * hold, 1))))
-            for moment, hold, label in first_parts
+            for (moment, hold), label in first_parts
         ),
-        "slow-ramp": (_ramp(side * size) for size in (sizes[0], sizes[len(sizes) // 2]) for side in sides),
+        "slow-ramp": (_ramp(side * size) for size in (sizes[0], sizes[len(sizes) // 2]) for side in ways),
         "long-turn": (
             step_of(model, moment, model.dof.shown(model.dof.limits.long), "long-turn", f"long_{moment_text(moment)}")
             for size in (largest, sizes[limits.moments.levels // 2]) for moment in (size, -size)

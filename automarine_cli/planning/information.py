@@ -268,8 +268,7 @@ class Fitting:
         positive = np.append(problem.parameters.log[:size], False)
         scale = np.where(self.parameters.log & ~positive, natural, 1.0)[self.parameters.free]
         back *= scale[:, None]
-        projected = back @ runs @ back.T
-        return np.asarray(projected)
+        return np.asarray(back @ runs @ back.T)
 
     def _of_problem(self, problem: Problem) -> Floats:
         variances, phi, free = self.variances(problem), self.phi(problem), self.parameters.free

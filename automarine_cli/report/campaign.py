@@ -207,11 +207,6 @@ class MotionResults:
             self.added, self.base = " and ".join(effect.name for effect in file.effects), dict(file.base)
 
     @property
-    def hero(self) -> StepResult | None:
-        """The validation of the final model, which the page shows first; None where there is none."""
-        return self.final or (None if self.added else self.validation)
-
-    @property
     def superseded(self) -> StepResult | None:
         """The validation of a model that a diagnosis replaced by the final one, which was validated too."""
         return self.validation if self.final else None
@@ -373,7 +368,8 @@ def make_report(folder: Path, title: str | None = None, ran: RunFile | None = No
     grades = [{"motion": motion} | row if several else row for motion, rows in numbers.items() for row in rows]
     good_enough: list[Table | str] = ["## Is it good enough?", Table.of("", grades), WORST] if grades else []
     pages = [result for result in reversed(list(steps.values())) if result.step.section]
-    heroes = [MotionResults(steps, result.step.section).hero for result in pages]
+    motions = (MotionResults(steps, result.step.section) for result in pages)
+    heroes = [of.final or (None if of.added else of.validation) for of in motions]  # first: of the final model
     pages.sort(key=lambda result: (SECTIONS.index(result.step.section), result not in heroes))
     manifests = [result.manifest for result in steps.values() if result.manifest]
     versions = {", ".join(map(" ".join, [("automarine", of.automarine), *of.libraries.items()])) for of in manifests}
@@ -462,7 +458,10 @@ def five_numbers(
 ) -> Iterator[dict[str, str]]:  # fmt: skip
     """Give a row of each number with its verdict, a dash for what was not measured."""
     of_restarts, of_ahead = _errors(validation) if validation else (("not validated", ""),) * 2
-    found = (_runs_used(runs), _widest(estimates), of_restarts, of_ahead, _diagnosis(diagnosis))
+    every, aside = runs.used + len(runs.set_aside), len(runs.set_aside)
+    few = runs.used < MIN_RUNS_USED or aside > MAX_SET_ASIDE_SHARE * every
+    of_runs = f"{runs.used} of {every}", CLOSER if few else GOOD
+    found = (of_runs, _widest(estimates), of_restarts, of_ahead, _diagnosis(diagnosis))
     for (name, (good, unfit)), (value, verdict) in zip(GRADE_LIMITS.items(), found):
         row = {"look at": name, "verdict": verdict or MISSING, "value": value}
         yield {**row, f"{GOOD} if": good, f"{UNFIT} if": unfit}
@@ -480,12 +479,6 @@ def worst(rows: Sequence[Mapping[str, str]]) -> str:
 
 def _graded(value: float, limits: tuple[float, float]) -> str:
     return GRADES[sum(value > limit for limit in limits)]
-
-
-def _runs_used(runs: RunsUsed) -> tuple[str, str]:
-    every = runs.used + len(runs.set_aside)
-    few = runs.used < MIN_RUNS_USED or len(runs.set_aside) > MAX_SET_ASIDE_SHARE * every
-    return f"{runs.used} of {every}", CLOSER if few else GOOD
 
 
 def _widest(estimates: Mapping[str, Estimate | None]) -> tuple[str, str]:

@@ -230,10 +230,8 @@ def _verdict(
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     dof, part, plane, effects = diagnosis.dof, diagnosis.decisive, diagnosis.motion.turns, diagnosis.effects
     unit, free, data = dof.units.shown, diagnosis.from_commands, "runs could show"
-    sizes, alone = (
-        errors_of(part.gap.to_json(unit, dof.shown), unit),
-        errors_of(free.to_json(unit), unit) if free else [],
-    )
+    sizes = errors_of(part.gap.to_json(unit, dof.shown), unit)
+    alone = errors_of(free.to_json(unit), unit) if free else []
     of = " of the fitted runs" if part is diagnosis.fitted else f" of the {plural(len(part.runs), 'run')} held out"
     drag = [effect.name for effect in effects if effect.name in DRAG and not plane]
     counted = [effect.title for effect in effects if effect.title not in drag]
@@ -241,24 +239,22 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if counted and drag:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
     if plane:
-        error, level = "error of the heading", "no run is long enough for predictions"
+        what, level = "error of the heading", "no run is long enough for predictions"
         if part.outlook is None:
             sizes = [MISSING, MISSING]
         else:
             sizes, level = _forecast(part.outlook.longest, dof)
             of = "" if part is diagnosis.fitted else " of the runs held out"
-            error = f"error of headings predicted {part.outlook.longest[0].horizon:g} s ahead{of}"
+            what = f"error of headings predicted {part.outlook.longest[0].horizon:g} s ahead{of}"
     else:
         level = f"noise of the {dof.words.position} {number(dof.shown(part.gap.floor), 3)} {unit}"
         if judged := part.outlook and part.outlook.judged:
             sizes, misses = _forecast(judged, dof)
             level = f"{misses}, {level}"
-        error = f"error{of}, with each run's{OWN_THRUST[1:]},"
+        what = f"error{of}, with each run's{OWN_THRUST[1:]},"
         if diagnosis.driven:
-            error, data = f"error of predictions {HORIZON:g} s ahead{of}", f"{data} beside their disturbances"
-    return _verdict(
-        diagnosis.verdict, names, diagnosis.why, error, sizes, unit, level, data, diagnosis.remainder, alone
-    )
+            what, data = f"error of predictions {HORIZON:g} s ahead{of}", f"{data} beside their disturbances"
+    return _verdict(diagnosis.verdict, names, diagnosis.why, what, sizes, unit, level, data, diagnosis.remainder, alone)
 
 
 @sections.register

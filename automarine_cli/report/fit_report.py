@@ -115,8 +115,7 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
         if abs(share) > CORRELATED and set(pair) <= set(EVERY_ROLE) and not {i, j} & set(fit.mixed.at_bound):
             says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
             cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
-    joint = [caution for caution in cautions if caution.parameters == DRAG]
-    return joint or cautions
+    return [caution for caution in cautions if caution.parameters == DRAG] or cautions
 
 
 def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
@@ -288,10 +287,9 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     laws = ", ".join(f"{model} {law}" for model, law in DRAG_LAWS.items())
     of_units = (
-        f"Drag of the models: {laws}. {dof.words.force.capitalize()} [{unit}], "
-        f"{quadratic} [{dof.unit_of('quadratic', unit)}], "
-        f"{linear} [{dof.unit_of('linear', unit)}], SSE [{squared}] of the plain least squares; brackets are 95 % "
-        "intervals."
+        f"Drag of the models: {laws}. {dof.words.force.capitalize()} [{unit}], {quadratic} "
+        f"[{dof.unit_of('quadratic', unit)}], {linear} [{dof.unit_of('linear', unit)}], SSE [{squared}] of the plain "
+        "least squares; brackets are 95 % intervals."
     )
     title = f"Table 1. Identified {dof.name} models: drag"
     return Table.of(title, rows, (of_units, *_signs(dof), *notes), (3, 7)).without_empty_rows()

@@ -54,12 +54,11 @@ class Check(Shown):
     def to_json(self) -> dict[str, object]:
         runs = {dof: [run.to_json() for run in self.runs if run.dof is dof] for dof in DOFS.values()}
         return {
-            "schema": CHECK.schema,
-            "logs": self.logs,
+            "schema": CHECK.schema, "logs": self.logs,
             "runs": runs_json(len(self.runs) + len(self.tests), self.set_aside),
             **{f"{dof.name}_runs": of_dof for dof, of_dof in runs.items() if dof is YAW or of_dof},
             "thruster_tests": [asdict(test) for test in self.tests],
-        }
+        }  # fmt: skip
 
 
 def run_pages(seen: Sequence[RunSeen]) -> dict[str, Drawing]:
@@ -174,13 +173,11 @@ class Slices(Shown):
     def to_json(self) -> dict[str, Any]:
         cuts = self.cuts
         return {
-            "schema": "automarine/slices/1",
-            "by": self.by,
-            "slices": cuts,
+            "schema": "automarine/slices/1", "by": self.by, "slices": cuts,
             "left_out": [gap for source in self.sources for gap in source.between],
             "sources": [{"file": source.file, "notes": list(source.notes)} for source in self.sources],
             "runs": runs_json(len(cuts), self.set_aside),
-        }
+        }  # fmt: skip
 
 
 @sections.register
@@ -202,8 +199,7 @@ def _(result: Slices) -> Sections:
     logs_cut = (log for source in result.sources for log in source.contents)
     files: dict[str, Content] = dict(zip((cut["file"] for cut in cuts), logs_cut))
     files |= {"slices.json": content, "slices.md": table.to_markdown()}
-    folders = dict.fromkeys(cut["file"].partition("/")[0] + "/" for cut in cuts)
-    listed = ("slices.json", "slices.md", *folders)
+    listed = ("slices.json", "slices.md", *dict.fromkeys(cut["file"].partition("/")[0] + "/" for cut in cuts))
     return Sections([f"{answer}.", table], files, listed=listed, rows=cuts)
 
 
@@ -271,11 +267,8 @@ class Samples(Shown):
 @sections.register
 def _(result: Samples) -> Sections:
     listed = sorted({f"{path.parts[0]}/" for path in result.files if len(path.parts) > 1})
-    return Sections(
-        [],
-        listed=listed,
-        answer=f"{len(result.files)} sample files: simulated logs of known truth, and those of a real boat.",
-    )
+    answer = f"{len(result.files)} sample files: simulated logs of known truth, and those of a real boat."
+    return Sections([], listed=listed, answer=answer)
 
 
 @sections.register

@@ -69,8 +69,7 @@ def words(text: str) -> str:
 
 def _symbols(text: str) -> str:
     """Escaped text with symbols as in print, in which no per cent sign begins a line."""
-    tied = escape(text).replace(" %", "\N{NO-BREAK SPACE}%")
-    return with_symbols(tied, "<var>{}</var><sub>{}</sub>")
+    return with_symbols(escape(text).replace(" %", "\N{NO-BREAK SPACE}%"), "<var>{}</var><sub>{}</sub>")
 
 
 def _table(block: Sequence[str]) -> str:
@@ -102,32 +101,12 @@ def page(text: str, folder: Path, title: str) -> str:
     body = to_html(text, lambda place, alt: figure(folder, place, alt))
     headings = re.findall(r'^<h2 id="(.+?)">(.*) <a class="anchor"', body, flags=re.MULTILINE)
     links = (f'<a href="#{name}">{heading}</a>' for name, heading in headings)
-    style, script = (
-        files("automarine_cli.report").joinpath(f"page.{kind}").read_text(encoding="utf-8").strip()
-        for kind in ("css", "js")
-    )
-    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()  # this script, and no other
+    css, js, html = (files(__package__).joinpath(f"page.{kind}").read_text("utf-8") for kind in ("css", "js", "html"))
+    allowed = base64.b64encode(hashlib.sha256(js.strip().encode()).digest()).decode()  # this script, and no other
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{allowed}'"
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{escape(title)}</title>
-<link rel="icon" href="data:,">
-<style>{style}</style>
-</head>
-<body>
-<nav aria-label="Sections">{"".join(links)}</nav>
-<main>
-{body}
-</main>
-<script>{script}</script>
-</body>
-</html>
-"""
+    return html.format(
+        css=css.strip(), js=js.strip(), policy=policy, title=escape(title), links="".join(links), body=body
+    )
 
 
 def figure(folder: Path, place: str, alt: str) -> str:

@@ -69,13 +69,9 @@ def _block(
     for number, row in enumerate(grid):
         if number == 1 or number - 1 in rules:
             lines.append(rule)
-        cells = (
-            [row[i]] if len(row[i]) <= wide else _wrapped(" ".join(_words(row[i])), wide) for i, wide in widths.items()
-        )
+        cells = ([row[i]] if len(row[i]) <= w else _wrapped(" ".join(_words(row[i])), w) for i, w in widths.items())
         for parts in zip_longest(*cells, fillvalue=""):
-            aligned = (
-                text.rjust(wide) if right[i] else text.ljust(wide) for text, (i, wide) in zip(parts, widths.items())
-            )
+            aligned = (text.rjust(w) if right[i] else text.ljust(w) for text, (i, w) in zip(parts, widths.items()))
             lines.append((" " * COLUMN_GAP).join(aligned).rstrip())
     return lines if len(grid) > 1 else [*lines, rule]
 
@@ -132,8 +128,8 @@ class Table:
         """Title, table and notes; rules have no form in Markdown and are left out."""
         sides = ["---:" if right else "---" for right in self._right()]
         lines = [f"**{escape(self.title)}**", ""] if self.title else []
-        lines += [_markdown_row(self.header), "| " + " | ".join(sides) + " |"]
-        lines += [_markdown_row(row) for row in self.rows]
+        header, *rows = ("| " + " | ".join(map(escape, row)) + " |" for row in (self.header, *self.rows))
+        lines += [header, "| " + " | ".join(sides) + " |", *rows]
         lines += [line for note in self.notes for line in ("", escape(note))]
         return "\n".join(lines) + "\n"
 
@@ -145,10 +141,10 @@ class Table:
             caption = re.sub(r"^Table \d+\. ", "", self.title)
             name = re.sub(r"[^a-z0-9]+", "-", caption.partition("[")[0].lower()).strip("-")
             lines += [rf"\caption{{{_latex(caption)}}}", rf"\label{{tab:{name}}}"]
-        lines += [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", _latex_row(self.header), r"\midrule"]
-        for i, row in enumerate(self.rows):
-            lines += [r"\midrule"] if i in self.rules and i > 0 else []
-            lines.append(_latex_row(row))
+        header, *rows = (" & ".join(map(_latex, row)) + r" \\" for row in (self.header, *self.rows))
+        lines += [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", header, r"\midrule"]
+        for i, row in enumerate(rows):
+            lines += [r"\midrule", row] if i in self.rules and i > 0 else [row]
         lines += [r"\bottomrule", r"\end{tabular}"]
         lines += [rf"\par\smallskip\footnotesize {_latex(note)}" for note in self.notes]
         lines.append(r"\end{table}")
@@ -238,10 +234,6 @@ def escape(text: str) -> str:
     return re.sub(r"\\`(automarine [\w. -]+)\\`", r"`\1`", re.sub(r"&(?=#?\w+;)", "&amp;", text))
 
 
-def _markdown_row(row: Sequence[str]) -> str:
-    return "| " + " | ".join(map(escape, row)) + " |"
-
-
 def _latex(cell: str) -> str:
     text = _one_line(cell)
     if match := re.fullmatch(r"([-+]?\d+(?:\.\d+)?)(?:e([-+]?\d+))?", text):
@@ -256,7 +248,3 @@ def _latex(cell: str) -> str:
 def with_symbols(text: str, form: str) -> str:
     """Set every symbol of a text in a `form` that takes letter and index."""
     return SYMBOL.sub(lambda match: form.format(match[1], re.sub(r"^(.)\1$", r"\1|\1|", match[2])), text)
-
-
-def _latex_row(row: Sequence[str]) -> str:
-    return " & ".join(map(_latex, row)) + r" \\"

@@ -87,8 +87,7 @@ def thrusters(result: ThrusterFit) -> Table:
         row: dict[str, object] = {result.logs.by: part["thruster"], "points": part.get("points")}
         for side, _ in SIDES:
             percent = part.get(side, {}).get("differs_percent")
-            law = result.parts[part["thruster"]].analysis.square[side] if side in part else None
-            row[f"a {side} [{unit}]"] = law
+            row[f"a {side} [{unit}]"] = result.parts[part["thruster"]].analysis.square[side] if side in part else None
             row[f"{side} from the others"] = MISSING if percent is None else f"{percent:+.1f} %"
         rows.append(row | {"beyond chance": part.get("why") or ("differs" if part["differs"] else "alike")})
     return Table.of(f"Each thruster by itself (column {result.logs.by})", rows, [
@@ -109,8 +108,7 @@ def coefficients(result: ThrusterFit) -> Table:
             "unit": law.unit if law else analysis.without.get(side, ""),
             "points": np.count_nonzero(analysis.points.n * sign > 0), "levels": analysis.levels(side),
         })  # fmt: skip
-    errors = _errors(analysis, analysis.law)
-    return Table.of("Square law F = a |n| n, least squares [95 % interval]", rows, [errors])
+    return Table.of("Square law F = a |n| n, least squares [95 % interval]", rows, [_errors(analysis, analysis.law)])
 
 
 def forms(result: ThrusterFit) -> Table:

@@ -20,7 +20,7 @@ FIRST_FLIGHT = (
 @sections.register
 def _(tuning: Tuning) -> Sections:
     listed = [TUNING.file, "tuning.md", "tuning.csv", "gains.csv", "tuning.png"]
-    verdict, *more = _sentences(tuning)
+    says = _sentences(tuning)
     tables = [] if tuning.new is None and tuning.old is None else [_gains_table(tuning), _promised_table(tuning)]
     files: dict[str, Content] = {TUNING.file: tuning.to_json(), "tuning.md": _page(tuning, tables)}
     files |= {name: table.to_csv() for name, table in zip(("gains.csv", "tuning.csv"), tables)}
@@ -29,9 +29,7 @@ def _(tuning: Tuning) -> Sections:
         listed.insert(0, tuning.target.file)
         files[tuning.target.file] = tuning.target_text()
     rows = [{"parameter": name} | gain for name, gain in tuning.gains().items()]
-    return Sections(
-        [verdict, *more, *tuning.knowledge.notes, *tables[:1]], files, figures, listed, rows, details=tables[1:]
-    )
+    return Sections([*says, *tuning.knowledge.notes, *tables[:1]], files, figures, listed, rows, details=tables[1:])
 
 
 def _sentences(tuning: Tuning) -> list[str]:
@@ -62,8 +60,7 @@ def _promised_table(tuning: Tuning) -> Table:
     }  # fmt: skip
     columns = dict[str, dict[str, str]]()
     for name, outcome in tuning.outcomes():
-        bands = margins_of(outcome) | promises(outcome, dof)
-        columns[name] = {key: cell(of) for key, of in bands.items()}
+        columns[name] = {key: cell(of) for key, of in (margins_of(outcome) | promises(outcome, dof)).items()}
         columns[name]["settles"] = f"{100 * np.mean(outcome.scores.settles):.0f} %"
         columns[name]["keeps"] = f"{100 * outcome.share_with(task.margin):.0f} %"
         columns[name]["rejects"] = f"{100 * np.mean(outcome.scores.left <= task.band):.0f} %"

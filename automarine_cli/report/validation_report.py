@@ -61,9 +61,7 @@ def _(result: Prediction) -> Sections:
     stems = ["prediction"] if alone else [f"prediction_{stem}" for stem in file_stems(names)]
     form = partial(_file_of, columns, result.parquet)
     files: dict[str, Content] = {"prediction.json": result.to_json(), table: form}
-    figures = {
-        name: Drawing("runs.prediction_figure", of_run, result.shown) for name, of_run in zip(stems, result.predicted)
-    }
+    figures = {name: Drawing("runs.prediction_figure", run, result.shown) for name, run in zip(stems, result.predicted)}
     rows = list[dict[str, object]]()
     for of_run in result.predicted:
         rows.append({"run": of_run.run.name, "s": number(float(np.ptp(of_run.run.time)), 3)})
@@ -165,8 +163,7 @@ def overall_table(result: Validation) -> Table:
     rows = []
     for model, scored in result.models.items():
         cells = {result.dof.fill(result.scores[name].heading): _cell(name, of) for name, of in scored.overall.items()}
-        first = next(iter(cells))
-        rows.append({"model": model} | cells | ({first: DIVERGED_CELL} if scored.diverged else {}))
+        rows.append({"model": model} | cells | ({next(iter(cells)): DIVERGED_CELL} if scored.diverged else {}))
     return Table.of(f"Validation over {plural(len(result.runs), 'run')}", rows, (result.because, *_notes(result)))
 
 
@@ -185,9 +182,8 @@ def run_table(result: Validation) -> Table:
             "horizon s": number(restarts.horizon, 3), "s": number(float(run.time[-1] - run.time[0]), 3),
             "start": starts[i].start.how.split(":")[0],
         }  # fmt: skip
-    return Table.of(
-        f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted", rows
-    )
+    title = f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted"
+    return Table.of(title, rows)
 
 
 def ahead_table(result: Validation) -> Table:

@@ -179,8 +179,7 @@ def _stuck_at(run: Run, readings: Floats) -> float | None:
     same = readings == at
     if way < max(run.dof.limits.unmoved, 5.0 * run.noise) or counts.max() < STUCK_SHARE * counts.sum():
         return None
-    bent = _freed(run.time[same], run.position[same])
-    return at if np.ptp(bent) > max(5.0 * run.noise, MIN_BEND * way) else None
+    return at if np.ptp(_freed(run.time[same], run.position[same])) > max(5.0 * run.noise, MIN_BEND * way) else None
 
 
 def _freed(time: Floats, values: Floats, *, line: bool = True) -> Floats:

@@ -93,8 +93,7 @@ def _step(run: Run, first: int, stop: int, moment: float, least: float) -> Step:
     rate = 0.0
     from_rest = rest_from < first
     if not from_rest:
-        limit = run.dof.limits.start
-        rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], run.noise, limit)
+        rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], run.noise, run.dof.limits.start)
         # too little before the step to tell: its own start decides
         from_rest = first < SHORT_REST_SAMPLES and abs(rate) <= SLOW_RATE_SHARE * abs(pace) + REST_STDERRS * doubt
     return Step(run, first, stop, moment, slice(rest_from, first) if rest_from < first else None, from_rest, rate)

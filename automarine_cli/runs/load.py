@@ -16,19 +16,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import ExcludedRun, FitError, LogError, RunError
-from automarine_cli.logs import (
-    ColumnMap,
-    LogFile,
-    Logs,
-    LogTable,
-    find_logs,
-    is_let_go,
-    read_log,
-    require,
-    require_motion,
-)
+from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log
 from automarine_cli.logs.columns import RUN, driven, names_of
-from automarine_cli.logs.table import GIVE_IT
+from automarine_cli.logs.table import GIVE_IT, is_let_go, require, require_motion
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs import checks

@@ -128,6 +128,8 @@ def look_at_run(run: Run) -> RunSeen:
     best = next((turn for turn in turns if not turn.why), None)
     why = still(run) if run.dof.restoring else why_none(driven, turns) if best is None else None
     levels = sorted({moment for _, _, moment in segments(driven.command)})
+    used, part = np.zeros(len(run), dtype=bool), slice(None, None, max(1, len(run) // MAX_TRACED))
+    used[slice(0) if best is None else best.kept] = True
     return RunSeen(
         run.dof, run.source, run.name, samples=len(run), begins_s=float(run.time[0]),
         duration_s=float(run.time[-1] - run.time[0]), rate_hz=1 / run.sample_period,
@@ -140,16 +142,11 @@ def look_at_run(run: Run) -> RunSeen:
         steps=[_step_seen(turn) for turn in turns], half_turn=None if best is None else _step_seen(best),
         why=why, columns=sorted(run.extras),
         notes=[*run.notes, *(run.dof.fill(ALREADY_ON) for turn in turns if turn.step.begins_log)],
-        trace=_trace_of(driven, best), commanded=commanded(run),
+        trace=Trace(
+            (run.time - run.time[0])[part], run.dof.shown(run.position)[part], driven.command[part], used[part]
+        ),
+        commanded=commanded(run),
     )  # fmt: skip
-
-
-def _trace_of(run: Run, best: HalfTurn | None) -> Trace:
-    used = np.zeros(len(run), dtype=bool)
-    if best is not None:
-        used[best.kept] = True
-    part = slice(None, None, max(1, len(run) // MAX_TRACED))
-    return Trace((run.time - run.time[0])[part], run.dof.shown(run.position)[part], run.command[part], used[part])
 
 
 def with_limits(runs: Sequence[RunSeen]) -> list[RunSeen]:

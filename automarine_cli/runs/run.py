@@ -274,11 +274,10 @@ class Run:
 
     def cut(self, start: int, stop: int) -> "Run":
         """Samples start:stop of this run."""
-        moment = None if self.moment is None else self.moment[start:stop]
-        extras = {name: column[start:stop] for name, column in self.extras.items()}
-        return replace(
-            self, time=self.time[start:stop], position=self.position[start:stop], moment=moment, extras=extras
-        )
+        part = slice(start, stop)
+        moment = None if self.moment is None else self.moment[part]
+        extras = {name: column[part] for name, column in self.extras.items()}
+        return replace(self, time=self.time[part], position=self.position[part], moment=moment, extras=extras)
 
 
 def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:

@@ -182,7 +182,7 @@ def _integrate(
     logged: Mapping[str, Floats] = {}
     for first, last, on in _stretches(batch.length):
         there, now, water = position[..., :on], velocities[first, ..., :on], list(stirred[first, ..., :on])
-        running = [of_first_runs(term, on) for term in movers]
+        running = [replace(t, values=tuple(v[:, :on] if v.shape[1] > 1 else v for v in t.values)) for t in movers]
         of_these = inertia[..., :on] if own else inertia
         slope = right_hand_side(motion, running, of_these, current, travelled[0, ..., :on])
         for m in range(first, last):
@@ -217,11 +217,6 @@ def _stretches(length: Floats) -> Iterator[tuple[int, int, int]]:
         last = int(ends[:on][::-1][int((1.0 - SHRINKS) * on)]) if on else length.shape[1]
         yield first, last, on
         first = last
-
-
-def of_first_runs(term: Bound, count: int) -> Bound:
-    """Return a term of the first runs alone."""
-    return replace(term, values=tuple(v[:, :count] if v.shape[1] > 1 else v for v in term.values))
 
 
 def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: tuple[int, ...]) -> Floats:

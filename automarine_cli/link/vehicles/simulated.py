@@ -71,8 +71,7 @@ class Simulated:
         run, begins = campaign.runs[number], campaign.begins(number)
         name = campaign.log_name(run)
         time, heading, moments = self.track(campaign, run)
-        noise = COMPASS_NOISE_DEG * normal(len(time), 0, name)
-        readings = np.round(np.rad2deg(heading) + noise, 3) % 360.0
+        readings = np.round(np.rad2deg(heading) + COMPASS_NOISE_DEG * normal(len(time), 0, name), 3) % 360.0
         if halted():
             return
         yield f"# Driven by a simulated vehicle, {name}: no measurement.\n"

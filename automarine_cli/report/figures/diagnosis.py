@@ -81,9 +81,8 @@ def before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
     gap = part.gap
     for r, run in enumerate(part.runs):
         clock = run.time - run.time[0] if gap.time is None else gap.time[r]
-        pairs = [
-            (np.flatnonzero(of_model[r]), of_model[r]) for of_model in gap.residuals
-        ]  # zero: padded, not predicted
+        # zero: padded, not predicted
+        pairs = [(np.flatnonzero(of_model[r]), of_model[r]) for of_model in gap.residuals]
         residuals.append((run.name, [(clock[at], np.asarray(dof.shown(errors[at]))) for at, errors in pairs]))
     horizon, state = gap.horizon or HORIZON, "" if plane else " from filtered states"
     how = f"predicted {horizon:g} s ahead{state}" if diagnosis.driven else "with their own thrust and start"

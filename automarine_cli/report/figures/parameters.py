@@ -45,8 +45,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     """Draw thrust and residuals of one thruster against its control signal, coloured by voltage, and the map."""
     points, pooled, good = result.points, result.analysis, result.points.flag == ""
     unit = {"us": "µs"}.get(pooled.n_unit, pooled.n_unit) or "unit as logged"
-    control = f"Control signal n [{unit}]"
-    labels = control, "Thrust of one thruster [N]", "Measured − fitted [N]"
+    labels = f"Control signal n [{unit}]", "Thrust of one thruster [N]", "Measured − fitted [N]"
     figure, thrust, residuals = style.above_residuals(PAGE_IN * 0.8, 5.6, labels)
     thrust.axhline(0.0, color="0.6", lw=0.6)
     n, force, spread = points.n[good], points.force[good], np.nan_to_num(points.spread[good])
@@ -68,8 +67,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
         label, line = ("square law", "--") if square else (f"chosen: {chosen}{law}", "-")
         label += sizes if square or chosen == "square" else ""
         thrust.plot(along, fit.along(along), color=colour, ls=line, label=label, zorder=3)
-        residual = force - fit.along(n)
-        residuals.plot(n, residual, "o", color=colour, mfc="none" if square else colour)
+        residuals.plot(n, force - fit.along(n), "o", color=colour, mfc="none" if square else colour)
     for side, sign in SIDES:
         if isinstance(curve := pooled.chosen.curves.get(side), SplineCurve):
             values = pooled.chosen.estimates[side].values()
@@ -102,12 +100,12 @@ def residuals_figure(
         shortest = min(len(values) for _, values in residuals)
         lags = np.arange(1, min(MAX_LAGS, shortest - 1) + 1)
         interval_s = float(np.median(np.concatenate([np.diff(time) for time, _ in residuals])))
-        alike = autocorrelation([values for _, values in residuals], len(lags))
+        acf = autocorrelation([values for _, values in residuals], len(lags))
         band = 1.96 / np.sqrt(len(left))
         lagged.axhspan(-band, band, color="0.88", lw=0, zorder=0, label="95 % of white noise")
-        lagged.vlines(lags * interval_s, 0.0, alike, color=COLOURS["blue"], lw=1.2, label="residuals")
+        lagged.vlines(lags * interval_s, 0.0, acf, color=COLOURS["blue"], lw=1.2, label="residuals")
         lagged.axhline(0.0, color="0.4", lw=0.6)
-        lagged.set_ylim(min(-0.3, 1.1 * float(alike.min())), max(0.5, 1.1 * float(alike.max())))
+        lagged.set_ylim(min(-0.3, 1.1 * float(acf.min())), max(0.5, 1.1 * float(acf.max())))
         lagged.legend(loc="upper right")
         edges = np.linspace(-MAX_RESIDUAL, MAX_RESIDUAL, 51)
         shown = np.clip(left, -MAX_RESIDUAL, MAX_RESIDUAL)
@@ -115,9 +113,7 @@ def residuals_figure(
         normal = np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
         spread.plot(edges, normal, color=COLOURS["black"], lw=1.0, label="normal")
         spread.legend(loc="upper right")
-        said.append(
-            f"residuals {np.sqrt(np.mean(left**2)):.2f} times the noise, neighbours correlate by {alike[0]:.2f}"
-        )
+        said.append(f"residuals {np.sqrt(np.mean(left**2)):.2f} times the noise, neighbours correlate by {acf[0]:.2f}")
     over_time.set(title="Residuals over time", xlabel="Time [s]", ylabel="Residual [× noise]")
     lagged.set(title="Autocorrelation", xlabel="Lag [s]", ylabel="Correlation [1]")
     spread.set(
@@ -208,8 +204,7 @@ def tuning_figure(tuning: "Tuning") -> Figure:
             (colour, line), clock, reach = GAIN_LOOKS[name], outcome.flight.time, MAX_RUNAWAY_STEPS * way
             flown = np.clip(np.nan_to_num(dof.shown(outcome.flight.position[:, i]), nan=reach), -reach, reach)
             low, middle, high = np.quantile(flown, [0.025, 0.5, 0.975], axis=0)
-            label = f"{name}, 95 %"
-            axes[0, i].fill_between(clock, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=label)
+            axes[0, i].fill_between(clock, low, high, color=COLOURS[colour], alpha=0.25, lw=0, label=f"{name}, 95 %")
             axes[0, i].plot(clock, middle, color=COLOURS[colour], ls=line, lw=1.0, label=f"{name}, median")
         axes[0, i].set_title(title, loc="left")
         position = f"{dof.words.position.capitalize()} [{dof.units.shown}]"

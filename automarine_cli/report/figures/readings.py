@@ -50,7 +50,8 @@ def _axis(ax: Axes, side: str, figure: Figure) -> dict[str, Any]:
     column. Ticks with words give these."""
     axis: Axis = getattr(ax, f"{side}axis")
     ends = [float(end) for end in getattr(ax, f"get_{side}lim")()]
-    adjacent = (other for other in figure.axes if np.allclose(_edges(other, side), _edges(ax, side), atol=SAME_PLACE))
+    edges = {other: other.get_position().get_points()[:, "xy".index(side)] for other in figure.axes}
+    adjacent = (other for other in figure.axes if np.allclose(edges[other], edges[ax], atol=SAME_PLACE))
     labels = (getattr(other, f"get_{side}label")() for other in (ax, *adjacent))
     told: dict[str, Any] = {"ends": ends, "label": _plain(next(filter(None, labels), side))}
     if axis.get_scale() == "log":
@@ -58,10 +59,6 @@ def _axis(ax: Axes, side: str, figure: Figure) -> dict[str, Any]:
     if isinstance(axis.get_major_formatter(), FuncFormatter):  # which matplotlib sets where ticks are words
         told["words"] = {f"{at:g}": tick.get_text() for at, tick in zip(axis.get_ticklocs(), axis.get_ticklabels())}
     return told
-
-
-def _edges(ax: Axes, side: str) -> Any:
-    return ax.get_position().get_points()[:, "xy".index(side)]
 
 
 def _series(ax: Axes, number: int, looks: Mapping[object, str]) -> Iterator[dict[str, Any]]:

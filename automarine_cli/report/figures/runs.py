@@ -70,8 +70,7 @@ def validation_figure(free: Mapping[str, FreeRun], stored: StoredModels, floor: 
     style.limit(positions, float(measured.min()), float(measured.max()), max(reach, 0.2 * float(np.ptp(measured))))
     name = style.shortened(run.name, MAX_TITLE_LETTERS)
     title = f"{name}: model {preferred}{added} {finding}; {dof.position} noise {number(floor, 2)} {unit}"
-    band = f"twice the {dof.position} noise"
-    errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=band)
+    errors.axhspan(-2 * floor, 2 * floor, color="0.92", lw=0, zorder=0, label=f"twice the {dof.position} noise")
     _draw_commands(command, run, run.time, in_plane=False)
     positions.set_ylabel(f"{dof.position.capitalize()} ${letters.position_math}$ [{unit}]")
     positions.set_title(title, loc="left", parse_math=False)
