@@ -8,7 +8,7 @@ import pytest
 from test_readme import PAGES, commands, sentences, without_fences, words
 
 MAX_WORDS = 30  # a sentence; write for 25
-MAX_WORDS_IN_ALL = 34_600
+MAX_WORDS_IN_ALL = 34_690
 MADE = ("troubleshooting", "campaign-file", "limits-file", "effects-gallery", "why-not")
 """Pages that are made of others and of the code, whose words are written elsewhere."""
 DENIED = (
