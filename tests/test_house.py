@@ -30,13 +30,13 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 5856, "report": 5249, "logs": 4002, "diagnosis": 3936, "commands": 3505, "runs": 2739,
-    "thrusters": 2713, "link": 2657, "control": 2178, "effects": 2306, "planning": 1898, "simulation": 1662,
-    "exports": 1938, "comparison": 1645, "models": 1238, "filters": 1003, "pipeline": 807, "dofs": 588, "top": 325,
-    "guide": 402,
+    "fits": 5824, "report": 5148, "logs": 3998, "diagnosis": 3943, "commands": 3479, "runs": 2719,
+    "thrusters": 2707, "link": 2649, "control": 2168, "effects": 2283, "planning": 1869, "simulation": 1662,
+    "exports": 1825, "comparison": 1645, "models": 1227, "filters": 946, "pipeline": 807, "dofs": 507, "top": 291,
+    "guide": 388,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 46_613
-MAX_FILES = 225
+MAX_LINES_IN_ALL = 46_085
+MAX_FILES = 219
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
