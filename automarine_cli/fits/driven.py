@@ -267,13 +267,19 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     if chosen == INNOVATIONS:
         return replace(likely, estimator=says)
     fit = fits[chosen]
-    covariance = run_covariance(fit).copy()
-    quantiles = [special.stdtrit(run_dof(fit, axis), 0.975) for axis in np.eye(len(fit.phi))[:count]]
-    bias = SHARES[chosen] * (plain.phi[:count] - innovations.phi[:count]) * special.ndtri(0.975) / quantiles
-    covariance[:count, :count] += np.outer(bias, bias)
+    covariance = _with_bias(run_covariance(fit), fit, SHARES[chosen] * (plain.phi - innovations.phi)[:count])
     model = likely.model.with_theta(fit.of_model)
-    best = replace(likely, model=model, mixed=fit, covariance=covariance, estimator=says, by_forecasts=True)
+    best = replace(likely, model=model, mixed=fit, covariance=covariance, estimator=says, to_forecasts=SHARES[chosen])
     return replace(best, ways=directional_drag(best)) if "difference" in best.roles else best
+
+
+def _with_bias(covariance: Floats, fit: Fit, bias: Floats) -> Floats:
+    """The covariance (p, p) with the square of what is biased by so much (m,) however few or many runs there are."""
+    count = len(bias)
+    quantiles = [special.stdtrit(run_dof(fit, axis), 0.975) for axis in np.eye(len(fit.phi))[:count]]
+    widened, bias = covariance.copy(), bias * special.ndtri(0.975) / quantiles
+    widened[:count, :count] += np.outer(bias, bias)
+    return widened
 
 
 def start_of(name: str, course: Course, place: int = 0) -> list[float]:
@@ -368,12 +374,13 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
     """The fit with intervals that allow for what it lacks, and the deviance gained by each of PROPOSED that the
     evidence asks for.
 
-    The square of the shift by which the best of them moves the parameters is added to their covariance.
+    The square of the shift by which the best of them moves the parameters is added to their covariance. Both are
+    estimated alike, also where that is the middle of two estimates.
     """
     narrow = fit.mixed
     problem = driven_problem(fit.model, course).informed(narrow.parameters.priors)
     likelihood, count = narrow.log_likelihood, len(fit.model.theta)
-    if fit.by_forecasts:
+    if fit.to_forecasts:
         likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
     have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
     for name in PROPOSED:
@@ -385,14 +392,14 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
         wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
         gain = 2.0 * (wide.log_likelihood - likelihood)
         if gain > MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2)):
-            phi = fit_forecasts(wider, wide.phi, wide.theta[None]).phi if fit.by_forecasts else wide.phi
+            phi = wide.phi
+            if fit.to_forecasts:
+                phi = phi + fit.to_forecasts * (fit_forecasts(wider, phi, wide.theta[None]).phi - phi)
             gains[name], shifts[name] = gain, phi[:count] - narrow.phi[:count]
     if not gains:
         return fit, {}
-    covariance = fit.covariance.copy()
     shift = shifts[max(gains, key=lambda name: gains[name])]
-    covariance[:count, :count] += np.outer(shift, shift)
-    return replace(fit, covariance=covariance), gains
+    return replace(fit, covariance=_with_bias(fit.covariance, narrow, shift)), gains
 
 
 MIN_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways

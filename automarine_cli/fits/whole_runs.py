@@ -387,7 +387,8 @@ MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs 
 
 @dataclass(frozen=True)
 class OutputErrorFit:
-    """One model, with its values, fitted to positions by maximum likelihood, or to forecasts where `by_forecasts` says.
+    """One model, with its values, fitted to positions by maximum likelihood, or by the share `to_forecasts` of the way
+    from there to least squares of forecasts.
 
     `covariance` (p, p) is that of phi with the run as the unit, `scatters` says whether the thrust may from run to run;
     `ways` the drag of each way where that was asked. `estimator` says by what the parameters of driven runs were
@@ -401,7 +402,7 @@ class OutputErrorFit:
     scatters: bool = True
     ways: Ways | None = None
     estimator: str = ""
-    by_forecasts: bool = False
+    to_forecasts: float = 0.0
 
     @cached_property
     def delay(self) -> Estimate:

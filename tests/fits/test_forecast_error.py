@@ -164,9 +164,16 @@ def test_intervals_hold_what_a_missing_dead_band_does_and_else_stay() -> None:
         assert list(gains) == ["dead-band"] and gains["dead-band"] > 20.0
         low, high = plain.estimates["I_r"].ci95
         assert not low < 1.0 < high
-        for name, truth in (("I_r", 1.0), ("k_rr", 1.2)):
-            low, high = wider.estimates[name].ci95
-            assert low < truth < high and wider.estimates[name].value == plain.estimates[name].value
+        problem, innovations = driven_problem(plain.model, course), plain.mixed
+        assert isinstance(innovations, InnovationsFit)
+        forecasts = fit_forecasts(problem, innovations.phi, innovations.theta[None])
+        mixed = with_chance(problem, forecasts.towards(innovations))
+        middle = replace(plain, mixed=mixed, model=plain.model.with_theta(mixed.of_model), to_forecasts=0.5)
+        for fit, widened, most in ((plain, wider, 0.2), (middle, inflate_for_missing(course, middle)[0], 0.7)):
+            for name, truth in (("I_r", 1.0), ("k_rr", 1.2)):
+                low, high = widened.estimates[name].ci95
+                assert low < truth < high and widened.estimates[name].value == fit.estimates[name].value
+            assert np.sqrt(widened.covariance[0, 0] - fit.covariance[0, 0]) < most
 
 
 @pytest.mark.slow
