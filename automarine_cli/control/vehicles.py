@@ -221,7 +221,7 @@ def _slope_of(vehicles: Vehicles) -> tuple[Slope, int]:
     terms = [replace(t, values=(*t.values, *[np.zeros((1, 1))] * t.effect.per_run)) for t in model.forces(theta)]
     movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
     states = sum(len(term.effect.states) for term in movers)
-    return right_hand_side(model.motion, movers, model.inertia_matrix(theta), None, np.zeros((1, 1, 1))), states
+    return right_hand_side(model, movers, model.inertia_matrix(theta), None, np.zeros((1, 1, 1))), states
 
 
 def holding(vehicles: Vehicles) -> Floats:

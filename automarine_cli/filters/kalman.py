@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
+from automarine_cli.logs.columns import SIGNALS
 from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
@@ -95,6 +96,10 @@ class Step:
         self.clock, self.signals = course.time, course.averaged_signals
         self.inverse = np.linalg.inv(model.inertia_matrix(theta))
         self.delivered, self.tilt = _delivered(terms, course, late)
+        self._commanded = {
+            name: course.averaged(column[None], late)[0].swapaxes(1, 2)
+            for name, column in course.signals.items() if name in SIGNALS and SIGNALS[name].commanded
+        }  # fmt: skip
         # A controller makes the command of a row of that row's reading: were it told beforehand, a sensor that commands
         # disturb would explain its own noise (closed loops: Forssell and Ljung 1999, Automatica 35:1215).
         fed = any(term.effect.reads_force for term in self.sensors)
@@ -134,6 +139,7 @@ class Step:
         pieces.delivered, pieces.tilt, *pieces._before = cuts
         pieces.clock = begin[:, None] + np.concatenate([0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1)
         pieces.signals = {name: column[run[:, None], at] for name, column in self.signals.items()}
+        pieces._commanded = {name: column[:, at.T, run] for name, column in self._commanded.items()}
         pieces._build(self._model, self._theta, 1, self.origin[:, run])
         return pieces
 
@@ -147,7 +153,7 @@ class Step:
         self._slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]
         self._curves = foreknown([t for t in model.forces(theta) if t.effect.needs], self.signals)
         inertia, current = model.inertia_matrix(wide), model.current(wide)
-        self._slope = right_hand_side(model.motion, movers, inertia, current, origin[:, None])
+        self._slope = right_hand_side(model, movers, inertia, current, origin[:, None])
 
     def moved(self, m: int, mean: Floats, ramp: Floats) -> Floats:
         """The state (n, P, R) at the end of step m, without derivatives, if it was built for one copy."""
@@ -181,7 +187,8 @@ class Step:
         h = self.course.length[:, m]
         begin, end = self.clock[:, m], self.clock[:, m + 1]
         signals = {name: column[:, m] for name, column in self.signals.items()}
-        signals |= {name: np.tile(curve[:, m], (self._copies, 1)) for name, curve in self._curves.items()}
+        late = self._commanded | self._curves
+        signals |= {name: np.tile(column[:, m], (self._copies, 1)) for name, column in late.items()}
         gain = np.exp(every[places.gain])
         levels = self.delivered[m], 0.5 * h * self.tilt[m]
         force, rise = ((level[:, None] * gain).reshape(dofs, *flat.shape[1:]) for level in levels)

@@ -33,7 +33,7 @@ ROTATIONS = tuple(dof for dof in DOFS.values() if dof.angular)
 class Signal:
     """A logged quantity that effects read: the unit of each of its `columns`, SI factors of all `units`, the `words`
     by which people call it. Tests make it from its `usual` value, how far it goes to both sides of that (`swing`) and
-    its `sign` in a mirrored run, -1 of what changes sides."""
+    its `sign` in a mirrored run, -1 of what changes sides. What is `commanded` acts as late as commands do."""
 
     columns: Mapping[str, str]
     units: Mapping[str, float]
@@ -41,6 +41,7 @@ class Signal:
     swing: float
     sign: int = 1
     words: tuple[str, ...] = ()
+    commanded: bool = False
 
 
 SIGNALS: Mapping[str, Signal] = {
@@ -50,11 +51,11 @@ SIGNALS: Mapping[str, Signal] = {
     ),
     "rudder": Signal(
         {"rudder_deg": "deg", "rudder_rad": "rad"}, ANGLES, 0.0, 0.5, -1,
-        words=("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "fin", "elevator"),
+        words=("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "fin", "elevator"), commanded=True,
     ),
     "surge": Signal({"surge_m_s": "m/s"}, SPEEDS, 0.0, 0.4),
     "sway": Signal({"sway_m_s": "m/s"}, SPEEDS, 0.0, 0.2, -1),
-    "force_X": Signal({}, FORCES, 0.0, 0.6),  # its columns are those of surge's command
+    "force_X": Signal({}, FORCES, 0.0, 0.6, commanded=True),  # its columns are those of surge's command
 }  # fmt: skip
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},
@@ -145,14 +146,20 @@ RUN, MODE, ARMED, BY = "run", "mode", "armed", "by"
 LABELS = (RUN, MODE, ARMED, BY)  # columns of words, not of numbers
 
 
-def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
-    """Quantities of other motions than `dof` or `motion`, under names of which a log may hold something else."""
+def foreign(dof: Dof, motion: Motion | None, quantities: Set[str]) -> frozenset[str]:
+    """Names of columns of other motions than `dof` or `motion`, under which a log may hold something else. A thrust in
+    newtons is none where a log holds a rudder among its `quantities`, which may stand in the race of that thrust."""
     names = {dof.position, dof.velocity, dof.command, *dof.thrusters}
     if motion is not None:
         names |= {name for member in motion.dofs for name in (member.velocity, member.command)} | set(PLACES)
     strangers = {name for member in DOFS.values() for name in (member.position, member.command, *member.thrusters)}
     aside = {member.velocity for member in DOFS.values() if not member.horizontal}
-    return frozenset((strangers | aside | set(PLACES)) - names)
+    strangers = (strangers | aside | set(PLACES)) - names
+    raced = SIGNALS.keys() if "rudder" in quantities else ()
+    return frozenset(
+        name for name, of in CANONICAL.items()
+        if of.quantity in strangers and (of.quantity not in raced or of.unit == NORMALISED)
+    )  # fmt: skip
 
 
 def motions_in(quantities: Set[str]) -> list[Dof]:

@@ -88,7 +88,8 @@ def read_log(
     if dof is None:
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
         dof = naming.motion_of(raw.names, mapped)
-    uses, notes = _assigned(raw, columns, source, naming.foreign(dof, motion))
+    foreign = naming.foreign(dof, motion, naming.quantities_of((*raw.names, *columns.columns)))
+    uses, notes = _assigned(raw, columns, source, foreign)
     used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
     used |= {raw.names[index] for use in uses for name in use.rule.sources if (index := raw.place(name)) is not None}
     extras: dict[str, Floats] = {}
@@ -181,7 +182,7 @@ def _clock(raw: RawLog, columns: ColumnMap, source: str) -> tuple[str, Floats]:
 
 
 def _assigned(raw: RawLog, columns: ColumnMap, source: str, foreign: frozenset[str]) -> tuple[list[_Use], list[str]]:
-    """Which column serves which quantity; rules of the map come before names of the file. `foreign` are not read."""
+    """Which column serves which quantity; rules of the map come before names of the file that are not `foreign`."""
     mapped: dict[str, list[_Use]] = {}
     missing: dict[str, str] = {}
     for name, rule in columns.columns.items():
@@ -197,7 +198,7 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, foreign: frozenset[s
             missing[canonical.quantity] = why
     by_name: dict[str, list[_Use]] = {}
     for name, canonical in CANONICAL.items():
-        if canonical.quantity in foreign or canonical.quantity in mapped or (place := raw.place(name)) is None:
+        if name in foreign or canonical.quantity in mapped or (place := raw.place(name)) is None:
             continue
         # a column `time` of plain numbers has no unit: it is not taken as the clock
         if name != "time" or not raw.is_numeric(place):

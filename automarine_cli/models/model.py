@@ -265,7 +265,7 @@ class Model:
         main = "quadratic" if "quadratic" in base else "linear"
         has_both_drags = {term.name for term in self.terms} >= set(BASE_TERMS["2"])
         # a hull may turn by itself until its other drag holds it: ships are often unstable on their course
-        steers = self.moment_unit == STEERED and any((term.effect.power or 0) > 1 for term in self.terms)
+        steers = self.steered and any((term.effect.power or 0) > 1 for term in self.terms)
         dofs, entries = self.motion.dofs, list[Parameter]()
         units = [dof.units.forces[1] if len(dofs) > 1 else self.moment_unit for dof in dofs]
         size = np.broadcast_to(np.asarray(largest, dtype=float), len(dofs)).tolist()
@@ -298,6 +298,11 @@ class Model:
         for name, source, factor in self.ties:
             entries = [replace(p, log=False, tie=(source, factor)) if p.name == name else p for p in entries]
         return Parameters(tuple(entries))
+
+    @property
+    def steered(self) -> bool:
+        """Whether the angle of a rudder is what is commanded."""
+        return self.moment_unit == STEERED
 
     @property
     def theta(self) -> Floats:

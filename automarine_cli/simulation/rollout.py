@@ -17,7 +17,6 @@ from itertools import islice
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from automarine_cli.dofs import Motion
 from automarine_cli.effects import Commands, Place, State
 from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import Floats
@@ -138,7 +137,7 @@ def simulate(
     # a fit may try parameters that no vehicle has; it sees the infinity
     with np.errstate(over="ignore", invalid="ignore"):
         true, velocities, stirred = _integrate(
-            model.motion, inertia, model.current(theta), terms, batch, commands, start, shape
+            model, inertia, model.current(theta), terms, batch, commands, start, shape
         )
         readings, clock = true, commands[0]
         for term in terms:
@@ -156,13 +155,13 @@ def simulate(
 
 
 def _integrate(
-    motion: Motion, inertia: Floats, current: Floats | None, terms: Sequence[Bound], batch: Batch,
+    model: Model, inertia: Floats, current: Floats | None, terms: Sequence[Bound], batch: Batch,
     commands: Sequence[Commands], start: Start, shape: tuple[int, ...],
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1), and the water's states, (W, P, R, M + 1).
     Positions are followed only where something depends on them: numpy's cost a call, not arithmetic, is what a step
     costs. In a current the velocities that are advanced are those through the water."""
-    movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
+    motion, movers = model.motion, [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
     followed = motion.turns or any(term.effect.uses_position for term in movers)
     tau = _delivered(batch, commands, start, shape)
     clock, signals = commands[0], commands[0].signals
@@ -184,7 +183,7 @@ def _integrate(
         there, now, water = position[..., :on], velocities[first, ..., :on], list(stirred[first, ..., :on])
         running = [replace(t, values=tuple(v[:, :on] if v.shape[1] > 1 else v for v in t.values)) for t in movers]
         of_these = inertia[..., :on] if own else inertia
-        slope = right_hand_side(motion, running, of_these, current, travelled[0, ..., :on])
+        slope = right_hand_side(model, running, of_these, current, travelled[0, ..., :on])
         for m in range(first, last):
             h, begin = lengths[m, :, :on], begins[m, :, :on]
             if columns:
@@ -240,9 +239,10 @@ def foreknown(terms: Sequence[Bound], signals: Mapping[str, Floats]) -> dict[str
 
 
 def right_hand_side(
-    motion: Motion, movers: Sequence[Bound], inertia: Floats, current: Floats | None, origin: Floats
+    model: Model, movers: Sequence[Bound], inertia: Floats, current: Floats | None, origin: Floats
 ) -> Slope:
     """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states."""
+    motion = model.motion
     single, turns = len(motion.dofs) == 1, motion.turns
     if single:
         inverse = 1.0 / inertia[:, 0]
@@ -256,11 +256,14 @@ def right_hand_side(
     # signals that are states of this motion: through the water, whatever a log says
     read = {name for term in movers for name in term.effect.needs}
     stated = [(dof.velocity, d) for d, dof in enumerate(motion.dofs) if dof.velocity in read]
+    steered = model.steered and "rudder" in read  # the angle at which it is, when it is there
     first = states[0]
 
     def slope(  # type: ignore[no-untyped-def]
         position: Floats, velocity: Floats, water: Sequence[Floats], force: Sequence[Floats], time: Floats, signals
     ):
+        if steered:
+            signals = {**signals, "rudder": force[0]}
         if stated:
             signals = {**signals, **{name: velocity[d] for name, d in stated}}
         if single:  # the same as below, without the loops that one degree of freedom has no need of

@@ -95,6 +95,20 @@ def test_no_reading_is_told_by_the_command_that_answers_it() -> None:
         assert np.abs(first - second).max() < 0.02 < 0.3 * 4.0  # which is what the command of the row would explain
 
 
+@pytest.mark.parametrize("late", [-0.1, 0.0, 0.1])  # half samples: what is late falls together with the grid
+def test_signals_that_are_commanded_come_as_late_as_the_command(late: float) -> None:
+    """A rudder in the race of a thrust that is logged, beside the command of both together."""
+    time = 0.2 * np.arange(60)
+    angle, thrust = np.sign(np.sin(0.9 * time)) * (0.3 + 0.1 * np.sin(time)), np.where(np.sin(0.4 * time) > 0, 3.0, 1.0)
+    apart = replace(noisy(logged(time, np.sin(time), angle, rudder=-angle, force_X=thrust)), moment_unit="rad")
+    together = replace(apart, moment=angle * (1.0 + 0.5 * thrust))
+    model, sizes = Model.base("1", INERTIA, [LINEAR], "rad", YAW), replace(noises(thrust=0.0), late=np.array([late]))
+    raced = model.with_effect("rudder-race", (0.5,))
+    courses = make_course([apart], REST, raced.signals), make_course([together], REST)
+    first, second = (follow(m, c, m.theta[None], sizes).innovation for m, c in zip((raced, model), courses))
+    np.testing.assert_allclose(first, second, atol=1e-12)
+
+
 def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:
     time = 0.1 * np.arange(301)
     heading = np.deg2rad(np.random.default_rng(2).standard_normal(301)) + np.sin(time)

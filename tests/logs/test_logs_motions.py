@@ -64,6 +64,16 @@ def test_a_campaign_file_has_a_section_of_each_translation(tmp_path: Path) -> No
             assert f"\n[{dof.name}] " in text and f'steps = ["{dof.name}"]' in text
 
 
+def test_a_rudder_stands_in_the_race_of_a_thrust_in_newtons(tmp_path: Path) -> None:
+    """Without a rudder, and normalised, these columns of other motions may hold anything."""
+    for names, signals in ((("rudder_deg", "force_X_N"), {"force_X"}), (("rudder_deg", "X"), set()),
+                           (("tau_Nm", "force_X_N"), set())):  # fmt: skip
+        folder = tmp_path / "-".join(names)
+        folder.mkdir()
+        table = read_log(log(folder, "heading_deg", *names), dof=YAW)
+        assert {"force_X"} & table.columns.keys() == signals
+
+
 def test_what_a_column_is_recognised_as() -> None:
     assert recognise("heading", ["yaw_gyro"], {"yaw_gyro": Span(-1.0, 1.0, 0.01, 0.1)}) is None
     for name in ("mean_force_N", "total_force_N", "force_n", "Force_N"):
