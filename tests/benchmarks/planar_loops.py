@@ -71,7 +71,7 @@ def errors(seed: int, rate: float) -> Floats:
     runs = [closed_loop(f"run_{i}", rate, random) for i in range(RUNS)]
     channels = observed(runs)
     likelihood = PlanarLikelihood(tuple(runs), channels)
-    estimates = likelihood.estimate(channels.simplest(likelihood.rough)).estimates
+    estimates = likelihood.estimate(channels.simplest(likelihood.rough)).by_name
     rows = [(estimates[name], truth) for name, truth in TRUTH.items()]
     return np.array([(e.value / t - 1.0, e.stderr / t, e.ci95[0] <= t <= e.ci95[1]) for e, t in rows])
 
