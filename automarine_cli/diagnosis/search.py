@@ -130,13 +130,15 @@ def clear(gains: Floats, errors: float = CLEAR) -> bool:
 
 
 def candidate_fit(study: DiagnosisProblem, model: Model, added: tuple[str, ...], fit: Fit) -> CandidateFit:
-    """The fit with its evidence; of a learned curve the effective number of parameters counts."""
+    """The fit with its evidence, that of the point at which it stopped; of a learned curve the effective number of
+    parameters counts."""
     model = study.with_fitted_values(model, fit)
     counts = [
         smoothed(fit, model)[1] if term.name.startswith(PREFIX) else fitted_parameters(term.name, term.values)
         for term in model.terms[len(study.base.terms) :]
     ]
-    return CandidateFit(added, model, fit, -2.0 * fit.log_likelihood + penalty(sum(counts), len(study.runs)))
+    evidence = -2.0 * fit.log_likelihood + penalty(sum(counts), len(study.runs))
+    return CandidateFit(added, model, fit, evidence + (0.0 if fit.driven else fit.promised))
 
 
 def refitted(
@@ -356,7 +358,9 @@ PERIODIC, PERIOD = "periodic-disturbance", 2  # the effect that a limit cycle im
 VALLEY = 1000.0
 """Gain of the best candidate from which, if it leaves more than STANDS times the noise, its laws are fitted from many
 starts: in so large a gap a fit may stop in a valley far from the truth."""
+STARTS = 6  # shapes of each law from which it is fitted: periods are many, and the score has looked at each
 CLIMBERS = 4  # fits from many starts that are taken to their end
+TRIFLE = 2.0  # deviance that a fit may gain beyond twice what its equations promise
 RIVAL_RANGE = 60.0  # candidates this far behind the best by a full fit are no rivals of it
 
 Fits = dict[tuple[object, ...], CandidateFit]
@@ -371,14 +375,14 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
     seed: int
     map_fn: Each
     most = MAX_EFFECTS + 1  # the drag put right counts for nothing
-    looks: list[SearchStep] = field(default_factory=list)
+    looks: list[tuple[float, SearchStep]] = field(default_factory=list)  # by the evidence of the model that came
     fuller: dict[frozenset[str], CandidateFit] = field(default_factory=dict)  # by what was left of it
 
     def look(self, model: CandidateFit, number: int) -> SearchStep:
         """Score all candidates in all their laws, fit those in the running to the end, and rank them, unless the model
         was looked at before, as what is left without the last effect was."""
-        for earlier in self.looks:
-            behind = abs(earlier.before.evidence - model.evidence)
+        for came, earlier in self.looks:
+            behind = min(abs(evidence - model.evidence) for evidence in (came, earlier.before.evidence))
             if set(earlier.before.added) == set(model.added) and behind < 2.0 * SETTLED_EVIDENCE:
                 return earlier
         study, current = self.study, settled(self.study, drag_right(self.study, model), FINE)
@@ -386,8 +390,9 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         scores = score(study, current.model, current.fit, names, self.seed + number, self.map_fn)
         chance = max(scores.threshold(LEVEL), 0.0)
         fits = self._leaders(current, self._put_back(current), scores, chance, first_step=number == 0)
+        bar = max(scores.threshold(WEAK), 0.0) if number == 0 else chance
         for share, iterations in RUNNING:
-            fits |= self._further(current, fits, share, iterations)
+            fits |= self._further(current, fits, bar, share, iterations)
         fits |= self._from_many_starts(current, fits)
         possible = [trial for trial in fits.values() if not drag_drives(trial.model, study.fastest)]
         ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
@@ -395,8 +400,9 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         # a law that may not stand does not keep another law of its effect from it
         standing = _best_law(t for t in possible if not obstacle(study, t, current))
         ranking = [standing.get(trial.added[-1], trial) for trial in ranking]
-        self.looks.append(SearchStep(current, scores, tuple(sorted(ranking, key=lambda t: t.evidence)), chance))
-        return self.looks[-1]
+        step = SearchStep(current, scores, tuple(sorted(ranking, key=lambda t: t.evidence)), chance)
+        self.looks.append((model.evidence, step))
+        return step
 
     def admissible(self, look: SearchStep, first: SearchStep) -> list[CandidateFit]:
         """The drag of the base comes first unless another effect reaches the noise without it: beside a wrong drag
@@ -463,7 +469,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             """Whether a fit is worth its hundred simulations, where the best one gains so much."""
             if self.study.driven:  # a score tells half of what its fit gains
                 return of.penalised + of.drop > max(LIKELY * gained, scores.threshold(WEAK))
-            return FORETELLS * of.drop > RUNNING[0][0] * gained - RIVAL_RANGE
+            return FORETELLS * of.drop > (RUNNING[0][0] if first_step else 1.0) * gained - RIVAL_RANGE
 
         ranked, tried = first[:ALWAYS], set[str]()
         while ranked:
@@ -481,16 +487,22 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             ranked = [s for s in scores.ranked if s.effect in further - tried]
         return fits
 
-    def _further(self, current: CandidateFit, fits: Fits, share: float, iterations: int) -> Fits:
-        """Fit those further that have this share of the best gain, or are within RIVAL_RANGE of it; another law of an
-        effect not from so far behind its best."""
+    def _further(self, current: CandidateFit, fits: Fits, chance: float, share: float, iterations: int) -> Fits:
+        """Fit those further that have this share of the best gain, or are within RIVAL_RANGE of it, and may still come
+        to gain more than `chance` or near the best; another law of an effect not from so far behind its best."""
         best = min((trial.evidence for trial in fits.values()), default=0.0)
         least = best + max(RIVAL_RANGE, (1.0 - share) * (current.evidence - best))
+        promises = {law: np.inf if trial.fit.driven else trial.fit.promised for law, trial in fits.items()}
+        gained = max((current.evidence - trial.evidence + promises[law] for law, trial in fits.items()), default=0.0)
+        needed = current.evidence - (min(chance, gained - TIE) if gained > chance else chance)
         running = []
         for first in _best_law(fits.values()).values():
             behind = first.evidence + max(RIVAL_RANGE, LAWS * (current.evidence - first.evidence))
             laws = [trial for trial in fits.values() if trial.added[-1] == first.added[-1] and not trial.fit.converged]
-            running += [trial for trial in laws if trial.evidence < min(least, behind)]
+            running += [
+                trial for trial in laws
+                if trial.evidence < min(least, behind) and trial.evidence - 2.0 * promises[trial.law] - TRIFLE < needed
+            ]  # fmt: skip
         again = self.map_fn(partial(go_on, self.study, iterations=iterations), running, "fitting")
         return {trial.law: trial for trial in again if trial is not None}
 
@@ -502,10 +514,12 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         if study.driven or current.evidence - best.evidence < VALLEY or self.reaches_noise(best, STANDS):
             return {}
         name, term = best.added[-1], best.model.terms[-1]
-        shapes = [probe.values[-1] for probe in candidate_shapes(study, name)]
-        by_law = {law_of(name, shape): shape for shape in shapes}
+        by_law: dict[tuple[object, ...], list[Floats]] = {}
+        for probe in candidate_shapes(study, name):
+            by_law.setdefault(law_of(name, probe.values[-1]), []).append(probe.values[-1])
+        shapes = [shape for some in by_law.values() for shape in some[:: -(-len(some) // STARTS)]]
         of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
-        models = [with_values(best.model, term, np.where(of_law, shape, term.values)) for shape in by_law.values()]
+        models = [with_values(best.model, term, np.where(of_law, some[-1], term.values)) for some in by_law.values()]
         begin = partial(add_effect, study, current, iterations=SEARCH_BRIEF)
         fits = [
             *map_fn(begin, [(name, shape) for shape in shapes], "more starts"),

@@ -235,6 +235,14 @@ class MixedFit(Outcome):
         """Logarithms of noises and factors, as `linear_mixed` takes them."""
         return np.log([*self.noises, *np.maximum(self.factors, SMALLEST_FACTOR)])
 
+    @cached_property
+    def promised(self) -> float:
+        """What the linear equations promise beyond the point at which the fit stopped, in deviance: `log_likelihood`
+        is that of their solution, where nobody has been."""
+        weighted = linear_mixed.weigh(self.gram, self.effects, self.variances)
+        hessian, pull = linear_mixed.normal_equations(self.gram, weighted)
+        return float(pull @ linear_mixed.covariance_of(hessian) @ pull)
+
     def factor(self, block: str) -> float:
         """Estimated size of one kind of run effect."""
         return float(self.factors[self.effects.factor_names.index(block)])
@@ -278,6 +286,7 @@ TRIFLE = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
 
+FAR_FROM_IT = 10.0  # times the least gain: a step that promised more and gained less ends no fit
 MAX_PHI_STEP = 1.0  # largest change of the logarithm of a positive parameter in one step
 
 
@@ -286,7 +295,8 @@ def fit_mixed(
     iterations: int = 60, settled: float = SETTLED_STDERRS, least_gain: float = 0.0,
 ) -> MixedFit:  # fmt: skip
     """Fit `problem` from the start values; shapes as in `Problem`, `settled` as the constant of that name. The fit also
-    ends with a whole step that gains less than `least_gain` in the sum of squares (of standard deviations).
+    ends with a whole step that gains less than `least_gain` in the sum of squares (of standard deviations), unless it
+    promised far more.
 
     `noise` is that of the first channel that counts, or of all these (C,); the others' start where their slots say.
 
@@ -308,8 +318,8 @@ def fit_mixed(
         inside = point.gram.keep(np.flatnonzero(~_at_bound(point.phi, bounds)))
         variances = choose_variances(inside, problem.effects, variances)
         weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
-        hessian, gradient = linear_mixed.normal_equations(point.gram, weighted)
-        change = _bounded_step(problem, hessian, gradient, point.phi)
+        hessian, pull = linear_mixed.normal_equations(point.gram, weighted)
+        change = _bounded_step(problem, hessian, pull, point.phi)
         new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
         spread = np.zeros_like(change)
         spread[free] = np.diagonal(linear_mixed.covariance_of(hessian[np.ix_(free, free)]))
@@ -322,7 +332,8 @@ def fit_mixed(
         gain = _penalised(problem, variances, old) - _penalised(problem, variances, point)
         is_cut = _is_cut(problem, old, point, new_phi)
         stuck = is_cut and gain < TRIFLE
-        converged |= gain < least_gain and share == 1.0 and not is_cut
+        ends = gain < least_gain and float(pull @ change) < FAR_FROM_IT * least_gain
+        converged |= ends and share == 1.0 and not is_cut
     return _report(problem, point, variances, bounds, step, converged)
 
 

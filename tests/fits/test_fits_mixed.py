@@ -243,6 +243,19 @@ def test_a_fit_that_ends_with_a_small_gain_is_shorter_and_as_likely(seed: int) -
     assert abs(ends[1].log_likelihood - ends[0].log_likelihood) < 0.5
 
 
+def test_a_fit_promises_what_the_solution_of_its_equations_gains() -> None:
+    linear = Linear(3)
+    begun = fit_mixed(linear.problem(), 3.0 * TRUTH, noise=0.5, factors=np.ones(2), iterations=0)
+    solution, _ = linear.least_squares(begun.variances)
+    rows = linear.dense(begun.variances)
+    there, reached = (
+        sum(float((w - j @ theta) @ np.linalg.solve(r, w - j @ theta)) for j, _, w, r in rows)
+        for theta in (begun.theta, solution)
+    )
+    assert_close(begun.promised, there - reached, "closed form")
+    assert begun.promised > 100.0 and linear.fit().promised < 1e-3
+
+
 def test_leaving_runs_out_is_exact_for_a_linear_problem() -> None:
     linear, fit = linear_fit()
     variances = np.log([fit.noise, *fit.factors])
