@@ -80,7 +80,10 @@ class SearchStep:
     threshold: float
 
     def gain(self, trial: CandidateFit) -> float:
-        return self.before.evidence - trial.evidence
+        """In deviance. What was given up far from its end may be switched off: all that it costs are its parameters."""
+        last = trial.model.terms[-1]
+        least = -penalty(fitted_parameters(last.name, last.values), len(trial.fit.predictive))
+        return max(self.before.evidence - trial.evidence, least)
 
     def p_value(self, trial: CandidateFit) -> float:
         return self.scores.p_value(self.gain(trial))
