@@ -84,6 +84,7 @@ def pictures(folder: Path) -> Iterator[tuple[str, Figure]]:
     yield "after", after
 
     # a real boat, and what thrust that scatters does to a plain script
+    yield "forecasts", forecasts_figure()
     yield "real_fans", fans_figure(fit_yaw([REAL]))
     yield "scatter_intervals", intervals_figure()
 
@@ -129,6 +130,47 @@ def found_figure(result: Diagnosis) -> Figure:
         f"It found the swirl. Error of {len(runs)} held-out runs: {before:.1f}° → {after:.1f}° with each run's own "
         f"thrust,\n{alone.before:.1f}° → {alone.after:.1f}° from the commands alone"
     )
+    return figure
+
+
+VEHICLES = {
+    "kingfisher_lake": "lake boat", "heavy_rov_sea": "work ROV at sea", "cybership_enterprise": "model ship",
+    "kvlcc2_zigzag": "model tanker", "vtec_usv_payload": "pool boat", "bolt_auv_pool": "pool AUV",
+    "minerva_hil_simulated": "ROV, simulated",
+}  # fmt: skip
+PREDICTORS = {
+    "tool": ("this tool", {"marker": "o", "color": PALETTE["blue"], "ms": 5}),
+    "least_squares": (
+        "least squares 5 s ahead", {"marker": "D", "color": PALETTE["vermilion"], "mfc": "none", "ms": 8, "mew": 1.2},
+    ),
+    "constant_rate": ("constant speed or turn rate", {"marker": "x", "color": "0.5", "ms": 6, "mew": 1.6}),
+}  # fmt: skip
+TICKS = (1, 2, 5, 10, 20, 50, 100)
+
+
+@house_style
+def forecasts_figure() -> Figure:
+    """Draw errors 5 s ahead on measured logs as dots, a row for each vehicle and motion, in it the two halves."""
+    every = json.loads(Path(__file__).with_name("forecasts.json").read_text(encoding="utf-8"))
+    panels_of = {"heading": [row for row in every if row["motion"] == "yaw"]}
+    panels_of["position"] = [row for row in every if row["motion"] != "yaw"]
+    figure = Figure((5.6, 5.2), layout="constrained")
+    axes = figure.subplots(2, 1, height_ratios=[len(rows) for rows in panels_of.values()])
+    for ax, (quantity, rows) in zip(axes, panels_of.items()):
+        places = [k // 2 + 0.36 * (k % 2) - 0.18 for k in range(len(rows))]
+        for name, (label, look) in PREDICTORS.items():
+            ax.plot([row[name][1] for row in rows], places, linestyle="none", label=label, **look)
+        names = [", ".join((VEHICLES[row["set"]], *[row["motion"]] * (quantity != "heading"))) for row in rows[::2]]
+        ax.set(xscale="log", ylim=(len(names) - 0.5, -0.5), yticks=range(len(names)), yticklabels=names)
+        ax.set_xlabel(f"rms error of the {quantity} 5 s ahead [{rows[0]['unit']}]")
+        low, high = ax.get_xlim()
+        ax.set_xticks([tick for tick in TICKS if low < tick < high])
+        ax.set_xticks([], minor=True)
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.grid(axis="y", visible=False)
+        for row in range(1, len(names)):
+            ax.axhline(row - 0.5, color="0.88", linewidth=0.6)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 

@@ -3,8 +3,9 @@
 A model is fitted to one half of the runs and predicts the other: from a state every second on, as the second before
 shows it, the position 2, 5 and 15 s ahead, and each run freely from its start. Beside it stand what least squares of
 the same structure, fitted to each of these horizons (real_baseline.py), a constant rate and a constant position miss
-by. Sets that were measured are diagnosed too: what is named. --only takes what has this text in SET/MOTION, as lake/yaw
-or enterprise/planar.
+by. Sets that were measured are diagnosed too: what is named. forecasts.json holds the errors of the preferred models:
+`make pictures` draws its copy in tests/benchmarks. --only takes what has this text in SET/MOTION, as lake/yaw or
+enterprise/planar.
 
 Usage: python tests/benchmarks/real.py [--out DIR] [--only TEXT] [--jobs N]
 """
@@ -141,10 +142,20 @@ def write(out: Path, rows: Sequence[Row], planar: Sequence[Row]) -> str:
     text = "\n".join(table.to_markdown() for table in tables if table.rows)
     content = {"schema": "automarine/real/1", "horizons_s": plain.HORIZONS, "rows": rows}
     arguments.write_json(out / "real.json", content)
+    arguments.write_json(out / "forecasts.json", [forecasts(row) for row in rows if row["preferred"]])
     if planar:
         arguments.write_json(out / "real_planar.json", planar)
     (out / "real.md").write_text(text)
     return text
+
+
+def forecasts(row: Row) -> Row:
+    """What the preferred model and the plain predictions miss by at each horizon, to three digits."""
+    number = row["preferred"]
+    errors = {"tool": row["models"][number]["rmse"], "least_squares": row["least_squares"][number]["rmse"]}
+    errors |= {plain: row[plain] for plain in ("constant_rate", "constant_position")}
+    rounded = {of: [float(f"{x:.3g}") if math.isfinite(x) else None for x in each] for of, each in errors.items()}
+    return {name: row[name] for name in ("set", "motion", "fitted", "unit")} | rounded
 
 
 def _three(values: Sequence[float]) -> str:
