@@ -1,7 +1,9 @@
 """`diagnose`: where simulation and measurement disagree, which effect is missing, and the gap that it closes."""
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from automarine_cli.commands import options
@@ -85,17 +87,21 @@ def _of_a_motion(
         return sound
 
     runs, held_out = usable(logs), usable(hold_out) if hold_out else None
-    jobs = max(drive["jobs"], 1)
     with append_exclusions(aside):
         diagnosis = diagnose_runs(
             runs, stored.undelayed, hold_out=held_out, seed=seed, map_fn=map_fn, channels=channels,
             number=stored.preferred, driven=bool(stored.random),
-            foretell=lambda seconds: foretell(drive["progress"], seconds / jobs),
+            goes_on=partial(foretell, drive["progress"], time.monotonic()),
         )  # fmt: skip
     return replace(diagnosis, parent={"file": stored.source, "sha256": sha256(model)}, set_aside=tuple(aside))
 
 
-def foretell(progress: "Progress", seconds: float) -> None:
+FIRST_LOOKS = 3.3  # that a search takes: 1.5 to 3 where one effect is missing, 7 where two are
+
+
+def foretell(progress: "Progress", begun: float) -> None:
+    """Say how long a diagnosis that began at this time [s] will take, from how long its first look took."""
+    seconds = FIRST_LOOKS * (time.monotonic() - begun)
     if seconds >= 60.0:
         progress(f"the diagnosis takes about {round(seconds / 60.0)} min", 0, 0)
 
@@ -104,7 +110,7 @@ def _of_the_plane(
     logs: Sequence[Any], model: Any, hold_out: Sequence[Any], seed: int, settings: Mapping[str, Any]
 ) -> "Diagnosis":
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
-    from automarine_cli.diagnosis.diagnose import PLANAR_S, readings_of, split_off
+    from automarine_cli.diagnosis.diagnose import split_off
     from automarine_cli.diagnosis.planar import MIN_TO_SPLIT, diagnose_planar
     from automarine_cli.fits.planar_fit import observed
     from automarine_cli.models.store import read_model
@@ -116,8 +122,8 @@ def _of_the_plane(
     runs, held_out = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, MIN_TO_SPLIT)
     if not held_out:
         raise SettingError(f"no run is held out: expected at least {MIN_TO_SPLIT} logs, or some given with --hold-out")
-    foretell(settings["progress"], readings_of(runs) * PLANAR_S)
-    diagnosis = diagnose_planar(stored, runs, held_out, observed(campaign.runs), seed)
+    goes_on = partial(foretell, settings["progress"], time.monotonic())
+    diagnosis = diagnose_planar(stored, runs, held_out, observed(campaign.runs), seed, goes_on)
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))
     return replace(diagnosis, parent=sha256(model), set_aside=aside)
 

@@ -26,7 +26,6 @@ from automarine_cli.diagnosis.search import (
     MAX_EFFECTS,
     STANDS,
     TIE,
-    TO_THE_NOISE,
     WEAK,
     CandidateFit,
     SearchResult,
@@ -44,7 +43,6 @@ from automarine_cli.dofs import YAW, Dof, Motion
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
-from automarine_cli.filters.course import MIN_STEP_S
 from automarine_cli.filters.kalman import MAX_Z, Predicted
 from automarine_cli.fits.characteristics import steering_json, steering_of
 from automarine_cli.fits.driven import ForecastScore, worth_of
@@ -663,9 +661,6 @@ def split_by(name: str, rival: str, dof: Dof) -> str:
     return (effect if rival in effect.mistaken_for else effects.get(rival)).card(dof).separated_by
 
 
-DRIVEN_S, MISSING_S, CLEAN_S, PLANAR_S = 1.2e-4, 1e-4, 1e-5, 0.025
-"""For each reading (and effect of one motion): driven runs, others with or without a gap, the plane; roughly, on a
-machine of 2020."""
 MIN_RUNS = 4
 MIN_TO_HOLD_OUT = 8
 SHORT = 5  # iterations of a law or size that may equal the final one: those that get there do so soon
@@ -702,11 +697,11 @@ def split_off(runs: Sequence[Run], seed: int, fewest: int = MIN_TO_HOLD_OUT) -> 
 def diagnose_runs(
     runs: Sequence[Run], base: Model, *, hold_out: Sequence[Run] | None = None, seed: int = 0, map_fn: Each = alone,
     channels: str = AUTO, number: str = "3", driven: bool = False,
-    foretell: Callable[[float], None] = lambda seconds: None,
+    goes_on: Callable[[], None] = lambda: None,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose `base`, model `number` of its file, on `runs`; `hold_out` None draws a quarter of the runs, `channels`
     says which sensors count (`runs.channels.choose_channels`), `driven` that the base was fitted with a disturbance,
-    `foretell` hears how many seconds one process will take. Raises RunError for too few runs."""
+    `goes_on` is called after a first look that found something. Raises RunError for too few runs."""
     runs = [run for run in runs if len(run) >= 20]
     chosen = choose_channels([*runs, *(hold_out or ())], base.dof, channels, late_position=True)
     runs, out = ([chosen.cleaned(run) for run in some] for some in (runs, hold_out or ()))
@@ -717,8 +712,7 @@ def diagnose_runs(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {MIN_RUNS}"
         )
     study = study_of(fitted, base, chosen.names, driven)
-    foretell(expected_seconds(study))
-    searched = search(study, seed, map_fn)
+    searched = search(study, seed, map_fn, goes_on)
     where = find_where(searched.study, searched.base, seed)
 
     def explained(outcome: SearchResult) -> bool:
@@ -790,16 +784,3 @@ def _extended_model(study: DiagnosisProblem, trial: CandidateFit, number: str) -
         "gain_scatter": float(fit.factor(GAIN)),
         "gain_exponent": exponent and exponent.to_json(),
     }
-
-
-def expected_seconds(study: DiagnosisProblem) -> float:
-    """Estimate how long a diagnosis takes one process, once the base is fitted: a gap is what takes long."""
-    each = DRIVEN_S
-    if not study.driven:
-        each = MISSING_S if study.fit(study.base).noise > TO_THE_NOISE * study.sensor_floor else CLEAN_S
-    return readings_of(study.runs) * len(effects.names()) * each
-
-
-def readings_of(runs: Sequence[Run]) -> float:
-    """Count the readings of runs, those of a fast log as often as a filter takes them."""
-    return float(sum(min(len(run), (run.time[-1] - run.time[0]) / MIN_STEP_S) for run in runs))

@@ -4,7 +4,7 @@ Each candidate is added to the model and everything is fitted again by innovatio
 more than a penalty and a head start, run by run beyond chance, and where runs held out are more likely with it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -200,16 +200,18 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
 
 
 def diagnose_planar(
-    stored: StoredModels, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed, seed: int = 0
-) -> Diagnosis:
-    """Diagnose a model on `runs`, with `unseen` ones that are never fitted. Raises RunError for too few of either."""
+    stored: StoredModels, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed, seed: int = 0,
+    goes_on: Callable[[], None] = lambda: None,
+) -> Diagnosis:  # fmt: skip
+    """Diagnose a model on `runs`, with `unseen` ones that are never fitted; `goes_on` is called after a first look that
+    found something. Raises RunError for too few of either."""
     if len(runs) < 2 or not unseen:
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
     base = base_of(stored, observed)
     likelihood, other = (
         PlanarLikelihood(tuple(some), observed, signals=base.signals) for some in (runs, unseen)
     )  # one start is enough for what somebody took for the vehicle
-    outcome = stepwise_search(PlanarSearch(likelihood, other), likelihood.estimate(base, stored.random))
+    outcome = stepwise_search(PlanarSearch(likelihood, other), likelihood.estimate(base, stored.random), goes_on)
     rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken

@@ -6,7 +6,7 @@ Schwarz's penalty, the run as the unit; the threshold is what the best of all ca
 campaigns in which nothing is missing; runs predicted from the others have a veto.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
@@ -546,10 +546,10 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         return current
 
 
-def search(study: DiagnosisProblem, seed: int, map_fn: Each) -> SearchResult:
+def search(study: DiagnosisProblem, seed: int, map_fn: Each, goes_on: Callable[[], None]) -> SearchResult:
     """Find what is missing; `map_fn` maps a function over candidates, in processes or not."""
     judge = MotionSearch(study, seed, map_fn)
-    outcome = stepwise_search(judge, candidate_fit(study, study.base, (), study.fit(study.base)))
+    outcome = stepwise_search(judge, candidate_fit(study, study.base, (), study.fit(study.base)), goes_on)
     current, rounds, around = drag_right(study, outcome.final), outcome.looks, outcome.around
     base = rounds[0].before
     alone = min(judge.admissible(rounds[0], rounds[0]), key=lambda trial: trial.evidence, default=current)

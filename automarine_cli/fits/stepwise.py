@@ -7,7 +7,7 @@ asks for any more stays out, and what else could stand there is known as its riv
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -92,14 +92,19 @@ class NamedRival:
     label: str = ""  # the name with what it adds, where the name alone does not tell
 
 
-def stepwise_search(judge: Judge[Candidate, Round], base: Candidate) -> Outcome[Candidate, Round]:
-    """What `base` lacks. Raises FitError where not even the first look can be made."""
-    current, looks = _forward(judge, base)
+def stepwise_search(
+    judge: Judge[Candidate, Round], base: Candidate, goes_on: Callable[[], None] = lambda: None
+) -> Outcome[Candidate, Round]:
+    """What `base` lacks; `goes_on` is called after a first look that found something. Raises FitError where not even
+    that look can be made."""
+    current, looks = _forward(judge, base, goes_on)
     current, around = _reconsidered(judge, current, looks[0])
     return Outcome(current, tuple(looks), around)
 
 
-def _forward(judge: Judge[Candidate, Round], current: Candidate) -> tuple[Candidate, list[Round]]:
+def _forward(
+    judge: Judge[Candidate, Round], current: Candidate, goes_on: Callable[[], None]
+) -> tuple[Candidate, list[Round]]:
     looks: list[Round] = []
     alternatives: list[Candidate] = []
     while len(looks) < judge.most and not judge.full(current):
@@ -116,6 +121,8 @@ def _forward(judge: Judge[Candidate, Round], current: Candidate) -> tuple[Candid
         candidates = judge.admissible(look, looks[0])
         if not candidates:
             return look.before, looks
+        if len(looks) == 1:
+            goes_on()
         current, *alternatives = candidates
     return current, looks
 

@@ -1,5 +1,6 @@
 """What a person sees on a terminal, and a program in a pipe: widths, colours, bars, a piped file."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from pseudo_terminal import ESCAPE, on_terminal, without_bars
 from repository import SAMPLE_RUNS
 
-from automarine_cli.commands.diagnose import foretell
+from automarine_cli.commands.diagnose import FIRST_LOOKS, foretell
 from automarine_cli.commands.terminal import Bar, terminal_progress
 from automarine_cli.report.tables import Table, text_table
 
@@ -83,11 +84,11 @@ def test_what_does_not_fit_is_named_or_follows_below() -> None:
 
 def test_what_takes_minutes_is_foretold_in_a_pipe_and_on_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     for progress in (terminal_progress(), Bar()):
-        foretell(progress, 59.0)
-        foretell(progress, 230.0)
+        foretell(progress, time.monotonic() - 59.0 / FIRST_LOOKS)
+        foretell(progress, time.monotonic() - 230.0 / FIRST_LOOKS)
         progress("fitting", 0, 10)
         assert capsys.readouterr().err == "The diagnosis takes about 4 min.\n"
     with click.Context(click.Command("quiet")) as ctx:
         ctx.meta["automarine.verbosity"] = -1
-        foretell(terminal_progress(), 230.0)
+        foretell(terminal_progress(), time.monotonic() - 230.0 / FIRST_LOOKS)
     assert capsys.readouterr().err == ""
