@@ -26,7 +26,9 @@ TEXTS = {".csv", ".html", ".md", ".param", ".py", ".sdf", ".tex", ".toml", ".txt
 LONG = 100  # lines of a table; of a longer one, a log, the first two and each hundredth
 NOT_RESULTS = {"automarine", "libraries", "sha256"}  # keys of manifests
 OTHERWHERE = re.compile(r"\b\d+\.\d+\.\d+\b|(?<![.\w])(?=\d*[a-f])[0-9a-f]{16,64}\b")  # versions and hashes in texts
-SECONDS = re.compile(r"^(\d+/\d+ [\w-]+: .*|[a-z][^:\n]*: \d+( of \d+)?)\n", re.MULTILINE)  # steps, how far
+SECONDS = re.compile(  # steps, how far, how long
+    r"^(\d+/\d+ [\w-]+: .*|[a-z][^:\n]*: \d+( of \d+)?|The diagnosis takes about .*)\n", re.MULTILINE
+)
 MARKUP = re.compile(r"<(style|script).*?</\1>|<[^>]*>", re.DOTALL)
 HEADER = "=====> "
 
