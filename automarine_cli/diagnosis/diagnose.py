@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.learned_curve import curve_of, learn, sentence
+from automarine_cli.diagnosis.learned_curve import curve_of, learn, learn_at_once, sentence
 from automarine_cli.diagnosis.residual_regions import (
     Gap,
     ResidualRegions,
@@ -29,6 +29,7 @@ from automarine_cli.diagnosis.search import (
     WEAK,
     CandidateFit,
     SearchResult,
+    SearchStep,
     clear,
     gain_exponent,
     go_on,
@@ -701,7 +702,7 @@ def diagnose_runs(
 ) -> Diagnosis:  # fmt: skip
     """Diagnose `base`, model `number` of its file, on `runs`; `hold_out` None draws a quarter of the runs, `channels`
     says which sensors count (`runs.channels.choose_channels`), `driven` that the base was fitted with a disturbance,
-    `goes_on` is called after a first look that found something. Raises RunError for too few runs."""
+    `goes_on` is called after a first look that asks for more. Raises RunError for too few runs."""
     runs = [run for run in runs if len(run) >= 20]
     chosen = choose_channels([*runs, *(hold_out or ())], base.dof, channels, late_position=True)
     runs, out = ([chosen.cleaned(run) for run in some] for some in (runs, hold_out or ()))
@@ -712,7 +713,16 @@ def diagnose_runs(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {MIN_RUNS}"
         )
     study = study_of(fitted, base, chosen.names, driven)
-    searched = search(study, seed, map_fn, goes_on)
+    at_once: SearchResult | None = None
+
+    def search_on(first: SearchStep) -> bool:
+        nonlocal at_once
+        at_once = learn_at_once(study, first, seed, map_fn)
+        if at_once is None:
+            goes_on()
+        return at_once is None
+
+    searched = search(study, seed, map_fn, search_on)
     where = find_where(searched.study, searched.base, seed)
 
     def explained(outcome: SearchResult) -> bool:
@@ -723,7 +733,7 @@ def diagnose_runs(
         outcome = outcome if held_out is None else _law_by_held_out(outcome, held_out, map_fn)
         return outcome, held_out, verdict_of(outcome, where, held_out)
 
-    learned = learn(searched.study, searched, seed, map_fn, explained)
+    learned = at_once or learn(searched.study, searched, seed, map_fn, explained)
     result, held_out, verdict = verdict_on(learned)
     if verdict.word != NAMED and searched.final.added and learned.final is not searched.final:
         answer = verdict_on(searched)  # what the library has, where the runs held out do not confirm a curve

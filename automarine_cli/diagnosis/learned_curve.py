@@ -9,6 +9,7 @@ import numpy as np
 from scipy import special
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.residual_regions import is_autocorrelated
 from automarine_cli.diagnosis.scores import DRAWS, CandidateShape, penalty, project, score_information
 from automarine_cli.diagnosis.search import (
     FORETELLS,
@@ -16,10 +17,13 @@ from automarine_cli.diagnosis.search import (
     MAX_EFFECTS,
     RIVAL_RANGE,
     SEARCH_BRIEF,
+    STANDS,
     TIE,
+    TO_THE_NOISE,
     CandidateFit,
     Rivals,
     SearchResult,
+    SearchStep,
     add_effect,
     nearest,
     obstacle,
@@ -194,8 +198,32 @@ def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str
 LEADERS, MAX_LEADERS, BEHIND = 4, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
 FAR = 0.2  # share of the best gain by which brief fits may be behind that are taken further
 AS_WELL = 0.02  # of the gain of one effect, within which it does as well as a curve: its law may be off
+AT_ONCE = 2.0  # times what any effect gains, by which a curve ends a search after its first look
 SETTLES = 2  # how often the spread is chosen again after a fit
 SAME_SPREAD = 0.1  # difference of the logarithm of two spreads that is none
+
+
+def _with_signals(study: DiagnosisProblem, *names: str) -> DiagnosisProblem:
+    return replace(study, signals=tuple(sorted({*study.signals, *names})))
+
+
+def learn_at_once(study: DiagnosisProblem, first: SearchStep, seed: int, map_fn: Each) -> SearchResult | None:
+    """The outcome after the first look if a curve over a logged column alone leaves no more than noise and gains
+    AT_ONCE times what any effect does, which no effects together are worth trying against; None if not."""
+    base, columns = first.before, _columns(study.runs, study.base.dof)
+    gained = max(map(first.gain, first.trials), default=0.0)
+    if study.driven or not columns or learned_term(study.base) is not None:
+        return None
+    wide = _with_signals(study, CLOCK, SINCE, *columns)
+    over, best_score = {PREFIX + name for name in columns}, first.scores.ranked[0].penalised
+    if not any(m.terms[-1].name in over and gain > best_score for gain, m in scored(wide, base, seed, map_fn)[0]):
+        return None
+    result = SearchResult(study, base, base, (first,), {}, {})
+    best = _best(wide, result, base, "", base.evidence - AT_ONCE * gained, seed, map_fn)
+    if best is None or best.final.added[-1] not in over or base.evidence - best.final.evidence < AT_ONCE * gained:
+        return None
+    silent = best.final.fit.noise <= TO_THE_NOISE * study.sensor_floor
+    return replace(best, study=_with_signals(study, *best.final.model.signals)) if silent else None
 
 
 def learn(
@@ -207,8 +235,7 @@ def learn(
     as a curve they keep their names, and it is their rival."""
     if learned_term(study.base) is not None:
         return result
-    columns = _columns(study.runs, study.base.dof)
-    wide = replace(study, signals=tuple(sorted({*study.signals, CLOCK, SINCE, *columns})))
+    wide = _with_signals(study, CLOCK, SINCE, *_columns(study.runs, study.base.dof))
     enough, count = explained(result), result.final.count
     follows = "" if study.driven else gains_follow(wide, result.final, seed)
     shows = bool(follows) or (count < 2 and bool(count or study.driven) and _shows(wide, result.final, seed))
@@ -226,8 +253,7 @@ def learn(
             continue
         wins = all(obstacle(study, trial, base) for trial in _as_good(result, base, best.final))
         if wins and best.final.evidence < most and explained(best):
-            needed = sorted({*study.signals, *best.final.model.signals})
-            return replace(best, study=replace(study, signals=tuple(needed)))
+            return replace(best, study=_with_signals(study, *best.final.model.signals))
         if base is result.base:
             tied = ties(result, best.final)
     rivals = {name: {**result.rivals.get(name, {}), **tied.get(name, {})} for name in result.p_values}
@@ -278,7 +304,7 @@ def _best(
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
     needed = max(gained, base.evidence - most) - max(RIVAL_RANGE, FAR * gained)
-    running = [trial for gain, trial in gains if gain > needed]
+    running = [trial for gain, trial in gains if gain > needed and may_explain(study, trial)]
     tried = map_fn(partial(_further, study), running, "learning curves")
     trials = sorted((trial for trial in tried if trial is not None), key=lambda trial: trial.evidence)
     admissible = [t for t in trials if base.evidence - t.evidence > bar and not obstacle(study, t, base)]
@@ -296,6 +322,16 @@ def _best(
         result, study=study, final=best, p_values=p_values, rivals=rivals, more=False, doubtful=None,
         compensating=undoing,
     )  # fmt: skip
+
+
+def may_explain(study: DiagnosisProblem, trial: CandidateFit) -> bool:
+    """Whether a brief fit may come to leave STANDS times the noise, if it gains FORETELLS times what its equations
+    promise, or leaves residuals that do not hang together."""
+    if trial.fit.driven:
+        return True
+    readings = float(study.batch.seen.sum())
+    reached = trial.fit.noise * np.exp(-0.5 * FORETELLS * trial.fit.promised / readings)
+    return bool(reached < STANDS * study.sensor_floor) or not is_autocorrelated(study, trial)
 
 
 def _further(study: DiagnosisProblem, trial: CandidateFit) -> CandidateFit | None:

@@ -201,7 +201,7 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
 
 def diagnose_planar(
     stored: StoredModels, runs: Sequence[Run], unseen: Sequence[Run], observed: Observed, seed: int = 0,
-    goes_on: Callable[[], None] = lambda: None,
+    goes_on: Callable[[], object] = lambda: None,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose a model on `runs`, with `unseen` ones that are never fitted; `goes_on` is called after a first look that
     found something. Raises RunError for too few of either."""
@@ -211,7 +211,8 @@ def diagnose_planar(
     likelihood, other = (
         PlanarLikelihood(tuple(some), observed, signals=base.signals) for some in (runs, unseen)
     )  # one start is enough for what somebody took for the vehicle
-    outcome = stepwise_search(PlanarSearch(likelihood, other), likelihood.estimate(base, stored.random), goes_on)
+    judge, start = PlanarSearch(likelihood, other), likelihood.estimate(base, stored.random)
+    outcome = stepwise_search(judge, start, lambda first: goes_on() is None)
     rounds, before, final = outcome.looks, outcome.looks[0].before, outcome.final
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken

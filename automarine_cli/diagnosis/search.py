@@ -529,6 +529,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             *map_fn(partial(go_on, study, best, SEARCH_BRIEF), models, "more starts"),
         ]
         climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
+        climbers = [t for t in climbers if t.evidence - FORETELLS * t.fit.promised - RIVAL_RANGE < best.evidence]
         climbers += [best] if not best.fit.converged else []
         ended = map_fn(partial(go_on, study, iterations=FINE_ITERATIONS), climbers, "fitting")
         ranked = sorted((trial for trial in ended if trial is not None), key=lambda trial: -trial.evidence)
@@ -546,7 +547,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         return current
 
 
-def search(study: DiagnosisProblem, seed: int, map_fn: Each, goes_on: Callable[[], None]) -> SearchResult:
+def search(study: DiagnosisProblem, seed: int, map_fn: Each, goes_on: Callable[[SearchStep], bool]) -> SearchResult:
     """Find what is missing; `map_fn` maps a function over candidates, in processes or not."""
     judge = MotionSearch(study, seed, map_fn)
     outcome = stepwise_search(judge, candidate_fit(study, study.base, (), study.fit(study.base)), goes_on)

@@ -93,17 +93,17 @@ class NamedRival:
 
 
 def stepwise_search(
-    judge: Judge[Candidate, Round], base: Candidate, goes_on: Callable[[], None] = lambda: None
+    judge: Judge[Candidate, Round], base: Candidate, goes_on: Callable[[Round], bool] = lambda first: True
 ) -> Outcome[Candidate, Round]:
-    """What `base` lacks; `goes_on` is called after a first look that found something. Raises FitError where not even
-    that look can be made."""
+    """What `base` lacks; `goes_on` says after a first look that found something whether to go on. Raises FitError where
+    not even that look can be made."""
     current, looks = _forward(judge, base, goes_on)
     current, around = _reconsidered(judge, current, looks[0])
     return Outcome(current, tuple(looks), around)
 
 
 def _forward(
-    judge: Judge[Candidate, Round], current: Candidate, goes_on: Callable[[], None]
+    judge: Judge[Candidate, Round], current: Candidate, goes_on: Callable[[Round], bool]
 ) -> tuple[Candidate, list[Round]]:
     looks: list[Round] = []
     alternatives: list[Candidate] = []
@@ -119,10 +119,8 @@ def _forward(
             continue
         looks.append(look)
         candidates = judge.admissible(look, looks[0])
-        if not candidates:
+        if not candidates or (len(looks) == 1 and not goes_on(look)):
             return look.before, looks
-        if len(looks) == 1:
-            goes_on()
         current, *alternatives = candidates
     return current, looks
 

@@ -136,6 +136,18 @@ def test_the_right_variable_is_named_and_the_band_holds_the_truth(found: tuple[s
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_column_that_alone_leaves_noise_ends_the_search_at_its_first_look(side: float) -> None:
+    """Mirrored too: with all effects to choose from, of which several gain beyond chance."""
+    runs = [replace(r, position=side * r.position, moment=side * r.moment) for r in campaign("depth", repeats=1)]
+    further: list[str] = []
+    diagnosis = diagnose_runs(runs, BASE, goes_on=lambda: further.append("look"))
+    (first,) = diagnosis.search.rounds
+    assert first.gain(first.trials[0]) > first.threshold and not further
+    assert (diagnosis.verdict, diagnosis.search.final.added) == ("named", ("learned:depth_below_m",))
+
+
+@pytest.mark.slow
 def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few: None) -> None:
     runs = steered(6, sea=Sea(warmth=0.4), length=40.0)
     diagnosis = diagnose_runs(runs, Model.base("3", 1.0, (1.2,), "nu", YAW))

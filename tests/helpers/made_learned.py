@@ -32,6 +32,7 @@ LAWS: Mapping[str, tuple[str, str, Callable[[Floats], Floats]]] = {
     "temperature": ("water_temp_C", "gain", lambda x: 0.12 * np.sin(2.0 * np.pi * (x - 4.0) / 20.0)),
     "rate": ("yaw-rate", "moment", lambda x: -0.35 * np.abs(x) ** 1.5),
     "product": ("depth_below_m", "drag", lambda x: 0.04 * x),
+    "depth": ("depth_below_m", "moment", lambda x: 0.1 * np.sin(0.8 * x)),
     "nothing": ("", "moment", lambda x: 0.0 * x),
 }
 """The variable, what its curve is, and the curve (of the speed, on its size)."""
