@@ -9,7 +9,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import floor, log10
+from math import floor, log10, radians
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from automarine_cli.planning import rivals
 from automarine_cli.planning.candidates import PLAN, Limits, PaperRun, Supply, TimedRun, consumption, drive_of
 from automarine_cli.planning.information import Fitting, Intervals, PlannedLog, PriorResults
 from automarine_cli.quantities import STEERED, Floats
-from automarine_cli.simulation.specification import SIMULATION_SCHEMA, time_to_turn
+from automarine_cli.simulation.specification import SIMULATION_SCHEMA, time_to_turn, zigzags
 from automarine_cli.thrusters.bollard_data import Series, load_thruster_logs
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters, map_and_arm
 
@@ -145,24 +145,20 @@ def runs_of(fitting: Fitting, limits: Limits, largest: float) -> tuple[PaperRun,
     angles = [angle for angle in pool.ZIGZAG_DEG if np.deg2rad(angle) <= largest] or [float(np.rad2deg(largest))]
     kinds = [(pool.ZIGZAG, pool.SWINGS, angle, angle) for angle in angles]
     kinds.append(("turning-circle", 1, float(f"{np.rad2deg(largest):.4g}"), pool.CIRCLE_DEG))
-    every = [
-        PaperRun(kind, f"{kind}_{side * angle:+g}{'' if speed is None else f'_{speed:g}m-s'}", (), speed=speed)
-        for speed in speeds for kind, _, angle, _ in kinds for side in (1, -1)
-    ]  # fmt: skip
-    parts = [(n, side * np.deg2rad(angle), until) for _ in speeds for _, n, angle, until in kinds for side in (1, -1)]
-    rest_samples = round(fitting.rest * fitting.rate)
-    for swing in range(pool.SWINGS):
-        at = [i for i, (count, *_) in enumerate(parts) if swing < count]
-        ends = [round(rest_samples + run.driven_s * fitting.rate) for run in every]
-        for i in at:
-            way = (-1.0) ** swing * float(parts[i][1])
-            every[i] = replace(every[i], commands=(*every[i].commands, (way, pool.MAX_DRIVEN_S)))
-        for i, heading in zip(at, headings_of(fitting.model, fitting.logger, [every[i] for i in at])):
-            *before, (way, _) = every[i].commands
-            over = np.sign(way) * heading[ends[i] :] >= np.deg2rad(parts[i][2])
-            seconds = round(max(int(np.argmax(over)), 1) / fitting.rate, 1) if over.any() else np.inf
-            every[i] = replace(every[i], commands=(*before, (way, min(seconds, pool.MAX_DRIVEN_S))))
-    runs = tuple(run for run in every if run.driven_s < pool.MAX_DRIVEN_S)
+    every = [(speed, *kind, side) for speed in speeds for kind in kinds for side in (1, -1)]
+    logged = {"voltage": fitting.voltage or 0.0, "surge": fitting.speed or 0.0}
+    cases = [
+        (side * radians(angle), radians(until), count, logged | ({} if speed is None else {"surge": speed}))
+        for speed, _, count, angle, until, side in every
+    ]
+    runs = tuple(
+        PaperRun(
+            kind, f"{kind}_{side * angle:+g}{'' if speed is None else f'_{speed:g}m-s'}",
+            tuple((rudder, round(seconds, 1)) for rudder, seconds in commands), speed=speed,
+        )
+        for (speed, kind, _, angle, _, side), commands in zip(every, zigzags(fitting.model, fitting.rate, cases))
+        if commands
+    )  # fmt: skip
     if not runs:
         raise SettingError("the limits allow no campaign: no zigzag ends in time; allow larger rudder angles")
     return runs

@@ -22,7 +22,15 @@ from automarine_cli.pipeline.records import ResultKind, ResultRecord, keyed
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.run import IMPOSSIBLE_EXTRAPOLATION
 from automarine_cli.simulation import specification
-from automarine_cli.simulation.specification import AboveZero, Commands, Limit, Settings, ZeroOrMore, moment_text
+from automarine_cli.simulation.specification import (
+    MAX_DRIVEN_S,
+    AboveZero,
+    Commands,
+    Limit,
+    Settings,
+    ZeroOrMore,
+    moment_text,
+)
 from automarine_cli.thrusters.bollard_data import Series
 from automarine_cli.thrusters.map import ThrusterMap, TwinThrusters
 
@@ -150,7 +158,6 @@ COAST_CONSTANTS, COAST_S = 6.0, (5.0, 20.0)
 ZIGZAG, ZIGZAG_DEG, SWINGS = "zigzag", (10.0, 20.0), 5  # angles of rudder and heading: IMO MSC.137(76)
 CIRCLE_DEG = 360.0  # of a turning circle
 SPEED_SHARES = (2 / 3, 1.0, 4 / 3)  # speeds of what is steered, where its model depends on the speed
-MAX_DRIVEN_S = 120.0  # no run is driven for longer: who would wait for it can repeat it
 
 
 @dataclass(frozen=True)

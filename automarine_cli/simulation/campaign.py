@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby, islice
-from math import exp, floor, log2
+from math import exp, floor, log2, radians
 from typing import TypeAlias
 
 import numpy as np
@@ -32,6 +32,7 @@ SWITCH_HALF_WIDTH_S = 1e-7  # s: the command changes in the middle of an interva
 CHUNK_RUNS = 64  # runs that are simulated together
 MAX_REDRAWS = 10_000
 MAX_SAMPLES, MAX_SIMULATED_RUNS = 500_000_000, 1_000_000
+RUDDER = "rudder_deg"
 LOG_DECIMALS = 3  # of seconds, degrees and metres in every log
 MOMENT_DECIMALS = 6
 
@@ -171,9 +172,11 @@ def _truth(
     for plan, run, clock in zip(plans, drawn, clocks):
         commands = commanded(clock, run)
         extras = {SURGE.command: commands[:, 0], SWAY.command: commands[:, 1]} if motion.turns else {}
+        if specification.steered:
+            extras = {"rudder": commands[:, 0], "surge": np.full(len(clock), plan.group.surge_m_s or 0.0)}
         time, zeros = plan.start + clock, np.zeros_like(clock)
         runs.append(Run(plan.name, plan.file, time, zeros, commands[:, -1], model.moment_unit, extras, dof=model.dof))
-    batch = make_batch(runs, step, hold=False, motion=motion)
+    batch = make_batch(runs, step, () if motion.turns else model.signals, hold=False, motion=motion)
     size, last = len(motion.dofs), len(motion.dofs) - 1
     position = np.zeros((size, 1, len(plans)))
     position[last, 0] = [run.start for run in drawn]
@@ -215,7 +218,7 @@ def _knots(time: Floats, switches: Floats, is_held: bool) -> Floats:
 def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
     """Plan all runs in the order in which they are made. Raises SettingError for two runs of one name in one file, two
     groups that write one file, and a campaign of more than half a thousand million samples."""
-    base = getattr(specification.vehicle, "model", None)
+    base = specification.model() if specification.steered else getattr(specification.vehicle, "model", None)
     listed = ((group, run) for group in specification.runs for run in group.runs(base, seed))
     plans = []
     for turn, (group, (name, key, commands)) in enumerate(islice(listed, MAX_SIMULATED_RUNS + 1)):
@@ -243,7 +246,8 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
 def _on_the_grid(
     commands: Commands, specification: Specification
 ) -> tuple[int, tuple[int, ...], tuple[tuple[float, ...], ...]]:
-    """Number of samples (in the plane the end is one), first sample of each command, the commands; rests included."""
+    """Number of samples (in the plane the end is one), first sample of each command, the commands, of a rudder [rad];
+    rests included."""
     schedule, motion = specification.campaign, specification.motion
     nothing = (0.0,) * len(motion.dofs)
     padded = ((*nothing, schedule.rest_before_s), *commands, (*nothing, schedule.rest_after_s))
@@ -253,7 +257,8 @@ def _on_the_grid(
     for (*forces, _), begin, end in zip(padded, begins, ends):
         if tuple(forces) != current and end > begin:
             changes.append(int(begin))
-            moments.append(current := tuple(forces))
+            current = tuple(forces)
+            moments.append(tuple(map(radians, current)) if specification.steered else current)
     return int(ends[-1]) + motion.turns, tuple(changes), tuple(moments)
 
 
@@ -294,10 +299,15 @@ def _log(run: SimulatedRun, time: Floats, truth: Floats, specification: Specific
             reading = reading[rows[np.searchsorted(rows, np.arange(count), side="right") - 1]]
         readings[name] = _rounded(reading) if low is None or name != last else _turned(reading, low)
     units = [specification.force_unit or dof.units.forces[1] for dof in motion.dofs]
-    names = [dof.column(dof.command, unit) for dof, unit in zip(motion.dofs, units)]
-    forces = zip(names, (_rounded(column, MOMENT_DECIMALS) for column in commanded(time, run).T))
+    commands = commanded(time, run).T
+    if specification.steered:
+        names, commands = [RUDDER], np.rad2deg(commands)
+    else:
+        names = [dof.column(dof.command, unit) for dof, unit in zip(motion.dofs, units)]
+    forces = zip(names, (_rounded(column, MOMENT_DECIMALS) for column in commands))
     before = [*readings.items()][: None if motion.turns else 1]  # a rate comes after the command
-    return replace(run, columns={"time_s": _rounded(plan.start + time)} | dict([*before, *forces]) | readings)
+    ahead = {} if plan.group.surge_m_s is None else {"surge_m_s": np.full(count, plan.group.surge_m_s)}
+    return replace(run, columns={"time_s": _rounded(plan.start + time)} | dict([*before, *forces]) | readings | ahead)
 
 
 def _turned(reading: Floats, low: float) -> Floats:
@@ -319,7 +329,7 @@ def lasting(drawn: Floats, share: float) -> Floats:
 
 
 Column: TypeAlias = Floats | Sequence[str]
-COMMAND_COLUMNS = {"n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
+COMMAND_COLUMNS = {"n", RUDDER, *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
 """Columns of CSV that have as many decimals as the number; every other one has `LOG_DECIMALS`."""
 
 

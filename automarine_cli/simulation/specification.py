@@ -8,7 +8,7 @@ under the names that planar_model.json has: "surge.m_u", "sway.Y_vv"."""
 import hashlib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, field
 from string import ascii_lowercase
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias, get_args, get_type_hints
@@ -23,7 +23,10 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.model import CONSTANT, RESTORING, Model, Term, response
 from automarine_cli.models.store import PLANAR_MODEL, models_of
 from automarine_cli.pipeline.records import FILLER, Codec, Record, everything, key_of, keyed
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import simulate, step_for
 from automarine_cli.text import Place, format_value, in_words
 
 
@@ -134,9 +137,10 @@ def levels_of(levels: Levels) -> tuple[float, ...]:
 class RunGroup(Settings):
     """Runs of one kind, where their logs go and what is wrong with them on purpose. Files are `folder/LABEL.format`
     with a letter for the repeat (or `suffix`); with `together` all runs of the group go into the one file of that name,
-    distinguished by a column `run`. `wait_after_s` takes the place of the campaign's wait after each of these runs."""
+    distinguished by a column `run`. `wait_after_s` takes the place of the campaign's wait after each of these runs,
+    `surge_m_s` is the speed ahead of what a rudder steers, which is logged."""
 
-    kind: Literal["step", "coast-down", "reversal", "sequence", "ramp", "rest", "planar"]
+    kind: Literal["step", "coast-down", "reversal", "sequence", "ramp", "rest", "planar", "zigzag"]
     name: str | None = None
     folder: str = "runs"
     format: Format = "csv"
@@ -145,6 +149,7 @@ class RunGroup(Settings):
     suffix: str | None = None
     fault: Literal["never-moves"] | None = None
     wait_after_s: ZeroOrMore | None = None
+    surge_m_s: AboveZero | None = None
     dof: Dof = field(repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
@@ -232,7 +237,8 @@ class RestRuns(RunGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceRuns(RunGroup):
-    """Any `commands`: levels and how many seconds they are held; in the plane [X N, Y N, N N m, seconds]."""
+    """Any `commands`: levels (of a rudder degrees) and how many seconds they are held; in the plane [X N, Y N, N N m,
+    seconds]."""
 
     commands: Commands
 
@@ -245,6 +251,30 @@ class SequenceRuns(RunGroup):
 
     def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
         yield self.label, self.commands
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZigzagRuns(RunGroup):
+    """A zigzag for each of `angles_deg`: the rudder goes over by so much, and to the other side each time the heading
+    is as far off, so many `swings`; as the true vehicle turns without scatter."""
+
+    angles_deg: tuple[float, ...]
+    swings: CountAboveZero = 5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not levels_of(self.angles_deg) or not all(0.0 < abs(angle) <= 90.0 for angle in self.angles_deg):
+            raise SettingError("angles_deg: expected rudder angles of up to 90 degrees to either side, none of them 0")
+
+    def cases(self, model: Model) -> Iterator[tuple[str, Commands]]:
+        ahead = {"surge": self.surge_m_s or 0.0}
+        cases = [(math.radians(a), math.radians(abs(a)), self.swings, ahead) for a in self.angles_deg]
+        for angle, commands in zip(self.angles_deg, zigzags(model, ZIGZAG_RATE_HZ, cases)):
+            if not commands:
+                raise SettingError(
+                    f"angles_deg: with {angle:g} no zigzag ends within {MAX_DRIVEN_S:g} s; give larger angles"
+                )
+            yield f"{self.label}_{angle:+g}", tuple((math.degrees(rudder), hold) for rudder, hold in commands)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -306,6 +336,34 @@ def time_to_turn(angle: float, moment: float, model: Model) -> float:
     return float(optimize.brentq(lambda time: turned(time) - angle, 0.0, high, xtol=1e-14))
 
 
+ZIGZAG_RATE_HZ = 20.0  # at which a helmsman looks at the heading
+MAX_DRIVEN_S = 120.0  # no run is driven for longer: who would wait for it can repeat it
+
+
+def zigzags(
+    model: Model, rate_hz: float, cases: Sequence[tuple[float, float, int, Mapping[str, float]]]
+) -> list[tuple[tuple[float, float], ...]]:
+    """Return the angle of the rudder [rad] and the seconds of each swing, for each case: the first angle, how far the
+    heading goes that way before the rudder goes to the other side [rad], how many swings, and signals that stay as they
+    are; none for a case that takes MAX_DRIVEN_S."""
+    clock = np.arange(round(MAX_DRIVEN_S * rate_hz) + 1) / rate_hz
+    rudders, begins = np.array([np.full(len(clock), first) for first, *_ in cases]), [0] * len(cases)
+    swings: list[list[tuple[float, float]]] = [[] for _ in cases]
+    step = min(0.1, step_for(model, float(np.abs(rudders).max())))
+    for number in range(max(count for _, _, count, _ in cases)):
+        held = [{name: np.full(len(clock), value) for name, value in signals.items()} for *_, signals in cases]
+        runs = [Run("", "", clock, 0.0 * clock, r, STEERED, {**s, "rudder": r}, dof=YAW) for r, s in zip(rudders, held)]
+        for i, heading in enumerate(simulate(model, make_batch(runs, step, model.signals)).position[0]):
+            _, until, count, _ = cases[i]
+            way, begin = float(rudders[i, begins[i]]), begins[i]
+            over = np.flatnonzero(np.sign(way) * heading[begin + 1 :] >= until)
+            if number < count and len(swings[i]) == number and len(over):
+                begins[i] = begin + 1 + int(over[0])
+                swings[i].append((way, (begins[i] - begin) / rate_hz))
+                rudders[i, begins[i] :] = -way
+    return [tuple(of_case) if len(of_case) == case[2] else () for of_case, case in zip(swings, cases)]
+
+
 SIMULATION_SCHEMA = "automarine/simulation/1"
 MIN_NUMBER, MAX_NUMBER = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
 
@@ -314,9 +372,10 @@ MIN_NUMBER, MAX_NUMBER = 1e-12, 1e12  # of any number: beyond it no vehicle is, 
 class Vehicle(Settings):
     """The vehicle: inertia [force s², of a translation per metre], `quadratic` [force s²] and `linear` drag [force s].
     In a file they have the names of the motion: `I_r`, `k_rr` and `k_r`, or `m_u`, `X_uu` and `X_u`; the unit of force
-    is `moment_unit` or `force_unit`. Who moves along an axis says which by `motion`; `difference` is half the quadratic
-    drag one way less that the other way, the positive way first; `constant_force` [force] is weight less buoyancy where
-    that acts, positive down, or what makes a list; `restoring` [moment] is m g GM of what swings."""
+    is `moment_unit` or `force_unit`, "rad" where the angle of a rudder is the command. Who moves along an axis says
+    which by `motion`; `difference` is half the quadratic drag one way less that the other way, the positive way first;
+    `constant_force` [force] is weight less buoyancy where that acts, positive down, or what makes a list; `restoring`
+    [moment] is m g GM of what swings."""
 
     inertia: AboveZero = field(metadata=keyed("{inertia_symbol}"))
     quadratic: ZeroOrMore = field(default=0.0, metadata=keyed("{quadratic}"))
@@ -330,8 +389,9 @@ class Vehicle(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.force_unit not in self.dof.units.forces[:2]:
-            units = ", ".join(map(repr, self.dof.units.forces[:2]))
+        allowed = (*self.dof.units.forces[:2], *([STEERED] if self.dof is YAW else []))
+        if self.force_unit not in allowed:
+            units = ", ".join(map(repr, allowed))
             raise SettingError(
                 f"{key_of(self, 'force_unit')}: expected one of {units}, found {format_value(self.force_unit)}"
             )
@@ -456,10 +516,6 @@ class EffectSetting:
             effect = library.get(self.name)
         except ModelError as problem:
             raise SettingError(str(problem)) from None
-        if effect.needs:
-            raise SettingError(
-                f"effect {self.name!r} needs the column {effect.columns[0]!r}, which simulated runs lack; leave it out"
-            )
         names = effect.names_in(self.dof)
         allowed = ", ".join(names)
         if unknown := next((name for name in self.values if name not in names), None):
@@ -504,6 +560,9 @@ class Disturbance(Settings):
     time_s: AboveZero = 5.0
 
 
+OF_A_RUDDER = ("zigzag", "sequence", "rest")  # kinds of runs
+
+
 @dataclass(frozen=True, kw_only=True)
 class Specification(Settings):
     """A campaign of one degree of freedom, with hidden `effects`; or in the plane, with `hidden` parameters and forces
@@ -533,6 +592,17 @@ class Specification(Settings):
             raise SettingError(f"{foreign[0]}: runs of {self.motion.name} have none; leave it out")
         if alien := next((group.kind for group in self.runs if (group.kind == "planar") is not turns), None):
             raise SettingError(f"runs: kind {alien!r} is of another motion than {self.motion.name}")
+        if other := next((group.kind for group in self.runs if self.steered and group.kind not in OF_A_RUDDER), None):
+            raise SettingError(f"runs: kind {other!r} has no rudder; expected {' or '.join(OF_A_RUDDER)}")
+        if not self.steered and any(group.kind == "zigzag" or group.surge_m_s for group in self.runs):
+            raise SettingError(f'runs: a zigzag and surge_m_s are of a rudder; expected moment_unit = "{STEERED}"')
+        logged = {"rudder"} if self.steered else set()
+        logged |= {"surge"} if self.runs and all(group.surge_m_s for group in self.runs) else set()
+        for i, name in enumerate(setting.name for setting in self.effects):
+            if lacking := [column for column in library.get(name).columns if column not in logged]:
+                hint = "give surge_m_s to all runs" if self.steered and lacking == ["surge"] else "leave it out"
+                needs = f"needs the column {lacking[0]!r}, which simulated runs lack; {hint}"
+                raise SettingError(f"effects[{i}]: effect {name!r} {needs}")
         if twice := sorted(set(getattr(self.vehicle, "parameters", ())) & set(self.hidden)):
             raise SettingError(f"hidden: {twice[0]!r} is a parameter of the vehicle too; give it once")
         if unknown := next((name for name in self.sensors if name not in self.columns), None):
@@ -546,6 +616,10 @@ class Specification(Settings):
     @property
     def motion(self) -> Motion:
         return self.vehicle.model.motion if isinstance(self.vehicle, Vehicle) else PLANAR
+
+    @property
+    def steered(self) -> bool:
+        return self.force_unit == STEERED
 
     @property
     def columns(self) -> dict[str, Dof]:
@@ -601,7 +675,7 @@ class _Codec(Codec):
             hint = PlanarVehicle if isinstance(value, Mapping) and value.get("motion") == PLANAR.name else Vehicle
         if hint is RunGroup and isinstance(value, Mapping):
             kind = self.value(get_type_hints(RunGroup)["kind"], value.get("kind"), (*place, "kind"))
-            kinds = {"ramp": RampRuns, "rest": RestRuns, "sequence": SequenceRuns}
+            kinds = {"ramp": RampRuns, "rest": RestRuns, "sequence": SequenceRuns, "zigzag": ZigzagRuns}
             kinds[PLANAR.name] = DrawnRuns if "largest" in value else SequenceRuns
             hint = kinds.get(kind, StepRuns)
         if hint is EffectSetting:

@@ -74,6 +74,7 @@ def test_sample_runs_are_small_and_nothing_else_is_there() -> None:
         "planar_bare.json",
         "paper.toml",
         "rudder",
+        "zigzags.toml",
         "real_boat",
         "real_boat_validation",
     }

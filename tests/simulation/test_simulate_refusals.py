@@ -27,6 +27,9 @@ kind = "step"
 moments = [0.5, -0.5]
 turn_deg = 200
 """
+BOAT = GOOD.partition("[vehicle]\n")[2]
+INFLOW = '[[effects]]\nname = "rudder-inflow"\nrace = 0\nU = 1\n'
+ZIGZAG = '[logger]\n[[runs]]\nkind = "zigzag"\nangles_deg = [10]'
 
 
 @pytest.mark.parametrize(
@@ -44,7 +47,7 @@ turn_deg = 200
         ("b = 0.02", "c = 0.02",
          "spec.toml: effects[0]: effect 'bias-moment' has no parameter 'c'; it has b"),
         ("b = 0.02", "", "spec.toml: effects[0]: effect 'bias-moment' needs its parameter 'b' (of b)"),
-        ('name = "bias-moment"\nb = 0.02', 'name = "cross-coupling"',
+        ('name = "bias-moment"\nb = 0.02', 'name = "cross-coupling"\nc = 0.1',
          "spec.toml: effects[0]: effect 'cross-coupling' needs the column 'surge', which simulated runs lack; "
          "leave it out"),
         ("turn_deg = 200", "", "spec.toml: runs[0]: expected one of turn_deg and duration_s"),
@@ -54,6 +57,13 @@ turn_deg = 200
         ("turn_deg = 200", "duration_s = 1e9", "spec.toml: 2e+10 samples would be made; expected at most 5e+08"),
         ("[0.5, -0.5]", "[0.5, 0.5]", "spec.toml: two runs would be written as 'tau_+0.5' in runs/tau_+0.5.csv"),
         ("k_rr = 1.2", "", "spec.toml: vehicle: k_rr and k_r are both 0; expected a drag"),
+        ("k_rr = 1.2", 'k_rr = 1.2\nmoment_unit = "rad"', "runs: kind 'step' has no rudder; expected zigzag or"),
+        ("turn_deg = 200", "turn_deg = 200\nsurge_m_s = 1",
+         'spec.toml: runs: a zigzag and surge_m_s are of a rudder; expected moment_unit = "rad"'),
+        (BOAT, f'I_r = 1\nk_r = 1\nmoment_unit = "rad"\n{INFLOW}{ZIGZAG}',
+         "effects[0]: effect 'rudder-inflow' needs the column 'surge', which simulated runs lack; give surge_m_s"),
+        (BOAT, f'I_r = 1e6\nk_r = 1\nmoment_unit = "rad"\n{ZIGZAG}',
+         "angles_deg: with 10 no zigzag ends within 120 s; give larger angles"),
     ],
 )  # fmt: skip
 def test_refused_with_the_key(tmp_path: Path, old: str, new: str, sentence: str) -> None:

@@ -76,6 +76,40 @@ def test_every_kind_is_what_solve_ivp_makes_of_its_truth(held: bool) -> None:
         assert worst_error(specification, run) <= INTEGRATED, run.plan.name
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_zigzag_is_what_solve_ivp_makes_of_it_and_goes_over_where_it_should(side: float) -> None:
+    """Nomoto's boat at two speeds: the rudder's moment follows the square of the speed but for a share of the race."""
+    vehicle = {"moment_unit": "rad", "I_r": 0.9, "k_r": 0.7}
+    inflow = {"name": "rudder-inflow", "race": 0.2, "U": 1.2}
+    zigzags = [
+        {"kind": "zigzag", "name": f"at_{ahead}", "angles_deg": [side * 10, side * 20], "swings": 4, "surge_m_s": ahead}
+        for ahead in (0.9, 1.5)
+    ]
+    specification = pool_specification(
+        runs=zigzags, vehicle=vehicle, noise_deg=0.0, gain=0.0, logger={"wrap": "none"}, effects=[inflow],
+        scatter={"start_heading_deg": 0.0}, campaign={"rest_after_s": 0.0},
+    )  # fmt: skip
+    for run in make_campaign(specification, SEED):
+        ahead, size = run.columns["surge_m_s"][0], abs(run.plan.moments[0][0])
+        share = 0.2 + 0.8 * (ahead / 1.2) ** 2
+        edges = [*run.switches.tolist(), (run.plan.samples - 1) * specification.logger.period]
+        state, heading = np.zeros(2), []
+        for number, (begin, end) in enumerate(pairwise(edges)):
+            (rudder,) = run.plan.moments[number]
+            assert rudder == pytest.approx(side * (-1.0) ** number * size)
+            if number:  # this switch and those before are up to a sample early or late, in which it turns so far
+                assert abs(abs(state[0]) - size) <= 3.0 * specification.logger.period * size * share / 0.7
+
+            def slope(_: float, y: Floats, push: float = rudder * share) -> list[float]:
+                return [y[1], (push - 0.7 * y[1]) / 0.9]
+
+            state = solve_ivp(slope, (begin, end), state, "DOP853", rtol=1e-10, atol=1e-11).y[:, -1]
+            heading.append(state[0])
+        np.testing.assert_allclose(np.deg2rad(run.columns["heading_deg"][-1]), heading[-1], atol=INTEGRATED)
+        logged = run.columns["rudder_deg"]
+        assert logged[0] == 0.0 and np.abs(logged).max() == pytest.approx(np.rad2deg(size))
+
+
 def test_a_turn_lasts_as_long_as_the_base_vehicle_needs() -> None:
     for inertia, linear, quadratic in ((1.018, 0.0, 1.257), (1.018, 0.5, 0.0), (0.5, 0.1, 2.0)):
         model = Model.base("2", inertia, (quadratic, linear), "nu", YAW)
