@@ -108,6 +108,7 @@ class DrivenProblem:
         parts = [slice(i * count, (i + 1) * count) for i in range(len(phi))]
         return [Slopes.of([innovations_of(followed, part, self.steps(point))]) for part, point in zip(parts, phi)]
 
+    @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
     def point(self, phi: Floats, slopes: "Slopes") -> "Point[Slopes]":
         """Give a point of the search: log density of the runs of `slopes` with the prior, minus infinity where a filter
         diverges, and its slope and curvature."""
