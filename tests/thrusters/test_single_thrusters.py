@@ -12,6 +12,7 @@ from click.testing import Result
 from few_candidates import few_candidates
 from numpy.typing import NDArray
 from repository import DATA
+from tank import pool_specification
 
 from automarine_cli import effects
 from automarine_cli.diagnosis import search
@@ -26,7 +27,6 @@ from automarine_cli.models.model import Model
 from automarine_cli.runs.checks import within_limits
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import LOGGED_COMMAND, Run
-from automarine_cli.simulation.specification import EffectSetting
 from automarine_cli.thrusters.curves import PowerCurve
 from automarine_cli.thrusters.map import ThrusterMap, drive_run_by_thrusters, parts_of
 
@@ -212,7 +212,7 @@ def test_commands_use_a_stored_imbalance_or_say_what_they_lack(tmp_path: Path, r
     refused = run("export", model, "--to", "python", "-o", tmp_path / "sim.py")
     assert refused.exit_code == 1 and f"{NAME} (it needs the logged n_port, n_stbd)" in refused.stderr
     with pytest.raises(SettingError, match="needs the column 'n_port', which simulated runs lack"):
-        EffectSetting(NAME, {}, dof=YAW)
+        pool_specification(effects=[{"name": NAME, **dict(zip(NAMES, (0.1, -0.06, 0.05)))}])
 
 
 # Moments that thrusters cannot give
