@@ -751,7 +751,7 @@ def diagnose_runs(
         held_out=None if held_out is None else judged_runs(held_out, verdict.result),
         candidates=[
             {"name": trial.added[-1], "gain": first.gain(trial)}
-            for trial in sorted(first.trials, key=lambda trial: trial.evidence)
+            for trial in sorted(first.trials, key=lambda trial: -first.gain(trial))
         ],
         threshold=first.threshold, base={name: (before[name], after[name]) for name in before},
         extended=_extended_model(study, verdict.leaves, number), driven=study.driven, remainder=verdict.remainder,

@@ -169,7 +169,7 @@ def residuals_figure(
     axes["all"].axvline(floor, color="0.4", ls=":", label=f"noise of {floor:.2g} {unit}; the band is twice that")
     axes["all"].set_yticks(rows, [shortened(runs[i][0], MAX_NAME_BESIDE) for i in order], parse_math=False)
     axes["all"].invert_yaxis()
-    axes["all"].set(xlabel=f"root mean square [{unit}]", xlim=(0.0, None))
+    axes["all"].set(xlabel=f"root mean square [{unit}]", xlim=(0.0, 1.05 * float(np.nanmax([*sizes.flat, floor]))))
     legend_below(figure, axes[0], axes["all"])
     every = (np.concatenate([lines[i][1] for _, lines in runs] or [np.zeros(0)]) for i in (0, 1))
     left = [f"{np.sqrt(np.mean(error**2)):.3g} {unit} {label}" for error, label in zip(every, labels) if len(error)]
