@@ -32,6 +32,7 @@ from automarine_cli.fits.driven import (
     MAX_STEPS_S,
     Judgement,
     base_starts,
+    by_model_alone,
     disturbed,
     driven_problem,
     judged_of,
@@ -502,7 +503,7 @@ def _predicted(
     problem = driven_problem(model, course)
     problem = replace(problem, parameters=problem.parameters.fixed_at(model.theta))
     fit = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
-    predicted = predict(model, course, model.theta, problem.noises(fit.theta[None]))
+    predicted = predict(model, course, model.theta, problem.noises(fit.theta[None]), alone=by_model_alone(runs))
     return tuple(ahead for ahead in predicted if len(ahead.error))
 
 

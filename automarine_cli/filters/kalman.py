@@ -462,12 +462,15 @@ class Predicted:
 
 
 def predict(
-    model: Model, course: Course, theta: Floats, noises: Noises, channel: int = 0, followed: FilterResult | None = None
-) -> tuple[Predicted, ...]:
+    model: Model, course: Course, theta: Floats, noises: Noises, channel: int = 0,
+    followed: FilterResult | None = None, alone: bool = False,
+) -> tuple[Predicted, ...]:  # fmt: skip
     """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
-    that were `followed`."""
+    that were `followed`; by the model `alone`, without the disturbance and the gain that the filter believes in."""
     followed = followed or follow(model, course.unthinned, theta[None], noises, keep=True)
     assert followed.states is not None
+    if alone:
+        followed.states[[*followed.places.pushed, followed.places.gain]] = 0.0
     of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING_S))
     targets = {h: targets_of(of.seen, time, run, origin, h) for h in HORIZONS}

@@ -109,6 +109,12 @@ def mostly_stepped(runs: Sequence[Run]) -> bool:
     return 2 * sum(stepped(run) for run in runs) >= len(runs)
 
 
+def by_model_alone(runs: Sequence[Run]) -> bool:
+    """Whether the model alone forecasts: held commands answer nothing within a forecast, and a disturbance that a
+    filter carries on is then mostly what the model lacks. A rudder's commands answer the heading."""
+    return runs[0].moment_unit != STEERED and mostly_stepped(runs)
+
+
 def disturbed(runs: Sequence[Run], base: Model, at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None) -> bool:
     """Whether a diagnosis has to reckon with a disturbance.
 
@@ -326,10 +332,8 @@ def left_out_predictions(
         phi, course = fit.left_out[r], problem.course.some(np.arange(len(problem.course.names)) == r)
         theta = problem.parameters.natural(phi)
         followed = problem.follow(phi[None], True, course if thinned else course.unthinned)
-        if alone and followed.states is not None:
-            followed.states[[*followed.places.pushed, followed.places.gain]] = 0.0
         model, noises = theta[: len(fit.of_model)], problem.noises(theta[None])
-        by_run.append([predict(problem.model, course, model, noises, channel=c, followed=followed) for c in channels])
+        by_run.append([predict(problem.model, course, model, noises, c, followed, alone) for c in channels])
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
 

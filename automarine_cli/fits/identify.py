@@ -490,19 +490,18 @@ def _fit_driven(
     drifts = steered and DRIFT not in with_effects
     drifting = _drifting(fits, runs, course, with_effects, priors) if drifts else {}
     every, fits, dof = {**fits, **drifting}, drifting or fits, course.motion.dofs[0]
-    is_held = not steered and driven.mostly_stepped(runs)  # models are compared as estimators: see `beside_forecasts`
-    predict, inflate = partial(driven.predictions_of, course), partial(driven.inflate_for_missing, course)
-    ahead = dict(zip(fits, map_jobs(partial(predict, alone=is_held), [*fits.values()], PREDICTING)))
+    predict = partial(driven.predictions_of, course, alone=driven.by_model_alone(runs))
+    inflate = partial(driven.inflate_for_missing, course)
+    ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], PREDICTING)))
     horizons = STEERED_HORIZONS_S if steered else COMPARISON_HORIZONS_S
     preference = prefer_driven(fits, ahead, dof, horizons) or prefer(fits)
     number = preference.number
     if estimator := fits[number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     [(fit, proposed)] = map_jobs(inflate, [fits[number]], "widening intervals")
-    predicted = predict(fits[number]) if is_held else ahead[number]
     large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
-    worth = {dof.position: driven.worth_of(predicted)}
-    use = driven.Judgement(worth, len(course.names), predicted, course, proposed, large)
+    worth = {dof.position: driven.worth_of(ahead[number])}
+    use = driven.Judgement(worth, len(course.names), ahead[number], course, proposed, large)
     return {**every, number: fit}, preference, use, refused
 
 

@@ -14,7 +14,7 @@ from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.errors import AutomarineError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import carried, follow, shown_channel
-from automarine_cli.fits.driven import driven_problem
+from automarine_cli.fits.driven import by_model_alone, driven_problem
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit
 from automarine_cli.models.model import Model
@@ -68,6 +68,9 @@ def _from_filtered_states(fitted: Fitted, fit: InnovationsFit, runs: Sequence[Ru
     problem, course = fitted.on(runs)
     noises, channel = problem.noises(fit.theta[None]), shown_channel(course)
     followed = follow(fitted.model, course.unthinned, fit.of_model[None], noises, keep=True)
+    if by_model_alone(runs):
+        assert followed.states is not None
+        followed.states[[*followed.places.pushed, followed.places.gain]] = 0.0
     begin = np.array([runs[i].time[k] - runs[i].time[0] for i, k in zip(anchors.run, anchors.sample)])
     at = predictions(fitted.model, course, fit.of_model, noises, followed, [channel], anchors.run, begin)
     ahead = at(np.array(HORIZONS), np.nan)[0]

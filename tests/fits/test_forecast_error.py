@@ -12,7 +12,7 @@ from made_driven import Sea, steered
 
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import Predicted, follow, smoothed
+from automarine_cli.filters.kalman import Predicted, follow, predict, smoothed
 from automarine_cli.fits import driven
 from automarine_cli.fits.driven import base_starts, driven_problem, fit_driven, inflate_for_missing, large_disturbance
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
@@ -22,6 +22,7 @@ from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, run_cova
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
 
 
 def problem_of(runs: Sequence[Run]) -> DrivenProblem:
@@ -148,6 +149,28 @@ def test_of_too_few_steps_forecasts_choose_the_likelihood(better: bool, monkeypa
     fit = identify(steered(2, 0, Sea(size=0.15), length=30.0, period=0.5, free=True))
     assert compared == [True] and {of.mixed.driven for of in fit.output_error.values()} == {better}
     assert ("by output error" in fit.why_no_velocity_error) != better
+
+
+def test_only_the_model_alone_forecasts_under_commands_that_are_held() -> None:
+    """Not under a controller, and not under a rudder, which answers the heading; what validation reads is the same."""
+    held = steered(3, 0, Sea(size=0.15), length=30.0, period=0.5, free=True)
+    assert driven.by_model_alone(held) and not driven.by_model_alone(steered(2, 0, Sea(size=0.15), length=30.0))
+    assert not driven.by_model_alone([run.with_moment(run.command, "rad") for run in held])
+    course = make_course(held, np.ones(3, dtype=bool))
+    fit = fit_driven(course, rough_model("3", make_batch(held, 0.1)), "3")
+    course = course.unthinned
+    problem, theta = driven_problem(fit.model, course), fit.mixed.theta.copy()
+    theta[[p.name for p in problem.parameters.entries].index("command_delay_s")] = 0.0
+    noises = problem.noises(theta[None])
+    carried, alone = (predict(fit.model, course, fit.model.theta, noises, alone=alone)[1] for alone in (False, True))
+    followed = follow(fit.model, course, fit.model.theta[None], noises, keep=True)
+    assert followed.states is not None and carried.error.shape == alone.error.shape
+    for r, o, t, error in list(zip(alone.run, alone.origin, alone.target, alone.error))[::9]:
+        first, last = np.searchsorted(held[r].time - held[r].time[0], course.time[r, [o, t]] - 1e-6)
+        run, (way, rate) = held[r].cut(first, last + 1), followed.states[:2, 0, r, o]
+        rolled = simulate(fit.model, make_batch([run], 0.01), start=Start(way, rate)).position[0, 0, len(run) - 1]
+        assert run.position[-1] - rolled == pytest.approx(error, abs=0.005)
+    assert np.abs(carried.error - alone.error).max() > 0.1
 
 
 @pytest.mark.slow
