@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
@@ -29,7 +30,7 @@ def where_figure(where: ResidualRegions) -> Figure:
     variables = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))
     out = [variable for variable in variables if variable.stands_out.any()]
     drawn = (out or variables[:1])[:MAX_VARIABLES]
-    figure, axes = style.panels(len(drawn), 2, 2.1, 0.8)
+    figure, axes = style.panels(len(drawn), 3 if len(drawn) == 3 else 2, 2.1, 0.8)
     for ax, variable in zip(axes.flat, drawn):
         _bins(ax, variable)
     style.legend_below(figure, axes.flat[0])
@@ -45,7 +46,8 @@ def _bins(axes: Axes, variable: Variable) -> None:
     """Draw the most telling row of one variable; bins that stand out are shaded."""
     row, edges, out = variable.telling, variable.edges, variable.stands_out
     if out.any():
-        look: dict[str, Any] = {"color": style.COLOURS["yellow"], "alpha": 0.45, "lw": 2.0, "label": "significant"}
+        pale = 1.0 - 0.45 * (1.0 - np.array(to_rgb(style.COLOURS["yellow"])))
+        look: dict[str, Any] = {"color": pale, "ec": pale, "lw": 3.0, "zorder": 0.5, "label": "significant"}
         axes.bar(edges[:-1][out], 1.0, np.diff(edges)[out], align="edge", transform=axes.get_xaxis_transform(), **look)
     axes.axhline(0.0, color="0.3", lw=0.6)
     look = {"color": style.COLOURS["vermilion"], "capsize": 2.0, "label": "mean ± 2 standard errors"}
