@@ -15,5 +15,6 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 
 STEERED = "rad"
 """Unit of the command of a vehicle that is steered: the angle of its rudder stands for the moment, up to its scale."""
+RUDDER_COLUMN = "rudder_deg"  # in which that is logged
 CLOCK, SINCE = "campaign-clock", "time-since-command-change"
 """Signals that every log has beside its columns: its clock, and the time since its command last changed, both [s]."""

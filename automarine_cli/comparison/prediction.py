@@ -35,7 +35,7 @@ from automarine_cli.models.model import DELAY, Model
 from automarine_cli.models.store import PLANAR_MODEL, ROLES, StoredModels, file_and_models, models_of
 from automarine_cli.pipeline.parallel import Progress, counted, silent
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, Source, read_plain
-from automarine_cli.quantities import STEERED, Floats
+from automarine_cli.quantities import RUDDER_COLUMN, STEERED, Floats
 from automarine_cli.runs.half_turn import released
 from automarine_cli.runs.load import TO_PORT, LoadedRuns, rows_of_runs
 from automarine_cli.runs.run import ExcludedRun, Run, named_apart, position_noise, runs_json
@@ -187,7 +187,7 @@ class Prediction(Shown):
             for dof in self.stored.model.motion.dofs:
                 unit = run.moment_unit if dof is run.dof else dof.units.forces[1]
                 steered = unit == STEERED
-                name = "rudder_deg" if steered else dof.column(dof.command, unit)
+                name = RUDDER_COLUMN if steered else dof.column(dof.command, unit)
                 part[name] = np.rad2deg(run.command_of(dof)) if steered else run.command_of(dof)
             for quantity, (name, _, factor) in self.shown.items():
                 for label, values in zip(("", "_low", "_high"), of_run.bands[quantity]):

@@ -19,7 +19,7 @@ from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.logs.columns import CANONICAL
 from automarine_cli.models.model import Model, steady_rate
 from automarine_cli.pipeline.records import ResultKind, ResultRecord, keyed
-from automarine_cli.quantities import STEERED, Floats
+from automarine_cli.quantities import RUDDER_COLUMN, STEERED, Floats
 from automarine_cli.runs.run import IMPOSSIBLE_EXTRAPOLATION
 from automarine_cli.simulation import specification
 from automarine_cli.simulation.specification import (
@@ -336,7 +336,7 @@ def scheduled(runs: Sequence[PaperRun], limits: Limits, supply: Supply) -> tuple
 
 
 MIN_CURRENT_ROWS = 6  # rows of thruster tests from which on the current is told
-MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm", STEERED: "rudder_deg"}
+MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm", STEERED: RUDDER_COLUMN}
 DIGITS = 6
 
 

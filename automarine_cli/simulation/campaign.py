@@ -20,7 +20,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.logs.table import csv_text
 from automarine_cli.models.model import Model
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import RUDDER_COLUMN, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import WINDOW_S, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
@@ -32,7 +32,6 @@ SWITCH_HALF_WIDTH_S = 1e-7  # s: the command changes in the middle of an interva
 CHUNK_RUNS = 64  # runs that are simulated together
 MAX_REDRAWS = 10_000
 MAX_SAMPLES, MAX_SIMULATED_RUNS = 500_000_000, 1_000_000
-RUDDER = "rudder_deg"
 LOG_DECIMALS = 3  # of seconds, degrees and metres in every log
 MOMENT_DECIMALS = 6
 
@@ -301,7 +300,7 @@ def _log(run: SimulatedRun, time: Floats, truth: Floats, specification: Specific
     units = [specification.force_unit or dof.units.forces[1] for dof in motion.dofs]
     commands = commanded(time, run).T
     if specification.steered:
-        names, commands = [RUDDER], np.rad2deg(commands)
+        names, commands = [RUDDER_COLUMN], np.rad2deg(commands)
     else:
         names = [dof.column(dof.command, unit) for dof, unit in zip(motion.dofs, units)]
     forces = zip(names, (_rounded(column, MOMENT_DECIMALS) for column in commands))
@@ -329,7 +328,7 @@ def lasting(drawn: Floats, share: float) -> Floats:
 
 
 Column: TypeAlias = Floats | Sequence[str]
-COMMAND_COLUMNS = {"n", RUDDER, *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
+COMMAND_COLUMNS = {"n", RUDDER_COLUMN, *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])}
 """Columns of CSV that have as many decimals as the number; every other one has `LOG_DECIMALS`."""
 
 
