@@ -21,7 +21,7 @@ from automarine_cli.thrusters.map import bollard_columns
 
 MAX_RUNS_OF_NOTE = 3  # that are named
 MAX_LEVELS_WRITTEN = 6  # written out
-RUNS_ON_A_PAGE = 20
+RUNS_ON_A_PAGE, MAX_RUNS_DRAWN = 20, 100
 RUNS, MOVING = "runs", "moving"  # folders of what was cut
 
 
@@ -62,13 +62,17 @@ class Check(Shown):
 
 
 def run_pages(seen: Sequence[RunSeen]) -> dict[str, Drawing]:
-    """Drawings of runs as logged, by name: those of each motion, so many on a page."""
+    """Drawings of runs as logged, by name: those of each motion, so many on a page; of many the unusable ones first."""
     return {
         f"{dof.name}_runs_{page}": Drawing("runs.logs_figure", runs[first : first + RUNS_ON_A_PAGE])
         for dof in DOFS.values()
-        for runs in [[run for run in seen if run.dof is dof]]
+        for runs in [_drawn([run for run in seen if run.dof is dof])]
         for page, first in enumerate(range(0, len(runs), RUNS_ON_A_PAGE), 1)
     }
+
+
+def _drawn(runs: Sequence[RunSeen]) -> Sequence[RunSeen]:
+    return runs if len(runs) <= MAX_RUNS_DRAWN else sorted(runs, key=lambda run: not run.why)[:MAX_RUNS_DRAWN]
 
 
 @sections.register
@@ -86,6 +90,8 @@ def _(result: Check) -> Sections:
         tables.append(_test_table(result.tests))
         usable.append(plural(len(result.tests), "thruster test"))
     answer, notes = "; ".join(usable) + ".", [note for table in tables for note in table.notes]
+    if any(sum(run.dof is dof for run in result.runs) > MAX_RUNS_DRAWN for dof in DOFS.values()):
+        notes.append(f"The figures show {MAX_RUNS_DRAWN} runs of a motion, those without a step to fit first.")
     rows: list[dict[str, object]] = [{"kind": f"{run.dof.name} run"} | run.to_json() for run in result.runs]
     rows += [{"kind": "thruster test"} | asdict(test) for test in result.tests]
     files: dict[str, Content] = {"check.json": result.to_json(), "check.md": document(*tables)}

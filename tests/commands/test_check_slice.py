@@ -3,6 +3,7 @@ command, each naming where it comes from."""
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ import automarine_cli as am
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import LogFile, LogTable, find_logs, read_log
+from automarine_cli.report.log_tables import run_pages
+from automarine_cli.report.sections import sections
 from automarine_cli.runs.slices import find_slices
 
 
@@ -176,3 +179,14 @@ def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.extras["depth, m"], odd["depth, m"])
     np.testing.assert_allclose(back.columns["heading"], 0.1, rtol=1e-9)
     assert back.labels["mode"].names == ("A",)
+
+
+def test_of_many_runs_some_are_drawn_and_those_that_cannot_be_fitted_first() -> None:
+    """49 steps of which one never moves, and a hundred and fifty of them."""
+    seen = am.check(SAMPLE_RUNS / "steps")
+    assert len(run_pages(seen.runs)) == 3
+    many = replace(seen, runs=(*seen.runs, *seen.runs, *seen.runs))
+    drawn = [run for page in run_pages(many.runs).values() for run in page.subjects[0]]
+    assert len(drawn) == 100 and [bool(run.why) for run in drawn] == [True] * 3 + [False] * 97
+    says = "The figures show 100 runs of a motion, those without a step to fit first."
+    assert says in sections(many).printed and says not in sections(seen).printed
