@@ -32,10 +32,10 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 MAX_LINES = {
     "fits": 5855, "report": 5156, "logs": 4006, "diagnosis": 3992, "commands": 3485, "runs": 2719,
     "thrusters": 2707, "link": 2649, "control": 2168, "effects": 2283, "planning": 1872, "simulation": 1748,
-    "exports": 1825, "comparison": 1646, "models": 1232, "filters": 956, "pipeline": 807, "dofs": 507, "top": 292,
+    "exports": 1825, "comparison": 1646, "models": 1232, "filters": 958, "pipeline": 807, "dofs": 507, "top": 292,
     "guide": 388,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 46_293
+MAX_LINES_IN_ALL = 46_295
 MAX_FILES = 219
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -469,13 +469,15 @@ def predict(
     that were `followed`; by the model `alone`, without the disturbance and the gain that the filter believes in."""
     followed = followed or follow(model, course.unthinned, theta[None], noises, keep=True)
     assert followed.states is not None
+    states = followed.states[:, 0]
     if alone:
-        followed.states[[*followed.places.pushed, followed.places.gain]] = 0.0
+        states = states.copy()
+        states[[*followed.places.pushed, followed.places.gain]] = 0.0
     of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING_S))
     targets = {h: targets_of(of.seen, time, run, origin, h) for h in HORIZONS}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
-    path = carried(model, course, theta[None], noises, followed.states[:, 0], (of,), run, origin, last)[0, 0]
+    path = carried(model, course, theta[None], noises, states, (of,), run, origin, last)[0, 0]
     rates = _rates(of, time, run, origin, targets)
     start = of.values[run, origin]
     predictions = []
