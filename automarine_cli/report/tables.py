@@ -242,7 +242,12 @@ def _latex(cell: str) -> str:
             return rf"${mantissa}\times 10^{{{int(exponent)}}}$"
         return f"${mantissa}$" if mantissa[0] in "-+" else mantissa
     safe = "{}" if text[:1] in ("[", "*") else ""  # after the line end of a row these two would be its options
-    return safe + with_symbols("".join(_LATEX.get(c, c) for c in text), "${}_{{{}}}$")
+    return safe + in_math("".join(_LATEX.get(c, c) for c in text))
+
+
+def in_math(text: str) -> str:
+    """Set every symbol of a text as LaTeX and matplotlib do."""
+    return with_symbols(text, "${}_{{{}}}$")
 
 
 def with_symbols(text: str, form: str) -> str:

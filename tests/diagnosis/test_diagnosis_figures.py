@@ -49,10 +49,11 @@ def test_nothing_missing_says_what_would_have_been_seen(nothing: Diagnosis) -> N
 
 def test_where_draws_what_stands_out_and_lists_the_rest(lag: Diagnosis, nothing: Diagnosis) -> None:
     figure, variables = where_figure(lag.where), lag.where.variables
-    out = {variable.column.name for variable in variables if variable.stands_out.any()}
+    out = {variable.column.name.replace("-", " ") for variable in variables if variable.stands_out.any()}
     drawn = {axes.get_xlabel().partition(" [")[0] for axes in figure.axes if axes.axison}
     assert drawn == out and all(axes.patches for axes in figure.axes if axes.axison)
-    assert all(name in figure.get_suptitle() for name in {variable.column.name for variable in variables} - out)
+    rest = {variable.column.name.replace("-", " ") for variable in variables} - out
+    assert all(name in figure.get_suptitle().replace("\n", " ") for name in rest)
     assert len(where_figure(nothing.where).axes) == len(where_figure(ResidualRegions()).axes) == 1
 
 

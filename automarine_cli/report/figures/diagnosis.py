@@ -34,12 +34,16 @@ def where_figure(where: ResidualRegions) -> Figure:
     for ax, variable in zip(axes.flat, drawn):
         _bins(ax, variable)
     style.legend_below(figure, axes.flat[0])
-    names = dict.fromkeys(variable.column.name for variable in out)
-    rest = dict.fromkeys(variable.column.name for variable in variables if variable.column.name not in names)
+    names = dict.fromkeys(_words(variable) for variable in out)
+    rest = dict.fromkeys(_words(variable) for variable in variables if _words(variable) not in names)
     finding = f"The gap depends on {', '.join(names) or 'nothing beyond chance'}"
     lines = (fill(line, MAX_TITLE_LINE) for line in (finding, f"Within chance: {', '.join(rest) or 'none'}"))
     figure.suptitle("\n".join(lines), parse_math=False)
     return figure
+
+
+def _words(variable: Variable) -> str:
+    return variable.column.name.replace("-", " ")
 
 
 def _bins(axes: Axes, variable: Variable) -> None:
@@ -52,7 +56,7 @@ def _bins(axes: Axes, variable: Variable) -> None:
     axes.axhline(0.0, color="0.3", lw=0.6)
     look = {"color": style.COLOURS["vermilion"], "capsize": 2.0, "label": "mean ± 2 standard errors"}
     axes.errorbar(variable.middle, row.mean, 2.0 * row.error, fmt="o-", **look)
-    axes.set_xlabel(f"{variable.column.name} [{variable.column.unit}]".removesuffix(" []"), parse_math=False)
+    axes.set_xlabel(f"{_words(variable)} [{variable.column.unit}]".removesuffix(" []"), parse_math=False)
     axes.set_ylabel(f"gap in {row.kind} [{row.unit}]" + ("\nalong the command" if row.directed else ""))
 
 

@@ -20,7 +20,7 @@ from automarine_cli.models.model import COMMAND_DELAY
 from automarine_cli.planning.campaign import Plan
 from automarine_cli.report.figures import style
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure, shortened
-from automarine_cli.report.tables import interval, number
+from automarine_cli.report.tables import in_math, interval, number
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.curves import SplineCurve
 from automarine_cli.thrusters.map import SIDES
@@ -120,9 +120,10 @@ def residuals_figure(
         title="Distribution; the outermost bars hold all beyond", xlabel="Residual [× noise]", ylabel="Density [1]"
     )
     drawn = pairs.imshow(matrix, cmap="PuOr", vmin=-1.0, vmax=1.0)
-    labels = ["delay" if name == COMMAND_DELAY else shortened(name.rpartition(".")[2], MAX_LABEL) for name in names]
-    pairs.set_xticks(range(len(names)), labels, rotation=90, parse_math=False)
-    pairs.set_yticks(range(len(names)), labels, parse_math=False)
+    short = ["delay" if name == COMMAND_DELAY else shortened(name.rpartition(".")[2], MAX_LABEL) for name in names]
+    labels = [in_math(name) for name in short]
+    pairs.set_xticks(range(len(names)), labels, rotation=90)
+    pairs.set_yticks(range(len(names)), labels)
     pairs.grid(visible=False)
     pairs.set_title("Correlation of the parameters' errors")
     if len(names) <= MAX_WRITTEN:
@@ -135,7 +136,7 @@ def residuals_figure(
         i, j = np.unravel_index(np.argmax(np.abs(np.triu(matrix, 1))), matrix.shape)
         said.append(f"{labels[i]} and {labels[j]} correlate by {matrix[i, j]:.2f}")
     title = "; ".join(said) or "one parameter"
-    figure.suptitle(f"{title[0].upper()}{title[1:]}", parse_math=False)
+    figure.suptitle(f"{title[0].upper()}{title[1:]}")
     return figure
 
 
@@ -157,7 +158,7 @@ def compare_figure(sides: Sequence[ComparedResult], differences: Sequence[Differ
                 says = f"{verdict.verdict}, p = {number(verdict.p_value, 2)}"
                 look = {"ha": "center", "va": "bottom", "fontsize": 7, "transform": ax.get_yaxis_transform()}
                 ax.text(0.5, i - 0.22, says, **look)
-            ax.set_xlabel(fill(f"{name} [{estimate.unit}]".removesuffix(" [1]"), WIDEST_LABEL), parse_math=False)
+            ax.set_xlabel(fill(in_math(f"{name} [{estimate.unit}]".removesuffix(" [1]")), WIDEST_LABEL))
         ax.grid(visible=False, axis="y")
     for ax in axes[:, 0]:
         ax.set_yticks(range(len(sides)), [shortened(side.name, MAX_RESULT_NAME) for side in sides], parse_math=False)
@@ -178,7 +179,7 @@ def plan_figure(plan: Plan) -> Figure:
     for ax, name in zip(axes.flat, names):
         percent, drawn = plan.errors[name], slice(MIN_RUNS_DRAWN - 1, None)
         ax.plot(minutes[drawn], percent[drawn], color=COLOURS["blue"], marker="o", markevery=[-1])
-        ax.set_title(f"{name}: {percent[-1]:.2g} %", loc="left", parse_math=False)
+        ax.set_title(in_math(f"{name}: {percent[-1]:.2g} %"), loc="left")
         ax.set(xlabel="minutes in the pool", ylabel="standard error [%]", ylim=(0.0, None))
     return figure
 

@@ -354,7 +354,8 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         label = f"model {model}: ${sym.force_math} = {' + '.join(terms[name] for name in there)}$ with {sizes}"
         look = style.model_look(model, preferred)
         top.plot(grid, dof.shown(steady_rate(*drag.acting(grid))), label=label, **look)
-        bottom.plot(moment, drag.residuals, "o", ms=3.0, mfc="none", color=look["color"], zorder=look["zorder"])
+        marker = {"marker": "o" if model == preferred else "x", "mfc": "none", "color": look["color"]}
+        bottom.plot(moment, drag.residuals, ls="", ms=3.0, zorder=look["zorder"], **marker)
         left[model] = float(np.sqrt(np.mean(drag.residuals**2)))
     said = dict.fromkeys(model for model in (preferred, max(left, key=left.__getitem__)) if model in left)
     texts = [f"{DRAG_LAWS[model]} drag leaves {number(left[model], 2)} {fit.moment_unit}" for model in said]
