@@ -384,7 +384,7 @@ def pushes(study: DiagnosisProblem, model: Model, fit: MixedFit) -> Floats:
     gram = problem.gram(by_phi, by_run, fitted, b)
     variances = choose_variances(gram, problem.effects, fit.variances)
     b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(fit.phi)))
-    window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
+    window = np.take_along_axis(batch.window, np.minimum(batch.step, batch.window.shape[1] - 1), axis=1)
     pushing = np.take_along_axis(problem.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
     return np.where(batch.seen, fit.theta[model.index(model.dof.parameter("inertia"))] * pushing, 0.0)
 

@@ -420,7 +420,16 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             curve, hidden = curved(self.study, current), self.reaches_noise(current, STANDS)
             if curve is not None and (hidden or not admissible or curve.evidence < admissible[0].evidence):
                 admissible = [curve, *admissible]
-        return admissible
+        return admissible if look is first or self.may_reach_noise(look, admissible) else []
+
+    def may_reach_noise(self, look: SearchStep, trials: Sequence[CandidateFit]) -> bool:
+        """Whether all effects that may still be added could leave STANDS times the noise, if each gained FORETELLS
+        times what the best of `trials` does: where not, more of them explain nothing."""
+        if self.study.driven or not trials:
+            return True
+        gained = FORETELLS * (MAX_EFFECTS - look.before.count) * max(look.gain(trial) for trial in trials)
+        reached = look.before.fit.noise * np.exp(-0.5 * gained / float(self.study.batch.seen.sum()))
+        return bool(reached < STANDS * self.study.sensor_floor)
 
     def reaches_noise(self, trial: CandidateFit, times: float) -> bool:
         return trial.fit.noise <= times * self.study.sensor_floor

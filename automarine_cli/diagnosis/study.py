@@ -191,8 +191,8 @@ class DiagnosisProblem:
     @cached_property
     def batch(self) -> Batch:
         largest = max(float(np.abs(run.command).max()) for run in self.runs)
-        step = min(0.1, step_for(self.base, largest))
-        return make_batch(self.runs, step, self.signals, channels=self.channels)
+        step = step_for(self.base, largest)
+        return make_batch(self.runs, min(0.1, step), self.signals, channels=self.channels, settled_step=step)
 
     @cached_property
     def time(self) -> Floats:

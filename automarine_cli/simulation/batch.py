@@ -21,6 +21,7 @@ WINDOW_S = 2.0  # length [s] of the windows in which a disturbance moment is hel
 
 WHITENESS_STDERRS = 2.33
 """Standard deviations of von Neumann's ratio by which neighbouring readings are more alike than white noise (1 %)."""
+SETTLED_S = 1.0  # time since the last change of command [s] from which steps may be longer than a sample interval
 MAX_SWITCHES = 24
 """Runs with more changes of command than this (closed-loop driving) get one delay for all changes together."""
 
@@ -49,13 +50,14 @@ class Batch:
     instant stretches the steps before it and shortens those after it, so that samples stay where they are
     and no step ever holds two commands.
 
-    `length` (R, M) step lengths [s], 0 in the padding; `stretch` (R, M) change of a length per second of
-    delay of its switch; `switch` (R, M) index of that switch; `force` (D, R, M) moment or force commanded, held over
-    each step; `node` (R, N) which grid node each sample is; `seen` (R, N) which samples exist; `channels` what was
-    measured, the position of the first degree of freedom first; `interval` (R, E) sample interval [s] in which each
-    change happened, 0 in the padding; `start` (R,) clock of the first sample [s]; `before` (D, R, 1) what was held
-    before; `window` (R, M) which of the windows of `WINDOW_S` seconds each step lies in; `signals` other logged columns
-    held over the steps, (R, M).
+    `length` (R, M) step lengths [s], 0 in the padding; `inner` (R, M, K - 1) the shares of a step after which samples
+    lie inside it, 0 where none does; `stretch` (R, M) change of a length per second of delay of its switch; `switch`
+    (R, M) index of that switch; `force` (D, R, M) moment or force commanded, held over each step; `node` (R, N) which
+    grid node each sample is, where each step has K: its begin and the inner ones; `seen` (R, N) which samples exist;
+    `channels` what was measured, the position of the first degree of freedom first; `interval` (R, E) sample interval
+    [s] in which each change happened, 0 in the padding; `start` (R,) clock of the first sample [s]; `before` (D, R, 1)
+    what was held before; `window` (R, M) which of the windows of `WINDOW_S` seconds each step lies in; `signals` other
+    logged columns held over the steps, (R, M).
 
     Where a constant force acts, a vehicle that stands still before its first change of command is held: on the
     surface, by hand. Its clock begins with that change, and the steps before have no length."""
@@ -67,6 +69,7 @@ class Batch:
     switch: NDArray[np.int64]
     force: Floats
     node: NDArray[np.int64]
+    inner: Floats
     seen: NDArray[np.bool_]
     channels: tuple[Channel, ...]
     interval: Floats
@@ -89,14 +92,15 @@ class Batch:
     @cached_property
     def sorted(self) -> "Batch":
         """What a simulation needs, the longest run first."""
-        rows = {n: getattr(self, n)[self.longest_first] for n in ("length", "stretch", "switch", "interval", "start")}
+        names = ("length", "stretch", "switch", "interval", "start", "inner")
+        rows = {name: getattr(self, name)[self.longest_first] for name in names}
         rows |= {n: getattr(self, n)[:, self.longest_first] for n in ("force", "before")}
         signals = {name: column[self.longest_first] for name, column in self.signals.items()}
         return replace(self, window=self.window[self.longest_first], signals=signals, **rows)
 
     def of_runs(self, rows: NDArray[np.int64]) -> "Batch":
         """Return what a simulation needs of the runs `rows` (K,), any run any number of times."""
-        names = ("length", "stretch", "switch", "interval", "start", "window", "node")
+        names = ("length", "stretch", "switch", "interval", "start", "window", "node", "inner")
         of_rows = {name: getattr(self, name)[rows] for name in names}
         of_rows |= {name: getattr(self, name)[:, rows] for name in ("force", "before")}
         signals = {name: column[rows] for name, column in self.signals.items()}
@@ -120,8 +124,27 @@ class Batch:
     @property
     def time(self) -> Floats:
         """Time of each sample since the run's first one [s], (R, N)."""
-        clock = np.concatenate([np.zeros((len(self.names), 1)), np.cumsum(self.length, axis=1)], axis=1)
-        return np.take_along_axis(clock, self.node, axis=1)
+        return np.take_along_axis(
+            self.clock((np.cumsum(self.length, axis=1) - self.length)[None])[0], self.node, axis=1
+        )
+
+    @cached_property
+    def inner_by_step(self) -> Floats:
+        """The inner shares by their place in a step, (K - 1, M, 1, 1, R)."""
+        return np.ascontiguousarray(np.moveaxis(self.inner, 0, 2).swapaxes(0, 1)[:, :, None, None])
+
+    @property
+    def step(self) -> NDArray[np.int64]:
+        """Which step begins at or before each sample, (R, N)."""
+        return self.node // (1 + self.inner.shape[2])
+
+    def clock(self, begins: Floats, length: Floats | None = None) -> Floats:
+        """Time of all nodes, inner ones too, (P, R, K M + 1), of steps that begin at `begins` (P, R, M)."""
+        length = self.length[None] if length is None else length
+        shares = np.concatenate([np.zeros((*self.length.shape, 1)), self.inner], axis=2)
+        nodes = begins[..., None] + shares * length[..., None]
+        last = begins[..., -1:] + length[..., -1:]
+        return np.concatenate([nodes.reshape(*begins.shape[:2], -1), last], axis=2)
 
     def commands(self, switch_delay: Floats | None = None, command_delay: Floats | None = None) -> tuple[Commands, ...]:
         """Commands of each degree of freedom, (P or 1, R, M): changes moved within their intervals by `switch_delay`
@@ -152,45 +175,64 @@ def steps_of(length: Floats) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class _Grid:
+    """Steps of one run. `held` (M,) is the sample whose command is held over each step, and the first of the `taken`
+    (M,) sample intervals in it; `node` (N,) the step that begins at or before each sample, `inside` (N,) which of the
+    `inner` (M, K - 1) of that step it is, 0 for its begin."""
+
     length: Floats
     stretch: Floats
     switch: NDArray[np.int64]
     held: NDArray[np.int64]
+    taken: NDArray[np.int64]
     node: NDArray[np.int64]
+    inside: NDArray[np.int64]
+    inner: Floats
     interval: Floats
+
+    def mean(self, signal: Floats) -> Floats:
+        """Mean of a logged column (N,) over each step (M,), the value at the begin of each interval held over it."""
+        total = np.concatenate([[0.0], np.cumsum(signal)])
+        mean = (total[self.held + self.taken] - total[self.held]) / self.taken
+        return np.where(self.taken == 1, signal[self.held], mean)
 
 
 def make_batch(
     runs: Sequence[Run], max_step: float, signals: Sequence[str] = (), hold: bool = True, *,
-    motion: Motion | None = None, channels: Sequence[str] | None = None,
+    motion: Motion | None = None, channels: Sequence[str] | None = None, settled_step: float = 0.0,
 ) -> Batch:  # fmt: skip
     """Lay `runs` out for simulation with steps of at most `max_step` [s]. `motion` is by default that of the runs' one
     degree of freedom. `channels` names the quantities measured that are to be followed, by default the positions of the
-    runs alone; `signals` the columns of `Run.extras` that effects need; without `hold` nobody holds a vehicle. Raises
+    runs alone; `signals` the columns of `Run.extras` that effects need; without `hold` nobody holds a vehicle. Where no
+    command has changed for a while a step may take `settled_step` [s] and hold samples inside. Raises
     RunError for no runs, a run without a moment, runs with moments in different units, or a missing signal."""
     unit = unit_of(runs, signals)
     motion = motion or alone(runs[0].dof)
     commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
-    grids = [_grid(run, force, max_step) for run, force in zip(runs, commanded)]
+    thrusters = [signals_of(runs, name) for name in signals if name in PARTS]
+    logs = zip(runs, commanded, zip(*thrusters) if thrusters else [()] * len(runs))
+    grids = [_grid(run.time, force, np.vstack([force, *each]), max_step, settled_step) for run, force, each in logs]
     if hold and any(dof.has_constant for dof in motion.dofs):
         loose = [grid.held >= released(run) for run, grid in zip(runs, grids)]
         grids = [replace(g, length=g.length * on, stretch=g.stretch * on) for g, on in zip(grids, loose)]
     steps = max(len(g.length) for g in grids)
     samples = max(len(run) for run in runs)
     switches = max(1, *(len(g.interval) for g in grids))
-    lengths = padded([g.length for g in grids], steps)
+    lengths, each = padded([g.length for g in grids], steps), 1 + max(g.inner.shape[1] for g in grids)
+    inner = np.zeros((len(runs), steps, each - 1))
+    for row, grid in zip(inner, grids):
+        row[: len(grid.inner), : grid.inner.shape[1]] = grid.inner
     forces = [force[:, g.held] for force, g in zip(commanded, grids)]
     return Batch(
         motion=motion, names=tuple(run.name for run in runs), length=lengths,
         stretch=padded([g.stretch for g in grids], steps), switch=padded([g.switch for g in grids], steps),
         force=np.stack([padded([force[d] for force in forces], steps) for d in range(len(motion.dofs))]),
-        node=padded([g.node for g in grids], samples),
+        node=padded([each * g.node + g.inside for g in grids], samples), inner=inner,
         seen=padded([np.ones(len(run), dtype=bool) for run in runs], samples),
         channels=tuple(_channels(runs, motion, samples, channels)),
         interval=padded([g.interval for g in grids], switches), start=np.array([run.time[0] for run in runs]),
         before=np.array([[[commanded_before(run, dof)] for run in runs] for dof in motion.dofs]),
         window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW_S).astype(int), moment_unit=unit,
-        signals={n: padded([s[g.held] for s, g in zip(signals_of(runs, n), grids)], steps) for n in signals},
+        signals={n: padded([g.mean(s) for s, g in zip(signals_of(runs, n), grids)], steps) for n in signals},
     )  # fmt: skip
 
 
@@ -250,22 +292,49 @@ def _channels(runs: Sequence[Run], motion: Motion, samples: int, quantities: Seq
             yield Channel(quantity, d, quantity == dof.velocity, filled, mask, counts=counts)
 
 
-def _grid(run: Run, force: Floats, max_step: float) -> _Grid:
-    """Steps between the samples of one run; one in which a command, of `force` (D, N), changes is halved there."""
-    intervals = np.diff(run.time)
+def _grid(time: Floats, force: Floats, inputs: Floats, max_step: float, settled_step: float) -> _Grid:
+    """Steps between the samples of one run; one in which a command, of `force` (D, N), changes is halved there. All
+    that is commanded, each thruster too, is in the `inputs` (J, N)."""
+    intervals = np.diff(time)
     changed = np.any(np.diff(force, axis=1) != 0, axis=0)
     count = np.maximum(np.ceil(intervals / max_step - 1e-9).astype(int), 1)
     count = np.where(changed, count + count % 2, count)
-    which = np.repeat(np.arange(len(intervals)), count)
+    first, taken = _joined(time, np.any(np.diff(inputs, axis=1) != 0, axis=0), count, settled_step)
+    interval, count = np.add.reduceat(intervals, first), count[first]
+    which = np.repeat(np.arange(len(first)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    late = changed[which] & (order >= count[which] // 2)
-    switch = np.cumsum(changed)[which] - 1
+    changed_here = changed[first]
+    late = changed_here[which] & (order >= count[which] // 2)
+    switch = np.cumsum(changed_here)[which] - 1
     width = intervals[changed]
     if len(width) > MAX_SWITCHES:
         switch, width = np.zeros_like(switch), np.array([np.median(width)])
     moves = np.where(late, -2.0, 2.0) / count[which]
+    begins = np.cumsum(count) - count
+    of = np.repeat(np.arange(len(first)), taken)  # which joined interval each sample interval is in
+    place = np.arange(len(intervals)) - first[of] + 1  # of the sample at its end
+    inside = np.where(place < taken[of], place, 0)
+    inner = np.zeros((len(which), int(taken.max()) - 1))
+    within = np.flatnonzero(inside)
+    inner[begins[of[within]], inside[within] - 1] = (time[1:] - time[first[of]])[within] / interval[of[within]]
     return _Grid(
-        length=(intervals / count)[which], stretch=np.where(changed[which], moves, 0.0),
-        switch=np.where(changed[which], switch, 0), held=which + late, node=np.concatenate([[0], np.cumsum(count)]),
-        interval=width,
+        length=(interval / count)[which], stretch=np.where(changed_here[which], moves, 0.0),
+        switch=np.where(changed_here[which], switch, 0), held=first[which] + late, taken=taken[which],
+        node=np.concatenate([[0], np.where(inside > 0, begins[of], (begins + count)[of])]),
+        inside=np.concatenate([[0], inside]), inner=inner, interval=width,
     )  # fmt: skip
+
+
+def _joined(
+    time: Floats, changed: NDArray[np.bool_], count: NDArray[np.int64], settled_step: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first of each group of sample intervals that one step takes together, and how many there are: as many as
+    `settled_step` holds of the longest where no command has changed for `SETTLED_S`, else one."""
+    at = np.arange(len(changed))
+    together = max(int(settled_step / float(np.diff(time).max()) + 1e-9), 1)
+    last = np.maximum.accumulate(np.where(changed, at + 1, 0))  # sample after the latest change
+    quiet = (time[:-1] - time[last] >= SETTLED_S - 1e-9) | (last == 0)
+    quiet &= ~changed & (count == 1)
+    begin = np.maximum.accumulate(np.where(quiet & ~np.append(False, quiet[:-1]), at, 0))  # of the quiet stretch
+    first = np.flatnonzero(~quiet | ((at - begin) % together == 0))
+    return first, np.diff(np.append(first, len(at)))

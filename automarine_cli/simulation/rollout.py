@@ -67,42 +67,47 @@ class Start:
 @dataclass(frozen=True)
 class Trajectory:
     """Simulated states at the samples: positions as the sensors show them, true positions and velocities. In the plane
-    positions are north, east and heading, velocities those over ground in the vehicle's axes. `nodes` holds the three
-    at all nodes of the simulation grid, (D, P, R, M + 1) each, and the W states of the water, (W, P, R, M + 1); samples
-    are picked when asked for, each from its run's `row` (R,) of these."""
+    positions are north, east and heading, velocities those over ground in the vehicle's axes. `places` holds the first
+    two at all nodes of the `grid`, the runs in its order, (D, P, R, K M + 1) each; `states` positions, velocities and
+    the W states of the water where steps begin and end, (D or W, P, R, M + 1); samples are picked when asked for, each
+    from its run's `row` (R,) of these and from its `node` (R, N)."""
 
-    nodes: tuple[Floats, Floats, Floats, Floats] = field(repr=False)
+    grid: Batch = field(repr=False)
+    places: tuple[Floats, Floats] = field(repr=False)
+    states: tuple[Floats, Floats, Floats] = field(repr=False)
     node: NDArray[np.int64] = field(repr=False)
     row: NDArray[np.int64] = field(repr=False)
 
     @cached_property
     def position(self) -> Floats:
         """Of the first degree of freedom as its sensor reads it, (P, R, N)."""
-        return self._at_samples(self.nodes[0][0])
+        return self._at_samples(self.places[0][0])
 
     @cached_property
     def velocity(self) -> Floats:
         """True velocities of the first degree of freedom, (P, R, N)."""
-        return self._at_samples(self.nodes[2][0])
+        return self.velocities[..., 0]
 
     @cached_property
     def positions(self) -> Floats:
-        return np.stack([self._at_samples(column) for column in self.nodes[1]], axis=-1)
+        return np.stack([self._at_samples(column) for column in self.places[1]], axis=-1)
 
     @cached_property
     def velocities(self) -> Floats:
-        return np.stack([self._at_samples(column) for column in self.nodes[2]], axis=-1)
+        moving = _between(self.grid, *self.states[:2], slope=True)
+        return np.stack([self._at_samples(column) for column in moving], axis=-1)
 
     @cached_property
     def water(self) -> Floats:
         """States of the water, (P, R, N, W)."""
         none = np.zeros((*self.position.shape, 0))
-        return np.concatenate([none, *(self._at_samples(column)[..., None] for column in self.nodes[3])], axis=-1)
+        stirred = (np.repeat(column, 1 + self.grid.inner.shape[2], axis=2) for column in self.states[2])
+        return np.concatenate([none, *(self._at_samples(column)[..., None] for column in stirred)], axis=-1)
 
     def reading(self, channel: Channel) -> Floats:
-        if channel.dof == 0:
-            return self.velocity if channel.velocity else self.position
-        return self._at_samples(self.nodes[2 if channel.velocity else 0][channel.dof])
+        if channel.velocity:
+            return self.velocities[..., channel.dof]
+        return self.position if channel.dof == 0 else self._at_samples(self.places[0][channel.dof])
 
     def _at_samples(self, column: Floats) -> Floats:
         return np.asarray(column[:, self.row[:, None], self.node])
@@ -136,22 +141,22 @@ def simulate(
         commands[term.dof] = replace(commanded, force=term.effect.deliver(forward, term.wide()))
     # a fit may try parameters that no vehicle has; it sees the infinity
     with np.errstate(over="ignore", invalid="ignore"):
-        true, velocities, stirred = _integrate(
-            model, inertia, model.current(theta), terms, batch, commands, start, shape
-        )
+        states = _integrate(model, inertia, model.current(theta), terms, batch, commands, start, shape)
+        true = _between(batch, *states[:2])
         readings, clock = true, commands[0]
         for term in terms:
             if term.effect.place is Place.SENSOR:
-                time = np.concatenate([np.zeros_like(clock.start[..., :1]), clock.start + clock.length], axis=2)
+                time = batch.clock(clock.start, clock.length)
                 fed: tuple[Floats, ...] = ()
                 if term.effect.reads_force:  # what is delivered as each node is reached
                     force, before = commands[term.dof].force, commands[term.dof].before
-                    fed = (np.concatenate([np.broadcast_to(before, (*force.shape[:2], 1)), force], axis=2),)
+                    reached = np.repeat(force, 1 + batch.inner.shape[2], axis=2)
+                    fed = (np.concatenate([np.broadcast_to(before, (*force.shape[:2], 1)), reached], axis=2),)
                 reading = term.effect.read(readings[term.dof], time, (*term.wide(), *fed))
                 readings = reading[None] if len(readings) == 1 else np.stack(
                     [reading if d == term.dof else other for d, other in enumerate(readings)]
                 )  # fmt: skip
-    return Trajectory((readings, true, velocities, stirred), node, row)
+    return Trajectory(batch, (readings, true), states, node, row)
 
 
 def _integrate(
@@ -202,6 +207,28 @@ def _integrate(
     if current is not None:
         velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
     return np.moveaxis(travelled, 0, 3), np.moveaxis(velocities, 0, 3), np.moveaxis(stirred, 0, 3)
+
+
+def _between(batch: Batch, position: Floats, velocity: Floats, slope: bool = False) -> Floats:
+    """Positions (D, P, R, M + 1) with those at the inner nodes of each step, (D, P, R, K M + 1), on the cubic of
+    Hermite; or the `slope` of that."""
+    shares, count = batch.inner_by_step, 1 + batch.inner.shape[2]
+    if count == 1:
+        return velocity if slope else position
+    h = np.where(batch.length > 0, batch.length, 1.0).T[:, None, None]
+    x, v = np.moveaxis(position, 3, 0), np.moveaxis(velocity, 3, 0)
+    spread = np.empty((count * len(h) + 1, *x.shape[1:]))
+    spread[::count] = v if slope else x
+    way = x[1:] - x[:-1]
+    before = h * v[:-1]
+    twist = before + h * v[1:] - 2.0 * way
+    bend = way - before - twist
+    for k, share in enumerate(shares, start=1):
+        if slope:
+            spread[k::count] = (before + share * (2.0 * bend + 3.0 * share * twist)) / h
+        else:
+            spread[k::count] = x[:-1] + share * (before + share * (bend + share * twist))
+    return np.moveaxis(spread, 0, 3)
 
 
 SHRINKS = 0.75  # share of the runs that may be left when those that have ended are no longer integrated

@@ -1,0 +1,51 @@
+"""Steps that take several sample intervals where no command has changed for a while."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_contract import base_for, law_names, long_plans, of_law, sizes_of, unmeasured
+
+from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.simulation.batch import SETTLED_S, make_batch
+from automarine_cli.simulation.rollout import simulate
+
+RUNS = [unmeasured(plan, i) for i, plan in enumerate(long_plans()[::3])]
+LARGEST_DEG = {"coulomb-drag": 0.1, "thruster-lag": 0.06, "rudder": 0.1}
+"""Where a run stands still at once, where a thruster is still on its way when the steps grow, and where a speed that
+changes all the time is squared; elsewhere 0.02."""
+
+
+@pytest.mark.parametrize("name", ["", *law_names()])
+def test_every_effect_is_simulated_as_with_a_step_for_each_sample(name: str) -> None:
+    model = base_for("")
+    if name:
+        effect, law = of_law(name)
+        model = base_for(effect.name).with_effect(effect.name, sizes_of(effect, law))
+    short, settled = make_batch(RUNS, 0.1, model.signals), make_batch(RUNS, 0.1, model.signals, settled_step=0.2)
+    if set(model.signals) & set(PARTS):  # these thrusters change all the time
+        assert settled.length.shape == short.length.shape
+    else:
+        assert settled.length.shape[1] < 0.75 * short.length.shape[1] and settled.inner.shape[2] == 1
+    np.testing.assert_allclose(settled.time, short.time, atol=1e-9)
+    expected, got = simulate(model, short), simulate(model, settled)
+    for of, unit in (("position", 1.0), ("velocity", 5.0)):
+        apart = np.abs(getattr(got, of) - getattr(expected, of))[:, short.seen]
+        largest = next((limit for start, limit in LARGEST_DEG.items() if name.startswith(start)), 0.02)
+        assert np.degrees(apart.max()) < unit * largest
+
+
+def test_steps_grow_only_where_commands_have_settled_and_hold_what_they_may() -> None:
+    run = RUNS[0]
+    uneven = replace(run, time=run.time + 0.02 * np.sin(5.0 * run.time))
+    for log, most in ((run, 0.2), (uneven, 0.35)):
+        batch = make_batch([log], 0.1, ["surge"], settled_step=most)
+        begins = np.cumsum(batch.length[0]) - batch.length[0]
+        changes = (log.time - log.time[0])[1:][np.diff(log.command) != 0]
+        since = begins - np.append(-np.inf, changes)[np.searchsorted(changes, begins + 1e-9)]
+        long = batch.length[0] > 0.13
+        assert long.any() and batch.length.max() <= most + 1e-9 and since[long].min() >= SETTLED_S - 1e-6
+        np.testing.assert_allclose(batch.time[0], log.time - log.time[0], atol=1e-9)
+        weighed = float(batch.signals["surge"][0] @ batch.length[0]) / float(log.time[-1] - log.time[0])
+        held = float(log.extras["surge"][:-1] @ np.diff(log.time)) / float(log.time[-1] - log.time[0])
+        assert weighed == pytest.approx(held, rel=2e-3)
