@@ -48,8 +48,8 @@ def cases(folder: Path) -> dict[str, tuple[tuple[str, ...], tuple[str, ...], flo
         f"fit-yaw, {MANY} files": ((*tool, "fit-yaw", many, *out), ("-c", READING, many), 5.5, 22.0),
         f"diagnose, {FEW} runs": (diagnosis, ("-c", READING, few), 1.0, 10.0),
         # what the second process loads is all that two cost more; by the clock they are faster
-        f"diagnose, {FEW} runs, two processes": ((*diagnosis, "--jobs", "2"), diagnosis, 0.8, 1.5),
-        f"diagnose, dead band, {FEW} runs and 8 manoeuvres": (diagnose("steps"), ("-c", WORK), 14.0, 56.0),
+        f"diagnose, {FEW} runs, two processes": ((*diagnosis, "--jobs", "2"), diagnosis, 0.8, 2.0),
+        f"diagnose, dead band, {FEW} runs and 8 manoeuvres": (diagnose("steps"), ("-c", WORK), 6.0, 24.0),
         "diagnose, 14 driven runs": (diagnose("driven"), ("-c", WORK), 7.0, 28.0),
     }
 
