@@ -209,7 +209,7 @@ def interval(estimate: Estimate | None) -> str:
 
 
 _NUMBER_CELL = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \((known|at its bound)\))?$")
-SYMBOL = re.compile(r"(?<![\w.-])([kIXYZmanT])\\?_(rr|uu|vv|ww|sat|[a-z0])(?!\\?[\w|])")
+SYMBOL = re.compile(r"(?<![\w.-])([kIXYZNmanT])\\?_(rr|uu|vv|ww|pp|qq|sat|[a-z0])(?!\\?[\w|])")
 """A letter and its index, such as k_r and k_rr, printed with the index r|r|; LaTeX escapes the line between."""
 _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%",
