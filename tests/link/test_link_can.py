@@ -65,7 +65,7 @@ def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_
         levels = [tau for tau, _ in itertools.groupby(float(row["tau"]) for row in rows)]
         rested += levels[0] == 0.0
         assert "".join("0" if tau == 0.0 else "1" for tau in levels) in ("01", "010", "1", "10"), levels
-        assert len(rows) > 20  # how many of each is the machine's pace
+        assert len(rows) > 10  # how many of each is the machine's pace
     assert rested >= 6  # of 8: a rest takes 50 ms of this clock, which a machine may need for others
     fitted = run("fit-yaw", str(tmp_path / "pool"), "--fit-to", "whole-runs", "-o", str(tmp_path / "fit"))
     assert fitted.exit_code == 0, fitted.output
