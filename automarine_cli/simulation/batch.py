@@ -124,9 +124,8 @@ class Batch:
     @property
     def time(self) -> Floats:
         """Time of each sample since the run's first one [s], (R, N)."""
-        return np.take_along_axis(
-            self.clock((np.cumsum(self.length, axis=1) - self.length)[None])[0], self.node, axis=1
-        )
+        begins = np.cumsum(self.length, axis=1) - self.length
+        return np.take_along_axis(self.clock(begins[None])[0], self.node, axis=1)
 
     @cached_property
     def inner_by_step(self) -> Floats:
@@ -208,6 +207,7 @@ def make_batch(
     unit = unit_of(runs, signals)
     motion = motion or alone(runs[0].dof)
     commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
+    settled_step = 0.0 if motion.turns else settled_step  # a position whose slope is no velocity has no such cubic
     thrusters = [signals_of(runs, name) for name in signals if name in PARTS]
     logs = zip(runs, commanded, zip(*thrusters) if thrusters else [()] * len(runs))
     grids = [_grid(run.time, force, np.vstack([force, *each]), max_step, settled_step) for run, force, each in logs]

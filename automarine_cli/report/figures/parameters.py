@@ -120,8 +120,8 @@ def residuals_figure(
         title="Distribution; the outermost bars hold all beyond", xlabel="Residual [× noise]", ylabel="Density [1]"
     )
     drawn = pairs.imshow(matrix, cmap="PuOr", vmin=-1.0, vmax=1.0)
-    short = ["delay" if name == COMMAND_DELAY else shortened(name.rpartition(".")[2], MAX_LABEL) for name in names]
-    labels = [in_math(name) for name in short]
+    short = (shortened(name.rpartition(".")[2], MAX_LABEL) for name in names)
+    labels = ["delay" if name == COMMAND_DELAY else in_math(label) for name, label in zip(names, short)]
     pairs.set_xticks(range(len(names)), labels, rotation=90)
     pairs.set_yticks(range(len(names)), labels)
     pairs.grid(visible=False)
