@@ -344,7 +344,7 @@ def settles(trial: CandidateFit, base: CandidateFit) -> bool:
 TIE = 10.0  # difference of evidence (in deviance) below which two explanations count as tied
 LEADERS = 6  # candidates that are fitted in every case: the first by their scores
 ALWAYS = 2  # of these those that are fitted whatever their scores, and tell what the others have to reach
-FORETELLS = 4.0  # times its score that a fit gains at most to runs that are simulated whole, but for look-alikes
+FORETELLS = 4.0  # times its score that a fit gains at most, but for look-alikes; of driven runs twice at most
 LIKELY = 0.1  # share of the best score from which the others are fitted
 SEARCH_BRIEF = 4  # iterations that every candidate's fit gets; only those in the running are fitted to the end
 RUNNING = ((0.5, 6), (0.9, ITERATIONS))
@@ -479,8 +479,8 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
 
         def may_reach(of: Score, gained: float) -> bool:
             """Whether a fit is worth its hundred simulations, where the best one gains so much."""
-            if self.study.driven:  # a score tells half of what its fit gains
-                return of.penalised + of.drop > max(LIKELY * gained, scores.threshold(WEAK))
+            if self.study.driven and of.penalised + of.drop < scores.threshold(WEAK):
+                return False
             return FORETELLS * of.drop > (RUNNING[0][0] if first_step else 1.0) * gained - RIVAL_RANGE
 
         ranked, tried = first[:ALWAYS], set[str]()

@@ -110,17 +110,14 @@ class Step:
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.uses_position for t in terms)
         self._followed = placed or model.motion.turns
-        turning = places.position[-1:] if model.motion.turns else ()
-        coefficients = [place for group in places.per_run.values() for place in group]
-        self.columns = np.array([
-            *(places.position if placed else turning), *places.velocity, *places.water, *places.memory,
-            *places.pushed, places.gain, *coefficients,
-        ])  # fmt: skip
-        self._pushed = np.array(places.pushed)
+        first = 0 if placed else dofs - model.motion.turns
+        self.columns = slice(first, places.count - len(places.bias))
+        self._pushed = slice(places.dynamic, places.gain)
         self._model, self._theta = model, theta
-        count = len(self.columns)
-        self._ahead, self._behind = 1 + np.arange(count), 1 + count + np.arange(count)
-        least = np.where(self.columns == places.gain, MIN_GAIN_SD, MIN_STATE_SD)
+        columns = np.arange(places.count)[self.columns]
+        count = len(columns)
+        self._ahead, self._behind = (columns, 1 + np.arange(count)), (columns, 1 + count + np.arange(count))
+        least = np.where(columns == places.gain, MIN_GAIN_SD, MIN_STATE_SD)
         self._least = least[:, None, None] ** 2
         self._build(model, theta, 1 + 2 * count, self.origin)
 
@@ -167,12 +164,12 @@ class Step:
         """The state at the end of step m, (n, P, R), and the derivatives (dynamic, columns, P, R) of its dynamic part
         by the states of `columns`; `ramp` (D, P, R) is the mean of a disturbance over the step as a share of what it
         begins with, and those by disturbances are by such a mean."""
-        places, columns, count = self.places, self.columns, len(self.columns)
+        places, count = self.places, len(self._least)
         every = np.repeat(mean[:, None], self._copies, axis=1)
         every[self._pushed] *= ramp[:, None]
-        sizes = np.sqrt(np.maximum(covariance[columns, columns], self._least))
-        every[columns, self._ahead] += sizes
-        every[columns, self._behind] -= sizes
+        sizes = np.sqrt(np.maximum(np.einsum("iipr->ipr", covariance)[self.columns], self._least))
+        every[self._ahead] += sizes
+        every[self._behind] -= sizes
         moved = self._moved(m, every).reshape(places.dynamic, self._copies, self.sets, self.runs)
         after = mean.copy()
         after[: places.dynamic] = moved[:, 0]
@@ -283,10 +280,12 @@ class Noises:
 @dataclass(frozen=True)
 class FilterResult:
     """What the filter made of the runs: innovations and their variances, (C, P, R, K + 1), one and zero where nothing
-    was read; the filtered states (n, P, R, K + 1) if they were asked for, and their places."""
+    was read; the log gain of each run's thrust at its end (P, R); the filtered states (n, P, R, K + 1) if they were
+    asked for, and their places."""
 
     innovation: Floats
     variance: Floats
+    gain: Floats
     states: Floats | None
     places: States
 
@@ -314,49 +313,47 @@ def follow(
     places, columns = step.places, step.columns
     sets, runs, nodes = len(theta), len(course.names), course.length.shape[1] + 1
     mean, covariance = _start(step, course, noises, sets)
-    shape = (len(course.channels), sets, runs, nodes)
-    innovation, variance = np.zeros(shape), np.zeros(shape)
-    states = np.zeros((places.count, sets, runs, nodes)) if keep else None
+    innovation, variance = np.zeros((2, nodes, len(course.channels), sets, runs))
+    states = np.zeros((nodes, places.count, sets, runs)) if keep else None
     time = noises.time[:, :, None, None]
     decay = np.exp(-course.length / time)
     ramp = _by_step((1.0 - decay) * time / np.maximum(course.length, 1e-12))
     fresh, fade = _by_step((noises.size**2)[:, :, None, None] * (1.0 - decay**2)), _by_step(decay)
     root = np.sqrt(np.maximum(course.length, 1e-12))
     thrusty = noises.thrust[None, :, :, None] * np.abs(step.delivered) / _by_step(root)[:, None, None]
-    white, dynamic = noises.reading**2, places.dynamic
-    pushed = np.array(places.pushed)
-    of_push = np.searchsorted(columns, pushed)
-    summed = np.setdiff1d(np.arange(dynamic), columns)  # they only add up what others make of them
+    white, dynamic, moving = noises.reading**2, places.dynamic, places.gain
+    pushed = np.arange(dynamic, moving)
+    of_push = slice(dynamic - columns.start, moving - columns.start)
+    jacobian = np.zeros((moving, places.count, sets, runs))  # what is behind `moving` stays as it is
+    jacobian[np.arange(moving), np.arange(moving)] = 1.0
     inverse = step.inverse.transpose(1, 2, 0)[..., None]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for m in range(nodes):
-            _update(step, course, m, mean, covariance, white, innovation, variance)
+            _update(step, course, m, mean, covariance, white, innovation[m], variance[m])
             if states is not None:
-                states[..., m] = mean
+                states[m] = mean
             if m == nodes - 1:
                 break
-            before = (mean, covariance)
+            before = (mean, covariance.copy()) if trace is not None else ()
             mean, slopes = step.advance(m, mean, covariance, ramp[m])
             blown = np.einsum("djpr,jkpr->dkpr", slopes[:, of_push], inverse * thrusty[m])  # by constant accelerations
             blown *= np.exp(mean[places.gain])
             slopes[:, of_push] *= ramp[m]
-            mean[pushed] *= fade[m]
-            moved = covariance.copy()
-            moved[:dynamic] = np.einsum("dcpr,cnpr->dnpr", slopes, covariance[columns])
-            moved[summed] += covariance[summed]
-            moved[pushed] *= fade[m][:, None]
-            covariance = moved.copy()
-            covariance[:, :dynamic] = np.einsum("ncpr,dcpr->ndpr", moved[:, columns], slopes)
-            covariance[:, summed] += moved[:, summed]
-            covariance[:, pushed] *= fade[m]
+            mean[dynamic:moving] *= fade[m]
+            jacobian[:dynamic, columns], jacobian[pushed, pushed] = slopes, fade[m]
+            moved = np.einsum("ikpr,kjpr->ijpr", jacobian, covariance)
+            covariance[:moving, moving:] = moved[:, moving:]
+            covariance[moving:, :moving] = moved[:, moving:].swapaxes(0, 1)
+            covariance[:moving, :moving] = np.einsum("ikpr,jkpr->ijpr", moved, jacobian)
             covariance[pushed, pushed] += fresh[m]
             covariance[:dynamic, :dynamic] += np.einsum("ikpr,jkpr->ijpr", blown, blown)
             if trace is not None:
-                jacobian = np.tile(np.eye(places.count)[..., None, None], (1, 1, sets, runs))
-                jacobian[:dynamic, columns] = slopes
-                jacobian[pushed, pushed] = fade[m]
-                trace.append((*before, mean.copy(), covariance.copy(), jacobian))
-    return FilterResult(innovation, variance, states, places)
+                whole = np.tile(np.eye(places.count)[..., None, None], (1, 1, sets, runs))
+                whole[:moving] = jacobian
+                trace.append((*before, mean.copy(), covariance.copy(), whole))
+    innovation, variance = (np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in (innovation, variance))
+    kept = None if states is None else np.ascontiguousarray(np.moveaxis(states, 0, -1))
+    return FilterResult(innovation, variance, mean[places.gain], kept, places)
 
 
 def smoothed(model: Model, course: Course, theta: Floats, noises: Noises) -> FilterResult:
@@ -423,8 +420,7 @@ def _update(
         shares = reduce(np.add, [covariance[place] * weight for place, weight in weights])
         total = reduce(np.add, [shares[place] * weight for place, weight in weights], white[c][:, None])
         missed = np.where(observed, channel.values[:, m] - predicted, 0.0)
-        innovation[c, :, :, m] = missed
-        variance[c, :, :, m] = np.where(observed, total, 0.0)
+        innovation[c], variance[c] = missed, np.where(observed, total, 0.0)
         doubt = np.maximum(np.abs(missed) / (MAX_Z * np.sqrt(total)), 1.0)
         gain = np.where(observed, shares / (total * doubt), 0.0)
         mean += gain * missed

@@ -203,14 +203,19 @@ def answer_to_rudder(
     def damping(model: Model) -> float:
         return model.drag()[0] - coefficient(model, "cross-coupling") * (speed or 0.0)
 
+    def slow_inertia(model: Model) -> float:
+        """Give the inertia that slow turns feel: water that remembers for T adds h T (effects/history_force.py)."""
+        fading = [term.values for term in model.terms if term.name == "history-force" and not term.values[2]]
+        return model.inertia + sum(h * seconds for h, seconds, _ in fading)
+
     gain = derived(first, lambda model: side / damping(model), "1/s")
-    time = derived(first, lambda model: model.inertia / damping(model), "s")
+    time = derived(first, lambda model: slow_inertia(model) / damping(model), "s")
     third, n1 = dict[str, Estimate](), 1
     if cubic is not None:
         n1 = 1 if damping(cubic.model) >= 0 else -1
         third = {
             "K": derived(cubic, lambda model: side / abs(damping(model)), "1/s"),
-            "T": derived(cubic, lambda model: model.inertia / abs(damping(model)), "s"),
+            "T": derived(cubic, lambda model: slow_inertia(model) / abs(damping(model)), "s"),
             "n3": derived(cubic, lambda model: coefficient(model, "cubic-drag") / abs(damping(model)), "s²", log=False),
         }
     full = max(float(np.abs(run.command).max()) for run in runs)

@@ -461,7 +461,7 @@ def _drifting(
     priors: Priors,
 ) -> dict[str, whole_runs.OutputErrorFit]:  # fmt: skip
     """Model 2 with the drift of its hull in place of model 2, where it predicts runs left out clearly better than every
-    one of the `fits`, and the factor by which it does, run by run, is no chance; else nothing."""
+    one of the `fits`, and the factor by which it betters model 2, run by run, is no chance; else nothing."""
     wider, _ = driven.fit_driven_model("2", runs, course, (*with_effects, DRIFT), priors)
     if wider is None:
         return {}
@@ -471,7 +471,9 @@ def _drifting(
         return {}
     loss, most = losses[DRIFT], (1.0 - driven.MIN_DRIVEN_GAIN) ** 2
     rivals = [losses[number] for number in fits]
-    better = all(loss.sum() < most * rival.sum() and is_ahead(np.log(loss), np.log(rival)) for rival in rivals)
+    alike = [losses["2"]] if "2" in fits else rivals
+    better = all(loss.sum() < most * rival.sum() for rival in rivals)
+    better = better and all(is_ahead(np.log(loss), np.log(rival)) for rival in alike)
     return {"2": wider} if better else {}
 
 

@@ -4,7 +4,7 @@ Each reading is compared with what all readings before it let expect; that holds
 too, as those of a controller do. Everything random has its size estimated with the model: the disturbing acceleration
 and its time constant, noise in proportion to the thrust, scatter of the thrust from run to run, noise of each sensor.
 Fisher scoring on innovations and their variances (Ljung 1999, System Identification, chapter 7; Åström 1980, Automatica
-16:551), damped; differences of all parameters and all trial steps are filtered together.
+16:551), damped; differences of all parameters are filtered together.
 """
 
 from collections.abc import Mapping, Sequence
@@ -121,7 +121,8 @@ class DrivenProblem:
 @dataclass(frozen=True)
 class Innovations:
     """Innovations `error` (C, R, K), their `variance`, one where nothing was `observed`, the derivatives of both by
-    some parameters, (C, f, R, K), none where a filter runs away, and the log density of each run (R,)."""
+    some parameters, (C, f, R, K), none where a filter runs away, the log density of each run (R,) and its log gain
+    (R,)."""
 
     error: Floats
     variance: Floats
@@ -129,6 +130,7 @@ class Innovations:
     by: Floats
     spread: Floats
     density: Floats
+    gain: Floats
 
 
 @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
@@ -137,12 +139,13 @@ def innovations_of(
 ) -> Innovations:
     """Innovations at a point, and how they change per step from there to the parameter sets `part` of what was
     filtered. The point is that of `base` if it is given, else the first of them."""
-    error, variance, density = runs.innovation[:, part], runs.variance[:, part], runs.log_density[part]
+    error, variance = runs.innovation[:, part], runs.variance[:, part]
     if base is None:
         observed = variance[:, 0] > 0
         base = Innovations(
-            error[:, 0], np.where(observed, variance[:, 0], 1.0), observed, error[:, :0], error[:, :0], density[0]
-        )
+            error[:, 0], np.where(observed, variance[:, 0], 1.0), observed, error[:, :0], error[:, :0],
+            runs.log_density[part][0], runs.gain[part][0],
+        )  # fmt: skip
         error, variance = error[:, 1:], variance[:, 1:]
     step = np.broadcast_to(steps, error.shape[1])[:, None, None]
     by = np.where(base.observed[:, None], (error - base.error[:, None]) / step, 0.0)
@@ -153,15 +156,17 @@ def innovations_of(
 
 @dataclass(frozen=True)
 class Slopes:
-    """Each run's log density (R,), its gradient (R, f) and Fisher information (R, f, f) by f parameters."""
+    """Each run's log density (R,), its gradient (R, f) and Fisher information (R, f, f) by f parameters; and its log
+    gain (R,)."""
 
     density: Floats
     gradient: Floats
     information: Floats
+    gain: Floats
 
     def without(self, run: int) -> "Slopes":
         remaining = np.arange(len(self.density)) != run
-        return Slopes(self.density[remaining], self.gradient[remaining], self.information[remaining])
+        return Slopes(*(part[remaining] for part in (self.density, self.gradient, self.information, self.gain)))
 
     @classmethod
     @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
@@ -178,7 +183,7 @@ class Slopes:
         c, f, r, k = columns.shape
         flat, wide = (np.moveaxis(x, 2, 0).swapaxes(1, 2).reshape(r, f, c * k) for x in (columns, spreads))
         information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
-        return cls(base.density, gradient, information)
+        return cls(base.density, gradient, information, base.gain)
 
 
 def randomness(
@@ -226,7 +231,6 @@ FEW_RUNS = 6
 LOOK_STEPS, MAX_INERTIAS = 6, 3
 """Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
 SPREAD_NAMES = {GAIN: "gain-scatter"}  # what run effects are called whose sizes are parameters
-DAMPINGS = (1.0, 30.0)  # multiples of the damping that are tried together; of many climbs one
 NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
 
 
@@ -297,12 +301,9 @@ def _climbed(
             slopes = [of_point.without(i) for of_point, i in zip(slopes, searches)]
         return [problem.point(phi, of_point) for phi, of_point in zip(phis, slopes)]
 
-    many = without_each or problem.course.motion.turns  # arrays of three motions are long as they are
     settled = 0.02 * SETTLED_GAIN if without_each else SETTLED_GAIN  # a run left out moves a fit by little
-    return maximise(
-        evaluate, starts, problem.free, problem.parameters.limits, settled=settled, iterations=iterations,
-        shares=(1.0,) if many else DAMPINGS,
-    )  # fmt: skip
+    limits = problem.parameters.limits
+    return maximise(evaluate, starts, problem.free, limits, settled=settled, iterations=iterations)
 
 
 def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> InnovationsFit:
@@ -324,10 +325,10 @@ def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> In
     information[:, free[:, None], free] = slopes.information
     smooth = problem.parameters.smooth
     information += 0.0 if smooth is None else smooth / runs
-    every = problem.follow(phi[None] if brief else np.concatenate([phi[None], left_out]), keep=True)
-    density = every.log_density
-    of_left_out = np.where(np.isfinite(density), density, -1e9)[1:]  # next to nothing where a filter ran away
-    assert every.states is not None
+    predictive = slopes.density
+    if not brief:
+        density = np.diagonal(problem.follow(left_out).log_density)
+        predictive = np.where(np.isfinite(density), density, -1e9)  # next to nothing where a filter ran away
     theta, readings = problem.parameters.natural(phi), {c.quantity: int(c.seen.sum()) for c in problem.course.channels}
     return InnovationsFit(
         parameters=problem.parameters,
@@ -335,13 +336,13 @@ def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> In
         phi=phi,
         covariance=covariance,
         left_out=left_out,
-        log_likelihood=float(density[0].sum()),
-        predictive=density[0] if brief else np.diagonal(of_left_out),
+        log_likelihood=float(slopes.density.sum()),
+        predictive=predictive,
         at_bound=tuple(np.flatnonzero(at_bound).tolist()),
         iterations=reached.iterations,
         converged=reached.converged,
-        density=density[0],
-        gains=every.states[every.places.gain, 0, :, -1],
+        density=slopes.density,
+        gains=slopes.gain,
         information=information,
         noise_of={name: float(theta[problem.parameters.names.index(f"noise.{name}")]) for name in readings},
         readings=readings,

@@ -50,52 +50,47 @@ class Maximum(Generic[Data]):
 
 def maximise(
     evaluate: Callable[[Floats, NDArray[np.int64]], Sequence[Point[Data]]], starts: Floats, free: NDArray[np.int64],
-    limits: Floats, *, settled: float, iterations: int, shares: Sequence[float] = (1.0,),
+    limits: Floats, *, settled: float, iterations: int,
 ) -> list[Maximum[Data]]:  # fmt: skip
     """Search from each of `starts` (S, p), over the parameters `free` (f,) within `limits` (p, 2); in the order of the
     starts.
 
-    `evaluate` takes points (P, p) of all searches together, and which search (P,) each belongs to. A search has
-    converged where a gain of less than `settled` is to be expected, and takes so many steps at most. `shares` are
-    multiples of the damping that are tried together.
+    `evaluate` takes a point (P, p) of each of some searches together, and which search (P,) each belongs to. A search
+    has converged where a gain of less than `settled` is to be expected, and takes so many steps at most.
     """
     searches = np.arange(len(starts))
     points = list(evaluate(starts, searches))
     damping, steps = np.full(len(starts), MIN_DAMPING), np.zeros(len(starts), dtype=int)
     converged, active = np.zeros(len(starts), dtype=bool), np.isfinite([point.value for point in points])
-    at_once = np.ones(len(starts), dtype=bool)
+    at_once = np.ones(len(starts), dtype=bool)  # whether the step before was taken as it was tried first
     while (active & (steps < iterations)).any():
         trials, expected = dict[int, Floats](), dict[int, float]()
         for i in searches[active & (steps < iterations)].tolist():
-            trials[i], expected[i] = _trials(points[i], free, limits, damping[i] * np.array(shares))
+            trials[i], expected[i] = _trial(points[i], free, limits, damping[i])
             converged[i], active[i] = expected[i] < settled, expected[i] >= settled
         tried = {i: trials[i] for i in trials if active[i]}
         if not tried:
             break
-        reached = evaluate(np.concatenate([*tried.values()]), np.repeat([*tried], len(shares)))
-        for k, i in enumerate(tried):
-            of_search = reached[k * len(shares) : (k + 1) * len(shares)]
-            best = int(np.argmax([point.value for point in of_search]))
-            if of_search[best].value > points[i].value + LEAST_GAIN * settled:
-                points[i], steps[i] = of_search[best], steps[i] + 1
-                damping[i] = max(damping[i] * (EASED if best == 0 and at_once[i] else shares[best]), MIN_DAMPING)
+        for i, reached in zip(tried, evaluate(np.array([*tried.values()]), np.array([*tried]))):
+            if reached.value > points[i].value + LEAST_GAIN * settled:
+                points[i], steps[i] = reached, steps[i] + 1
+                damping[i] = max(damping[i] * (EASED if at_once[i] else 1.0), MIN_DAMPING)
                 at_once[i] = True
             elif damping[i] < MAX_DAMPING:
-                damping[i] *= max(RAISED, 10.0 * shares[-1])
+                damping[i] *= RAISED
                 at_once[i] = False
             else:
                 converged[i], active[i] = expected[i] < NEARLY_GAIN, False
     return [Maximum(points[i], int(steps[i]), bool(converged[i])) for i in searches]
 
 
-def _trials(point: Point[Data], free: NDArray[np.int64], limits: Floats, dampings: Floats) -> tuple[Floats, float]:
-    """Where steps of these dampings (T,) lead, (T, p), and the gain that is expected of the first; not a number where
-    the slopes are none."""
-    gradient, curvature, trials = point.gradient, point.curvature, np.tile(point.phi, (len(dampings), 1))
+def _trial(point: Point[Data], free: NDArray[np.int64], limits: Floats, damping: float) -> tuple[Floats, float]:
+    """Where a step of this damping leads, (p,), and the gain that is expected of it; not a number where the slopes are
+    none."""
+    gradient, curvature, trial = point.gradient, point.curvature, point.phi.copy()
     if not (np.isfinite(gradient).all() and np.isfinite(curvature).all()):
-        return trials, np.nan
-    for trial, damping in zip(trials, dampings):
-        damped = curvature + damping * np.diag(np.diagonal(curvature) + 1e-12)
-        trial[free] = bounded_solution(damped, gradient + damped @ point.phi[free], limits[free])
-    step = trials[0, free] - point.phi[free]
-    return trials, float(gradient @ step - 0.5 * step @ curvature @ step)
+        return trial, np.nan
+    damped = curvature + damping * np.diag(np.diagonal(curvature) + 1e-12)
+    trial[free] = bounded_solution(damped, gradient + damped @ point.phi[free], limits[free])
+    step = trial[free] - point.phi[free]
+    return trial, float(gradient @ step - 0.5 * step @ curvature @ step)
