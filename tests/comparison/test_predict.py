@@ -61,23 +61,26 @@ def inside(prediction: Prediction, truth: Floats) -> Floats:
     return (low <= truth) & (truth <= high)
 
 
-def test_a_prediction_is_the_free_run_of_validate(tmp_path: Path) -> None:
-    """Of heading and its mirror image, surge and roll: the same start, the same path."""
-    for motion, steps in (("yaw", "steps"), ("surge", "surge"), ("roll", "roll_validation")):
-        logs = SAMPLE_RUNS / ("validation" if motion == "yaw" else f"{motion}_validation")
-        fit = getattr(am, f"fit_{motion}")(SAMPLE_RUNS / steps)
-        (number,) = [fit.preference.number]
-        validation = am.validate(logs, model=fit).models[number]
-        predicted = fit.predict(logs)
-        assert [of.run.name for of in predicted.predicted] == [free.run.name for free in validation.free]
-        for of, free in zip(predicted.predicted, validation.free):
-            position, _, _ = of.bands[of.run.dof.position]
-            assert np.abs(of.run.dof.shown(position - free.position)).max() < 0.05, motion
-        ended = [
-            float(low) < float(value) < float(high)
-            for value, low, high in ends(predicted, predicted.shown[fit.dof.position].name)
-        ]
-        assert all(ended), motion
+@pytest.mark.parametrize(
+    ("motion", "logs"),
+    [
+        ("yaw", "validation"),
+        pytest.param("surge", "surge_validation", marks=pytest.mark.slow),
+        pytest.param("roll", "roll_validation", marks=pytest.mark.slow),
+    ],
+)
+def test_a_prediction_is_the_free_run_of_validate(motion: str, logs: str) -> None:
+    """The same start, the same path."""
+    steps = {"yaw": "steps", "surge": "surge", "roll": "roll_validation"}[motion]
+    fit = getattr(am, f"fit_{motion}")(SAMPLE_RUNS / steps)
+    validation = am.validate(SAMPLE_RUNS / logs, model=fit).models[fit.preference.number]
+    predicted = fit.predict(SAMPLE_RUNS / logs)
+    assert [of.run.name for of in predicted.predicted] == [free.run.name for free in validation.free]
+    for of, free in zip(predicted.predicted, validation.free):
+        position, _, _ = of.bands[of.run.dof.position]
+        assert np.abs(of.run.dof.shown(position - free.position)).max() < 0.05
+    value, low, high = ends(predicted, predicted.shown[fit.dof.position].name).T
+    assert np.all((low < value) & (value < high))
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -87,7 +87,7 @@ def test_gains_are_better_than_the_defaults_that_swing(tmp_path: Path) -> None:
     assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 9
 
 
-@pytest.mark.parametrize(("delay", "margin"), [(0.01, 0.75), (0.02, 0.6)])
+@pytest.mark.parametrize(("delay", "margin"), [(0.01, 0.75), pytest.param(0.02, 0.6, marks=pytest.mark.slow)])
 def test_a_fast_vehicle_keeps_its_defaults(delay: float, margin: float, run: Run, tmp_path: Path) -> None:
     """So much moment for so little inertia, and hardly late: the defaults keep the margin. At 0.02 s they keep 0.74 at
     best, whatever the inertia."""
@@ -139,7 +139,7 @@ def test_what_the_fit_itself_asks_for_is_settled_first(run: Run, tmp_path: Path)
     [
         ({"gain_scatter": 0.3}, "The thrust seems to scatter by 30 % from run to run"),
         ({"gain_exponent": estimate(0.9, "1")}, "The gain of the thrust goes with the size of the command"),
-        ({"gain_scatter": 0.02, "gain_exponent": estimate(0.04, "1", 1.0)}, ""),
+        pytest.param({"gain_scatter": 0.02, "gain_exponent": estimate(0.04, "1", 1.0)}, "", marks=pytest.mark.slow),
     ],
 )
 def test_nothing_is_promised_of_a_thrust_that_is_not_known(more: dict[str, Any], why: str, tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_refusals(content: dict[str, Any], more: list[str], sentence: str, run: 
 
 
 def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tmp_path: Path) -> None:
-    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.03, delay=0.02))
+    path = written(tmp_path, model(0.375, 1.5, 30.0, delay=0.01))
     for text, sentence in (
         ("ATC_RAT_YAW_P,0.9\n", "row 1: ATC_RAT_YAW_P is 0.9, outside the range that ArduSub 4.1 to 4.5 documents"),
         ("# x\nATC_RAT_YAW_I abc\n", "row 2: ATC_RAT_YAW_I is 'abc'; expected a number"),
@@ -245,8 +245,7 @@ def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tm
         assert found.exit_code == 1 and sentence in found.stderr
     (tmp_path / "sub.param").write_text("ATC_ANG_YAW_P,1.2\nATC_ACCEL_Y_MAX,110000\nATC_RAT_YAW_P,0.12\nFOO,3\n")
     result = am.tune(path, target="ardusub", full=30.0, present=tmp_path / "sub.param").to_json()
-    assert result["present"]["settles"] == 1.0
-    assert not result["gains"] or result["gains"]["ATC_ANG_YAW_P"]["before"] == 1.2
+    assert result["present"]["settles"] == 1.0 and result["present_gains"]["ATC_ANG_YAW_P"] == 1.2
 
 
 def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) -> str:

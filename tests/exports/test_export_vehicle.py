@@ -85,7 +85,7 @@ def flown(text: str, run: Run, commands: Floats, state: Floats) -> Floats:
     return np.array(states)
 
 
-@pytest.mark.parametrize("frame", ["NED", "ENU"])
+@pytest.mark.parametrize("frame", ["NED", pytest.param("ENU", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("motion", LOGS)
 def test_the_python_vehicle_flies_the_validation_logs_of_each_motion(tmp_path: Path, motion: str, frame: str) -> None:
     """As `validate` simulates them, within 1e-5 rad or m (its step is halved until 0.01 degrees or cm)."""
@@ -107,7 +107,7 @@ def test_the_python_vehicle_flies_the_validation_logs_of_each_motion(tmp_path: P
 
 
 @pytest.mark.parametrize("frame", ["NED", "ENU"])
-@pytest.mark.parametrize("log", ["zigzag", "crabwise"])
+@pytest.mark.parametrize("log", ["zigzag", pytest.param("crabwise", marks=pytest.mark.slow)])
 def test_a_planar_model_among_the_files_flies_its_validation_logs(tmp_path: Path, log: str, frame: str) -> None:
     """With the Munk moment, m_vr, a drag by the other velocity and the current, beside roll."""
     files = [planar_file(tmp_path), *model_files(tmp_path, "roll")]

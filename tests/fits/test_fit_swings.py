@@ -97,6 +97,7 @@ def test_decays_alone_give_the_same_ratios(of_known: YawFit) -> None:
     assert fit.preferred.estimates["I_p"].value == 1.0
 
 
+@pytest.mark.slow
 def test_mirrored_decays_of_pitch_give_the_same(of_known: YawFit) -> None:
     pitch = fitted([replace(run, position=-run.position) for run in decays(1, PITCH, 3)])
     swing, other = of_known.swing, pitch.swing

@@ -195,6 +195,7 @@ def test_runs_that_move_from_the_start_are_fitted_whole() -> None:
 PUSHED = "Noise and thrust scatter do not explain these runs: a push of "
 
 
+@pytest.mark.slow
 def test_scattered_thrust_is_no_unknown_push() -> None:
     clean = [*campaign(seed=2, gain_scatter=0.05)[::3], *moving(4)[0]]
     assert not [says for says in identify(clean, fit_to="whole-runs").warnings if says.startswith(PUSHED)]
@@ -258,7 +259,7 @@ def test_a_run_that_decides_alone_is_named() -> None:
     assert found.startswith("run_04 alone changes I_r of model 3 from ") and "check its log" in found
 
 
-@pytest.mark.parametrize("fit_to", ["auto", "half-turns", "whole-runs"])
+@pytest.mark.parametrize("fit_to", [pytest.param("auto", marks=pytest.mark.slow), "half-turns", "whole-runs"])
 def test_a_delay_is_a_parameter_of_every_fit(fit_to: str) -> None:
     runs = campaign(both_ways((0.2, 0.4, 0.8, 1.1)), seed=1)
     late = [replace(run, position=np.interp(run.time - 0.5, run.time, run.position)) for run in runs]
@@ -281,7 +282,7 @@ def test_vehicles_of_hardly_any_drag_or_inertia_are_warned_of() -> None:
 
 GYRO_SIZES = (0.2, 0.4, 0.6, 0.8, 1.0)
 SURE = 4.0  # standard errors
-WHAT_IS_FITTED = pytest.mark.parametrize("fit_to", ["half-turns", "whole-runs"])
+WHAT_IS_FITTED = pytest.mark.parametrize("fit_to", ["half-turns", pytest.param("whole-runs", marks=pytest.mark.slow)])
 
 
 def without(run: Run, position: bool) -> Run:
