@@ -243,9 +243,14 @@ def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tm
         (tmp_path / "sub.param").write_text(text)
         found = run("tune", path, "--for", "ardusub", "--full", "30", "--present", str(tmp_path / "sub.param"))
         assert found.exit_code == 1 and sentence in found.stderr
-    (tmp_path / "sub.param").write_text("ATC_ANG_YAW_P,1.2\nATC_ACCEL_Y_MAX,110000\nATC_RAT_YAW_P,0.12\nFOO,3\n")
+    (tmp_path / "sub.param").write_text("ATC_ANG_YAW_P,5\nATC_ACCEL_Y_MAX,110000\nFOO,3\n")
     result = am.tune(path, target="ardusub", full=30.0, present=tmp_path / "sub.param").to_json()
-    assert result["present"]["settles"] == 1.0 and result["present_gains"]["ATC_ANG_YAW_P"] == 1.2
+    assert result["verdict"] == "leave" and result["present"]["settles"] == 1.0
+    assert (
+        result["present_gains"]["ATC_ANG_YAW_P"]
+        == 5.0
+        != am.tune(path, target="ardusub", full=30.0).to_json()["present_gains"]["ATC_ANG_YAW_P"]
+    )
 
 
 def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) -> str:
