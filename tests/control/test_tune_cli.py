@@ -246,11 +246,7 @@ def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tm
     (tmp_path / "sub.param").write_text("ATC_ANG_YAW_P,5\nATC_ACCEL_Y_MAX,110000\nFOO,3\n")
     result = am.tune(path, target="ardusub", full=30.0, present=tmp_path / "sub.param").to_json()
     assert result["verdict"] == "leave" and result["present"]["settles"] == 1.0
-    assert (
-        result["present_gains"]["ATC_ANG_YAW_P"]
-        == 5.0
-        != am.tune(path, target="ardusub", full=30.0).to_json()["present_gains"]["ATC_ANG_YAW_P"]
-    )
+    assert result["present_gains"]["ATC_ANG_YAW_P"] == 5.0  # the firmware begins with 6
 
 
 def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) -> str:
