@@ -49,7 +49,7 @@ def judged(item: tuple[RealSet, str, str]) -> Row:
             "unit": runs[0].dof.units.shown,
             "runs": [run.name for run in fitted], "left_out": [run.name for run in held_out],
             "set_aside": [f"{each.run}: {each.why}" for each in aside],
-            "models": {}, "preferred": None, "refused": None, "named": None,
+            "models": {}, "preferred": None, "scatter": None, "refused": None, "named": None,
             **references(real_set, fitted, held_out),
         }  # fmt: skip
         try:
@@ -58,6 +58,7 @@ def judged(item: tuple[RealSet, str, str]) -> Row:
                 number: scored(models[number], held_out) for number in real_set.numbers if number in models
             }
             row["preferred"] = preferred
+            row["scatter"] = scatter_of_ratio(models[preferred], preferred, fitted, held_out)
             if real_set.measured:  # of who simulated a vehicle nobody here knows what is missing
                 row["named"] = library.tool_diagnosis(models[preferred], fitted, held_out)
         except AutomarineError as refusal:
@@ -106,6 +107,19 @@ def scored(fitted: library.Fitted, held_out: Sequence[Run]) -> Row:
     }
 
 
+def scatter_of_ratio(fitted: library.Fitted, number: str, runs: Sequence[Run], held_out: Sequence[Run]) -> float:
+    """Jackknife standard error over runs held out of the logarithm of the model's error 5 s ahead over that of least
+    squares; infinite for one run."""
+    anchors = plain.anchors_of(held_out)
+    squares = plain.fit_plain(plain.anchors_of(runs), number, 5.0, held_out[0].dof.has_constant)
+    both = (library.tool_predictions(fitted, held_out, anchors), squares.ahead(anchors))
+    misses = [np.where(np.isfinite(x := (ahead - anchors.reached)[:, AT]), x, 0.0) ** 2 for ahead in both]
+    ours, theirs = (np.bincount(anchors.run, x, len(held_out)) for x in misses)
+    logs = 0.5 * np.log((ours.sum() - ours) / (theirs.sum() - theirs))
+    count = len(logs)
+    return float(np.sqrt((count - 1) * np.var(logs))) if count > 1 else math.inf
+
+
 def main_table(rows: Sequence[Row]) -> Table:
     """One line a half: the preferred model and what it has to beat."""
     lines = []
@@ -122,6 +136,7 @@ def main_table(rows: Sequence[Row]) -> Table:
             "constant position": _three(row["constant_position"]),
             "free run": _digits(model["free_run"]) if model else None,
             "5 s: now / least squares": f"{model['rmse'][AT] / same[AT]:.2f}" if model else None,
+            "± (its logarithm)": None if row["scatter"] is None else f"{row['scatter']:.2f}",
             "5 s": use_of(model["rmse"][AT], row, same[AT]) if model else "refused",
             "named": row["named"],
         })  # fmt: skip
