@@ -129,7 +129,7 @@ def error_of_mean(values: Floats) -> float:
 
 def clear(gains: Floats, errors: float = CLEAR) -> bool:
     """Whether gains in log density (R,) are more than so many standard errors above nothing in the mean."""
-    return bool(gains.mean() > errors * error_of_mean(gains))
+    return len(gains) > 1 and bool(gains.mean() > errors * error_of_mean(gains))
 
 
 def candidate_fit(study: DiagnosisProblem, model: Model, added: tuple[str, ...], fit: Fit) -> CandidateFit:

@@ -84,6 +84,7 @@ def maximise(
     return [Maximum(points[i], int(steps[i]), bool(converged[i])) for i in searches]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # where slopes are as large as numbers go
 def _trial(point: Point[Data], free: NDArray[np.int64], limits: Floats, damping: float) -> tuple[Floats, float]:
     """Where a step of this damping leads, (p,), and the gain that is expected of it; not a number where the slopes are
     none."""

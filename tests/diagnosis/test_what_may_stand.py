@@ -13,7 +13,7 @@ from automarine_cli.diagnosis.diagnose import ForecastGain, JudgedRuns
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.residual_regions import Gap
 from automarine_cli.diagnosis.scores import drag_drives
-from automarine_cli.diagnosis.search import CandidateFit, may_be_nothing, obstacle
+from automarine_cli.diagnosis.search import CandidateFit, clear, may_be_nothing, obstacle
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.driven import ForecastScore
@@ -22,6 +22,10 @@ from automarine_cli.models.parameter import Parameter, Parameters
 from automarine_cli.runs.run import Run
 
 BASE = base_for("")
+
+
+def test_neither_no_run_nor_one_shows_that_a_gain_repeats_itself() -> None:
+    assert clear(np.array([1.0, 1.1])) and not clear(np.ones(1)) and not clear(np.zeros(0))
 
 
 @pytest.mark.parametrize(

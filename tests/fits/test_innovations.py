@@ -22,6 +22,7 @@ from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, f
 from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.mixed_model import fit_mixed
+from automarine_cli.fits.optimise import Point, maximise
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, whole_run_problem
 from automarine_cli.models.model import Model
 from automarine_cli.report.fit_report import tables, warnings_of
@@ -247,3 +248,12 @@ def test_results_of_driven_runs_show_effects() -> None:
     assert values["3"] == effect["parameters"]["t_d"]["value"] == pytest.approx(0.3, abs=0.2)
     linear = replace(fit, preference=replace(fit.preference, number="1"))
     assert linear.use is not None and linear.to_json()["proposed"] == dict(linear.use.proposed)
+
+
+def test_a_search_ends_quietly_where_slopes_are_as_large_as_numbers_go() -> None:
+    def evaluate(phis: np.ndarray, searches: np.ndarray) -> list[Point[None]]:
+        return [Point(phi, -float(phi @ phi), np.array([1e200, -1e200]), np.eye(2), None) for phi in phis]
+
+    limits = np.array([[-1.0, 1.0], [-1.0, 1.0]])
+    (end,) = maximise(evaluate, np.array([[0.5, 0.5]]), np.arange(2), limits, settled=0.1, iterations=3)
+    assert np.isfinite(end.point.phi).all() and not end.converged
