@@ -51,8 +51,8 @@ def rows_of(log: bytes) -> list[dict[str, str]]:
 
 @pytest.mark.slow
 def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_path: Path) -> None:
-    campaign = made_campaign(8, seconds=6.0, rate=20.0)
-    with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
+    campaign, slower = made_campaign(8, seconds=6.0, rate=20.0), SPEED / 4  # a busy machine has time for every moment
+    with Vessel(slower).afloat() as vessel, vehicle_at(tmp_path / "v", slower, on(vessel, tmp_path)) as vehicle:
         (state,) = collected(vehicle.url, tmp_path / "pool", campaign).campaigns
     assert (state.played, state.interrupted, state.why_stopped) == (8, 0, None)
     sent = sorted({moment for one in campaign.runs for moment, _ in one.commands})
@@ -65,7 +65,7 @@ def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_
         levels = [tau for tau, _ in itertools.groupby(float(row["tau"]) for row in rows)]
         rested += levels[0] == 0.0
         assert "".join("0" if tau == 0.0 else "1" for tau in levels) in ("01", "010", "1", "10"), levels
-        assert len(rows) > 10  # how many of each is the machine's pace
+        assert len(rows) > 20  # how many of each is the machine's pace
     assert rested >= 6  # of 8: a rest takes 50 ms of this clock, which a machine may need for others
     fitted = run("fit-yaw", str(tmp_path / "pool"), "--fit-to", "whole-runs", "-o", str(tmp_path / "fit"))
     assert fitted.exit_code == 0, fitted.output
