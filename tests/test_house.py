@@ -32,10 +32,10 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 MAX_LINES = {
     "fits": 5859, "report": 5167, "logs": 4006, "diagnosis": 4001, "commands": 3485, "runs": 2719,
     "thrusters": 2707, "link": 2649, "control": 2168, "effects": 2283, "planning": 1872, "simulation": 1844,
-    "exports": 1825, "comparison": 1646, "models": 1232, "filters": 954, "pipeline": 807, "dofs": 507, "top": 292,
+    "exports": 1825, "comparison": 1646, "models": 1232, "filters": 953, "pipeline": 807, "dofs": 507, "top": 292,
     "guide": 388,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 46_411
+MAX_LINES_IN_ALL = 46_410
 MAX_FILES = 219
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

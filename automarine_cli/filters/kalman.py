@@ -324,8 +324,8 @@ def follow(
     white, dynamic, moving = noises.reading**2, places.dynamic, places.gain
     pushed = np.arange(dynamic, moving)
     of_push = slice(dynamic - columns.start, moving - columns.start)
-    jacobian = np.zeros((moving, places.count, sets, runs))  # what is behind `moving` stays as it is
-    jacobian[np.arange(moving), np.arange(moving)] = 1.0
+    transition = np.tile(np.eye(places.count)[..., None, None], (1, 1, sets, runs))
+    jacobian = transition[:moving]  # what is behind `moving` stays as it is
     inverse = step.inverse.transpose(1, 2, 0)[..., None]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for m in range(nodes):
@@ -348,12 +348,11 @@ def follow(
             covariance[pushed, pushed] += fresh[m]
             covariance[:dynamic, :dynamic] += np.einsum("ikpr,jkpr->ijpr", blown, blown)
             if trace is not None:
-                whole = np.tile(np.eye(places.count)[..., None, None], (1, 1, sets, runs))
-                whole[:moving] = jacobian
-                trace.append((*before, mean.copy(), covariance.copy(), whole))
+                trace.append((*before, mean.copy(), covariance.copy(), transition.copy()))
     innovation, variance = (np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in (innovation, variance))
-    kept = None if states is None else np.ascontiguousarray(np.moveaxis(states, 0, -1))
-    return FilterResult(innovation, variance, mean[places.gain], kept, places)
+    if states is not None:
+        states = np.ascontiguousarray(np.moveaxis(states, 0, -1))
+    return FilterResult(innovation, variance, mean[places.gain], states, places)
 
 
 def smoothed(model: Model, course: Course, theta: Floats, noises: Noises) -> FilterResult:
