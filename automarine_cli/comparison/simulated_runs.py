@@ -73,6 +73,7 @@ def roll(
 START_WINDOW_S = 1.0  # s over which a start is fitted
 MIN_AT_START = 5  # samples of such a fit, for slow loggers
 NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
+START_STEP = 1.5e-8  # share of a start, or of one, by which it is moved for derivatives that search it
 START_ROUNDS = 4
 MAX_WEIGHT = 100.0  # of a reading of a velocity [s]
 MIN_GAIN = 0.1  # of what a sensor shows of a small move
@@ -136,10 +137,12 @@ def _fitted(model: Model, run: Run, step: float) -> StartState:
     rate = slope(begin.time, begin.position)[0]
     line = np.array([begin.position.mean() - rate * (begin.time.mean() - begin.time[0]), rate])
 
-    def residuals(start: Floats) -> Floats:
-        path = roll(model, [begin], start[0], start[1], step)
-        off = weight * (readings - path.velocity[0, 0])[np.isfinite(readings)]
-        return np.concatenate([begin.position - path.position[0, 0], off])
+    batch = make_batch([begin], step, model.signals)
+
+    def residuals(starts: Floats) -> Floats:
+        path = simulate(model, batch, start=Start(starts[:, :1], starts[:, 1:]))
+        off = weight * (readings - path.velocity[:, 0])[:, np.isfinite(readings)]
+        return np.concatenate([begin.position - path.position[:, 0], off], axis=1)
 
     (x, r), words = _least_squares(residuals, line), model.dof.words
     how = f"fitted: {words.position} and {words.speed} that follow the first {len(begin)} samples best"
@@ -147,13 +150,20 @@ def _fitted(model: Model, run: Run, step: float) -> StartState:
 
 
 def _least_squares(residuals: Callable[[Floats], Floats], initial: Floats) -> Floats:
-    """Find the start whose squared residuals are least; the `initial` one under a model that runs away."""
+    """Find the start (n,) whose squares are least of the `residuals` (P, m) that starts (P, n) have; the `initial` one
+    under a model that runs away."""
     from scipy.optimize import least_squares  # here, as it takes its time to import
 
-    def finite(start: Floats) -> Floats:
-        return np.nan_to_num(residuals(start), nan=MAX_WAY, posinf=MAX_WAY, neginf=-MAX_WAY)
+    @np.errstate(over="ignore", invalid="ignore")
+    def finite(starts: Floats) -> Floats:
+        return np.nan_to_num(residuals(starts), nan=MAX_WAY, posinf=MAX_WAY, neginf=-MAX_WAY)
 
-    return np.asarray(least_squares(finite, initial, method="lm").x)
+    def slopes(start: Floats) -> Floats:
+        steps = START_STEP * np.copysign(np.maximum(np.abs(start), 1.0), start)
+        here, *moved = finite(np.vstack([start, start + np.diag(steps)]))
+        return (np.stack(moved, axis=1) - here[:, None]) / steps
+
+    return np.asarray(least_squares(lambda start: finite(start[None])[0], initial, slopes, method="lm").x)
 
 
 MAX_WAY = 1e6  # m, or rad: a simulation that gets there diverges
@@ -362,10 +372,11 @@ def planar_start(run: Run, model: Model) -> Floats:
     batch = make_batch([first], FREE_RUN_STEP_S, model.signals, motion=PLANAR, channels=CHANNELS)
     channels = [channel for channel in batch.channels if channel.counts and channel.seen.any()]
 
-    def residuals(state: Floats) -> Floats:
-        path = simulate(model, batch, start=Start(state[:3, None, None], state[3:, None, None]))
-        errors = [(path.reading(of)[0] - of.values)[of.seen] / NOISE[of.quantity] for of in channels]
-        return np.concatenate([*errors, (state - initial) / START_SD])
+    def residuals(states: Floats) -> Floats:
+        columns = states.T[..., None]
+        path = simulate(model, batch, start=Start(columns[:3], columns[3:]))
+        errors = [(path.reading(of) - of.values)[:, of.seen] / NOISE[of.quantity] for of in channels]
+        return np.concatenate([*errors, (states - initial) / START_SD], axis=1)
 
     return _least_squares(residuals, initial)
 

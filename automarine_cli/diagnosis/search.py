@@ -232,6 +232,9 @@ def single_effect_alternative(
     tried = {trial.added[-1] for trial in first.trials}
     suspects = dict.fromkeys([*current.counted, *(name for name in can[:6] if name in tried)])
     suspects |= dict.fromkeys(look for name in current.counted for look in effects.get(name).mistaken_for)
+    if study.driven:  # a fit of innovations costs seconds
+        needed = base.evidence - current.evidence - AS_WELL
+        can = [s.effect for s in first.scores.ranked if FORETELLS * s.drop > needed]
     shapes: dict[tuple[object, ...], list[tuple[str, Floats]]] = {}
     for name in suspects:
         if name in can and name not in base.added:
@@ -399,7 +402,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         fits |= self._from_many_starts(current, fits)
         possible = [trial for trial in fits.values() if not drag_drives(trial.model, study.fastest)]
         ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
-        current = self._from_elsewhere(current, ranking[:3])
+        current = self._from_elsewhere(current, [t for t in ranking[:3] if current.evidence - t.evidence > bar])
         # a law that may not stand does not keep another law of its effect from it
         standing = _best_law(t for t in possible if not obstacle(study, t, current))
         ranking = [standing.get(trial.added[-1], trial) for trial in ranking]

@@ -335,7 +335,7 @@ class Model:
         moved[0] = 0.0
         positive = (theta > 0) & (np.sqrt(variance) < theta)
         size = np.where(positive, theta, 1.0)
-        drawn = np.where(positive, size * np.exp(moved / size), theta + moved)
+        drawn = np.where(positive, size * np.exp(np.where(positive, moved / size, 0.0)), theta + moved)
         lower, upper = self.parameters(signed_drag=True).bounds.T
         lower = np.minimum(np.where(np.arange(len(theta)) < len(self.motion.dofs), SMALLEST, lower), theta)
         return np.where(variance > 0, np.clip(drawn, lower, np.maximum(upper, theta)), theta)

@@ -24,7 +24,7 @@ from types import NoneType, UnionType
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.errors import AutomarineError, ExcludedRun, ModelError, OutputError, SettingError
+from automarine_cli.errors import AutomarineError, ExcludedRun, ModelError, SettingError
 from automarine_cli.text import MAX_NAME_LETTERS, Place, format_value, in_words, printable, quoted
 
 # A model is a few kilobytes, with ten thousand runs set aside a few megabytes; TOML is written by hand.
@@ -268,14 +268,12 @@ def _expected(hint: Any) -> str:
 
 
 def json_text(data: object) -> str:
-    """Return the JSON of automarine: order kept, indent 1, letters of any alphabet kept, newline at the end. Raises
-    OutputError for a value that is not a finite number: a result file never holds NaN."""
-    text = json.dumps(data, indent=1, ensure_ascii=False, default=lambda array: array.tolist()) + "\n"
+    """Return the JSON of automarine: order kept, indent 1, letters of any alphabet kept, newline at the end; null for
+    a number that is not finite, as where a prediction runs away: one such number must not cost the rest."""
+    write = functools.partial(json.dumps, indent=1, ensure_ascii=False, default=lambda array: array.tolist())
+    text = write(data) + "\n"
     if re.search(r"\b(NaN|Infinity)\b", text):
-        for value, place in everything(json.loads(text)):
-            if isinstance(value, float) and not math.isfinite(value):
-                where = in_words(("result", *place)).removesuffix(": ")
-                raise OutputError(f"{where} is not a finite number; this is a bug, please report it")
+        text = write(json.loads(text, parse_constant=lambda name: None)) + "\n"
     # a byte of a file's name that is not UTF-8 has no letter, only an escape
     return re.sub("[\ud800-\udfff]", lambda lone: f"\\u{ord(lone[0]):04x}", text)
 

@@ -218,10 +218,6 @@ def fit_warnings(
             f"small vehicles are: check the units of time and {words.position}, and whether the thrusters or the log "
             "lag."
         )
-    early = fit.mixed.names.index(COMMAND_DELAY) in fit.mixed.at_bound and fit.delay.value < 0.0
-    if early and COMMAND_DELAY not in fit.mixed.parameters.priors:
-        says = "The {force} seems to act half a sample interval or more before the log shows it. Check the clocks of "
-        sentences.append(dof.fill(says + "{position} and command."))
     return sentences
 
 

@@ -208,6 +208,7 @@ def _scatter(steps: Floats) -> float:
     return NORMAL * median(np.abs(np.diff(steps))) / np.sqrt(3.0) if len(steps) > 1 else 0.0
 
 
+@np.errstate(over="ignore")  # a reading may be as large as numbers go; what is beyond reason goes by another rule
 def find_glitches(time: Floats, position: Floats, dof: Dof) -> Mask:
     """Find spikes of one or two samples in a position (N,) [rad or m]: far off both neighbours, which agree.
 

@@ -359,7 +359,10 @@ def product_with(matrices: Floats) -> Callable[[Sequence[Floats] | Floats], list
     """What multiplies vectors (D, P, R) by matrices (P, D, D). Entries that are zero in every set cost nothing: most
     hulls couple few motions, and numpy's own products of so small matrices are several times slower."""
     dofs = range(matrices.shape[1])
-    rows = [[(j, np.ascontiguousarray(matrices[:, i, j, None])) for j in dofs if matrices[:, i, j].any()] for i in dofs]
+    rows = [
+        [(j, np.ascontiguousarray(matrices[:, i, j, None])) for j in dofs if i == j or matrices[:, i, j].any()]
+        for i in dofs
+    ]
 
     def product(vectors: Sequence[Floats] | Floats) -> list[Floats]:
         return [reduce(np.add, [entry * vectors[j] for j, entry in row]) for row in rows]

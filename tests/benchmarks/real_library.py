@@ -33,7 +33,8 @@ class Fitted:
     def on(self, runs: Sequence[Run]) -> tuple[DrivenProblem, Course]:
         """The likelihood of other runs, and these as the filter has them."""
         channels = None if self.driven is None else tuple(self.driven.readings)
-        course = make_course(runs, np.array([starts_at_rest(run) for run in runs]), channels=channels)
+        at_rest = np.array([starts_at_rest(run) for run in runs])
+        course = make_course(runs, at_rest, self.model.signals, channels=channels)
         return driven_problem(self.model, course), course
 
 

@@ -13,7 +13,7 @@ from tolerances import assert_close
 from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.models.model import Model, Term
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.rollout import Start, Trajectory, simulate
+from automarine_cli.simulation.rollout import Start, Trajectory, product_with, simulate
 
 Floats = NDArray[np.float64]
 BODY = (20.0, 32.0, 2.6, 1.5, -0.7, 0.9)
@@ -133,3 +133,10 @@ def test_drag_is_against_the_water_and_friction_against_the_ground() -> None:
     surge = (Term("linear-drag", (3.0,)), Term("coulomb-drag", (5.0, 0.0, 0.0, 0.1)))
     braked = simulate(planar_model(*BODY, surge=surge, water=(0.3, 0.0)), batch)
     assert abs(braked.velocities[0, 0, -1, 0]) < 0.02  # 3 N s/m at 0.3 m/s are less than 5 N
+
+
+def test_a_mass_without_limit_does_not_move() -> None:
+    """A search may come that far; the inverse of its inertia has nothing in that row."""
+    inverse = np.diag([0.0, 1.0, 2.0])[None]
+    moved = product_with(inverse)(np.ones((3, 1, 4)))
+    np.testing.assert_array_equal(np.stack(moved)[:, 0, 0], [0.0, 1.0, 2.0])
