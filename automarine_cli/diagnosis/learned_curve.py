@@ -279,14 +279,9 @@ def _shows(study: DiagnosisProblem, base: CandidateFit, seed: int) -> bool:
 
 
 def _best(
-    study: DiagnosisProblem,
-    result: SearchResult,
-    base: CandidateFit,
-    follows: str,
-    most: float,
-    seed: int,
+    study: DiagnosisProblem, result: SearchResult, base: CandidateFit, follows: str, most: float, seed: int,
     map_fn: Each,
-) -> SearchResult | None:
+) -> SearchResult | None:  # fmt: skip
     """The search's outcome with the best curve beside what `base` has, if one beats chance. A gain over the column that
     the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without. What
     a score, of driven runs, or a brief fit leaves too far above an evidence of `most` is not fitted to its end."""

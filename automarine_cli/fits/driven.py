@@ -534,13 +534,9 @@ class Judgement:
         for name, scores in self.worth.items():
             unit = unit_of_quantity(name, dof).replace("/", "_")
             for score in scores if name != dof.position else ():
-                entries.get(score.horizon, {}).update(
-                    {
-                        f"{name}_rmse_{unit}": score.error,
-                        f"constant_rate_{name}_{unit}": score.constant_rate,
-                        f"constant_{name}_{unit}": score.constant,
-                    }
-                )
+                sizes = {f"{name}_rmse": score.error, f"constant_rate_{name}": score.constant_rate}
+                sizes |= {f"constant_{name}": score.constant}
+                entries.get(score.horizon, {}).update({f"{key}_{unit}": size for key, size in sizes.items()})
         return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": self.sentence(dof)}
 
 

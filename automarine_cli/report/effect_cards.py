@@ -1,6 +1,5 @@
 """Cards of effects: the library as a list, or the whole card of one."""
 
-import math
 from dataclasses import dataclass
 
 from automarine_cli.dofs import DOFS, Dof
@@ -93,9 +92,9 @@ def _card_json(effect: Effect, dof: Dof) -> dict[str, object]:
         "name": effect.name, "place": effect.place.value, "motions": list(effect.motions), "equation": card.equation,
         "parameters": [
             {
-                "name": p.name, "meaning": p.meaning, "unit": p.unit, "lower": _finite(p.lower),
-                "upper": _finite(p.upper), "start": p.start, "off": None if shape else _finite(p.off),
-                "any_when_off": shape, "reference": p.reference or None, "choices": list(p.choices),
+                "name": p.name, "meaning": p.meaning, "unit": p.unit, "lower": p.lower, "upper": p.upper,
+                "start": p.start, "off": None if shape else p.off, "any_when_off": shape,
+                "reference": p.reference or None, "choices": list(p.choices),
             }
             for p, shape in zip(card.parameters, effect.shapes)
         ],
@@ -107,7 +106,3 @@ def _card_json(effect: Effect, dof: Dof) -> dict[str, object]:
         "reveals": card.reveals, "mistaken_for": list(effect.mistaken_for), "separated_by": card.separated_by,
         "parity": effect.parity, "source": effect.source,
     }  # fmt: skip
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
