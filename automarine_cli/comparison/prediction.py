@@ -322,10 +322,10 @@ def _predicted(
             "model that was fitted to commands as large"
         )
     tails = 50.0 * (1.0 - BAND_LEVEL), 100.0 - 50.0 * (1.0 - BAND_LEVEL)
-    bands = {
-        quantity: np.stack([values[0], *np.percentile(values[sound], tails, axis=0)])
-        for quantity, values in readings.items()
-    }
+    bands = {}
+    for quantity, values in readings.items():  # of a hardly known model most vehicles may be on one side of it
+        low, high = np.percentile(values[sound], tails, axis=0)
+        bands[quantity] = np.stack([values[0], np.minimum(low, values[0]), np.maximum(high, values[0])])
     return PredictedRun(run, start, bands, int(count - np.count_nonzero(sound)), sampled)
 
 
