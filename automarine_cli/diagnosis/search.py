@@ -228,13 +228,11 @@ def single_effect_alternative(
     evidences = {trial.law: trial.evidence for trial in trials}
     laws = [law_of(term.name, term.values) for term in current.model.terms if term.name in current.counted]
     lone = min((evidences[law] for law in laws if law in evidences), default=np.inf)
-    can = [s.effect for s in first.scores.ranked]
+    needed = base.evidence - current.evidence - AS_WELL if study.driven else -np.inf  # innovations cost seconds
+    can = [s.effect for s in first.scores.ranked if FORETELLS * s.drop > needed]
     tried = {trial.added[-1] for trial in first.trials}
     suspects = dict.fromkeys([*current.counted, *(name for name in can[:6] if name in tried)])
     suspects |= dict.fromkeys(look for name in current.counted for look in effects.get(name).mistaken_for)
-    if study.driven:  # a fit of innovations costs seconds
-        needed = base.evidence - current.evidence - AS_WELL
-        can = [s.effect for s in first.scores.ranked if FORETELLS * s.drop > needed]
     shapes: dict[tuple[object, ...], list[tuple[str, Floats]]] = {}
     for name in suspects:
         if name in can and name not in base.added:

@@ -456,16 +456,16 @@ class PlanarFit(Shown):
         sentences = [*self.use.warnings(YAW)]
         if not self.best.mixed.converged:
             sentences.append("The fit did not converge; give more or longer runs.")
-        loose = [
-            name
-            for name, estimate in self.estimates.items()
-            if name in [dof.parameter("inertia") for dof in PLANAR.dofs] and estimate.stderr > 0.5 * abs(estimate.value)
-        ]
+        masses = {
+            name: e for name, e in self.estimates.items() if name in {d.parameter("inertia") for d in PLANAR.dofs}
+        }
+        loose = [name for name, mass in masses.items() if mass.stderr > 0.5 * abs(mass.value)]
         if loose:
-            sentences.append(
-                f"The logs hardly determine {', '.join(loose)}: the standard error is more than half the value. Add "
-                "runs in which the commands change more often."
-            )
+            remedy = "Add runs in which the commands change more often."
+            if YAW.parameter("inertia") in loose and not any(np.any(run.command_of(YAW)) for run in self.runs):
+                remedy = "No moment of known size turns the vehicle; give its inertia with --known I_r=VALUE."
+            names = f"The logs hardly determine {', '.join(loose)}"
+            sentences.append(f"{names}: the standard error is more than half the value. {remedy}")
         return (*sentences, *self.limits)
 
 

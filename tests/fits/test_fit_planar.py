@@ -352,3 +352,19 @@ def test_intervals_rest_on_runs_and_a_bound_has_none() -> None:
     assert mass.ci95[1] / mass.value == pytest.approx(np.exp(special.stdtrit(2.0, 0.975) * spread), rel=1e-6)
     assert fit.estimates["yaw.k_rr"].at_bound and fit.estimates["yaw.k_rr"].to_json()["at_bound"] is True
     assert "at its bound" in fit_report.parameter_table(fit).to_markdown()
+
+
+@pytest.mark.parametrize(("turns", "remedy"), [(True, "commands change more often"), (False, "--known I_r=VALUE")])
+def test_an_inertia_that_is_hardly_known_asks_for_what_would_show_it(turns: bool, remedy: str) -> None:
+    runs = [made(seed) for seed in (1, 2)]
+    runs = runs if turns else [replace(run, moment=0.0 * run.command) for run in runs]
+    fit = fit_of(model := model_of(runs))
+    spread = fit.covariance.copy()
+    spread[2, 2] = 1.0
+    result = fit_to(runs, observed(runs), replace(result_of("", model, fit), covariance=spread))
+    (warning,) = [sentence for sentence in result.warnings if "hardly determine" in sentence]
+    assert warning.startswith("The logs hardly determine yaw.I_r:") and remedy in warning
+
+
+def test_predictions_that_run_away_are_said_to() -> None:
+    assert "predicts the place 5 s ahead to infinity. A constant" in use_of(heading=0.5, place=np.nan).sentence(YAW)

@@ -147,6 +147,19 @@ def test_the_drift_of_the_hull_is_found_where_there_is_one(memory: float, tmp_pa
 
 
 @pytest.mark.slow
+def test_the_time_of_a_hull_that_drifts_is_that_of_slow_turns(tmp_path: Path) -> None:
+    """Water that remembers for T adds h T to the inertia of turns that are slow beside T."""
+    boat = Boat(effect=1.6, memory=1.5)
+    nomoto = fit_yaw([boat.write(tmp_path, seed=2)], with_effects="history-force").nomoto
+    assert nomoto is not None and nomoto.speed is not None
+    slowness = 1.0 / (boat.damping * nomoto.speed)
+    truth = {"time": (1.0 + boat.memory * MEMORY_TIME) * slowness, "gain": boat.effect * nomoto.speed**2 * slowness}
+    for name, value in truth.items():
+        estimate = getattr(nomoto, name)
+        assert abs(estimate.value - value) < 4.0 * estimate.stderr < value, name
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "side"), [(1, 1.0), (2, -1.0)])
 def test_a_slow_steering_gear_is_found_where_the_command_is_logged(seed: int, side: float, tmp_path: Path) -> None:
     """Logs of the commanded angle at one speed: Nomoto's first order by Euler steps of 0.01 s, the rudder limited."""
