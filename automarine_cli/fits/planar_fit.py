@@ -461,11 +461,8 @@ class PlanarFit(Shown):
         }
         loose = [name for name, mass in masses.items() if mass.stderr > 0.5 * abs(mass.value)]
         if loose:
-            remedy = "Add runs in which the commands change more often."
-            if YAW.parameter("inertia") in loose and not any(np.any(run.command_of(YAW)) for run in self.runs):
-                remedy = "No moment of known size turns the vehicle; give its inertia with --known I_r=VALUE."
-            names = f"The logs hardly determine {', '.join(loose)}"
-            sentences.append(f"{names}: the standard error is more than half the value. {remedy}")
+            names = f"The logs hardly determine {', '.join(loose)}: the standard error is more than half the value"
+            sentences.append(f"{names}. Add runs in which the commands change more often.")
         return (*sentences, *self.limits)
 
 
