@@ -6,6 +6,7 @@ from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from automarine_cli import effects
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
@@ -39,6 +40,7 @@ LAWS = ("linear-drag", "quadratic-drag")
 COUPLINGS = ("Y_r", "N_v", "N_ur", "Y_uv")
 """Forces by the velocities of others that a hull alike on both sides has: sway force by turning, moment by drifting,
 turns that are damped by the speed ahead, and the lift of a hull at an angle (Fossen 2021, chapter 6)."""
+STEERED_BY = ("N_v", "N_ur")  # of these a hull that its rudder alone turns has both: else drifting would turn it about
 OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
 """Qualified names of inertias and drags, which are above zero."""
 SKEW = "planar.m_vr"
@@ -239,7 +241,7 @@ RUDDER_ARM_M = 0.1  # m
 
 def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
     """Orders of size from which fits start, by qualified name: drag that balances the usual force at the usual
-    velocity, and an inertia that takes `SETTLES` to get there."""
+    velocity, and an inertia that takes `SETTLES` to get there; `by_momentum` is nearer where velocities are known."""
     sizes: dict[str, float] = {}
     for dof in PLANAR.dofs:
         forces = np.concatenate([run.command_of(dof) for run in runs])
@@ -261,6 +263,77 @@ def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
             for role in ("linear", "quadratic", "inertia"):
                 sizes[dof.parameter(role)] = sizes[other.parameter(role)]
     return sizes
+
+
+MOMENTUM_S = 5.0  # over which what forces sum up to is compared with the change of momentum
+GYRATION = 0.6  # radius of gyration over drift speed per yaw rate: a quarter over 0.4 of the length, as of most ships
+
+
+def by_momentum(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]:
+    """Values from which fits start of those parameters of a model that are called `names`, by least squares; without
+    motions whose inertia, and without drags that, come out below zero.
+
+    Over windows of `MOMENTUM_S` the forces sum up to the change of momentum, in axes that turn, and to what drag,
+    couplings and rudder take. Motions with a logged force come first; the others take their inertias as known. A rudder
+    alone gives no moment of known size: the radius of gyration is taken from the drift then.
+    """
+    balances, sizes = [momentum_balance(run) for run in runs], dict[str, float]()
+    driven = {dof.name: any(run.command_of(dof).any() for run in runs) for dof in PLANAR.dofs}
+    for dof in sorted(PLANAR.dofs, key=lambda dof: not driven[dof.name]):
+        own, inertia = f"{dof.name}.", dof.parameter("inertia")
+        if dof is YAW and not driven[dof.name] and (mass := sizes.get(SURGE.parameter("inertia"))):
+            sway, rate = (
+                np.concatenate([rough_velocities(run)[name] for run in runs]) for name in (SWAY.velocity, dof.velocity)
+            )
+            sizes[inertia] = mass * GYRATION**2 * float(np.nanmean(sway**2) / np.nanmean(rate**2))
+        columns = {name: np.concatenate([each[dof.name][name] for each in balances]) for name in balances[0][dof.name]}
+        force = columns.pop(dof.command) - sum(sizes[name] * columns[name] for name in columns if name in sizes)
+        if not (free := [name for name in columns if name in names and name not in sizes]):
+            continue
+        solution = np.linalg.lstsq(np.stack([columns[name] for name in free], axis=1), force)[0].tolist()
+        values = {name: value for name, value in zip(free, solution) if value > 0 or name not in OWN}
+        if inertia in sizes or inertia in values:
+            sizes |= {name: value for name, value in values.items() if name.startswith(own)}
+    return sizes
+
+
+def momentum_balance(run: Run) -> dict[str, dict[str, Floats]]:
+    """Sums over each window of a run, (W,), for surge, sway and yaw: what parameters multiply, by qualified name, and
+    the command. A velocity that is not read counts as zero."""
+    rough, time = rough_velocities(run), run.time
+    u, v, r = (_filled(time, rough.get(dof.velocity)) for dof in PLANAR.dofs)
+    length = min(MOMENTUM_S, time[-1] - time[0])
+    first = np.searchsorted(time, np.arange(time[0], time[-1] - 0.999 * length, 0.5 * length))
+    last = np.minimum(np.searchsorted(time, time[first] + length), len(time) - 1)
+
+    def over(values: Floats) -> Floats:
+        total = cumulative_trapezoid(values, time, initial=0.0)
+        return np.asarray(total[last] - total[first])
+
+    rudder, passing = np.asarray(run.extras.get("rudder", 0.0 * time)), u * np.abs(u)
+    steering = -over(rudder * passing)
+    balances = {
+        SURGE.name: {
+            "surge.m_u": u[last] - u[first], "sway.m_v": -over(v * r), "surge.X_uu": over(passing),
+            "surge.rudder-drag.X_deltadelta": over(rudder**2 * passing),
+        },
+        SWAY.name: {
+            "surge.m_u": over(u * r), "sway.m_v": v[last] - v[first], "sway.Y_vv": over(v * np.abs(v)),
+            "sway.rudder.Y_delta": steering,
+        },
+        YAW.name: {
+            "surge.m_u": -over(u * v), "sway.m_v": over(u * v), "yaw.I_r": r[last] - r[first],
+            "yaw.k_rr": over(r * np.abs(r)), "yaw.rudder.N_delta": steering, "yaw.N_ur": over(np.abs(u) * r),
+            "yaw.N_v": over(v),
+        },
+    }  # fmt: skip
+    return {dof.name: {**balances[dof.name], dof.command: over(run.command_of(dof))} for dof in PLANAR.dofs}
+
+
+def _filled(time: Floats, values: Floats | None) -> Floats:
+    """Without gaps, (N,); zero where there are no values."""
+    finite = np.isfinite(values) if values is not None else np.zeros(len(time), dtype=bool)
+    return np.interp(time, time[finite], values[finite]) if values is not None and finite.any() else 0.0 * time
 
 
 def forecasts_of(problem: DrivenProblem, fit: Fit) -> Judgement:
@@ -498,7 +571,11 @@ class PlanarLikelihood:
         for name, (place, dof) in product(self.with_effects, enumerate(PLANAR.dofs)):
             if effects.get(name).acts_in(dof) and dof in self.observed.dofs:
                 model = model.with_term(Term(name, tuple(start_of(name, self.course, place)), dof=place))
-        return model
+        if SWAY in self.observed.dofs and not any(run.command.any() for run in self.runs):
+            for name in STEERED_BY:
+                model = model.with_term(Term.cross(name))
+        sizes = by_momentum(self.runs, model.free)
+        return model.with_theta([sizes.get(name, value) for name, value in model.values.items()])
 
     @cached_property
     def rough(self) -> dict[str, float]:
@@ -519,7 +596,7 @@ class PlanarLikelihood:
 
     def problem(self, model: Model) -> DrivenProblem:
         largest = np.abs(self.course.commanded).max(axis=(1, 2))
-        parameters = Parameters((*model.parameters(np.where(largest > 0, largest, 1.0)), *self._random(model)))
+        parameters = Parameters((*model.parameters(np.where(largest > 0, largest, 1.0)), *self._random))
         return DrivenProblem(model, self.course, parameters.informed(self.priors))
 
     def starts(self, problem: DrivenProblem, random: Mapping[str, float] | None) -> Floats:
@@ -612,9 +689,10 @@ class PlanarLikelihood:
         of_model = there[problem.parameters.of_model]
         return model.with_theta(of_model), dict(zip(problem.parameters.names, there.tolist()))
 
-    def _random(self, model: Model) -> tuple[Parameter, ...]:
-        """What is random; of a degree of freedom of which nothing is read, next to nothing."""
-        m = np.diagonal(model.inertia_matrix(model.theta[None])[0])
+    @cached_property
+    def _random(self) -> tuple[Parameter, ...]:
+        """What is random, within the same bounds for all models; next to nothing of what is not read."""
+        m = np.diagonal(self.simplest.inertia_matrix(self.simplest.theta[None])[0])
         rough = self.rough
         forces = [rough[dof.parameter("linear")] ** 2 / rough[dof.parameter("quadratic")] for dof in PLANAR.dofs]
         largest = np.abs(self.course.commanded).max(axis=(1, 2))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import made_ship
 import numpy as np
 import pytest
 from made_planar import BARE, NOISE, Craft, driven, log, planar_run, solved, turned
@@ -22,7 +23,9 @@ from automarine_cli.fits.planar_fit import (
     PlanarFit,
     PlanarLikelihood,
     Promise,
+    by_momentum,
     candidates,
+    forecasts_of,
     observed,
     rough_sizes,
     search,
@@ -252,6 +255,43 @@ def test_gradients_are_those_of_differences(channels: Sequence[str]) -> None:
 
     brute = (density(phi + steps) - density(phi - steps)) / (20.0 * problem.steps(phi))
     np.testing.assert_allclose(gradient, brute, rtol=2e-2, atol=0.5)
+
+
+def test_fits_start_from_what_momentum_says() -> None:
+    sizes = by_momentum([made(seed) for seed in range(2)], tuple(TRUTH))
+    for name in ("surge.m_u", "sway.m_v", "surge.X_uu", "sway.Y_vv"):
+        assert sizes[name] == pytest.approx(TRUTH[name], rel=0.2), name
+    for name in ("yaw.I_r", "yaw.k_rr"):
+        assert sizes[name] == pytest.approx(TRUTH[name], rel=0.7), name
+    still = replace(made(0, ("heading",)), position=np.zeros(len(made(0))))
+    assert by_momentum([still], tuple(TRUTH)) == {}
+
+
+def test_what_is_random_has_the_same_bounds_in_all_models() -> None:
+    """Else a model with one term more, of a larger inertia, could explain less than the one without."""
+    runs = (made(0),)
+    likelihood = PlanarLikelihood(runs, observed(runs))
+    heavy = likelihood.simplest.with_theta(100.0 * likelihood.simplest.theta)
+    light, other = (likelihood.problem(model).parameters for model in (likelihood.simplest, heavy))
+    assert light.nuisance == other.nuisance and light.nuisance[0].upper > 0.0
+
+
+@pytest.mark.slow
+def test_a_ship_steered_by_its_rudder_has_its_masses(tmp_path: Path) -> None:
+    """Zigzags of a tanker by other equations, of which only the propeller's thrust is a logged force."""
+    for i, (rudder, turn) in enumerate([(10, 10), (-10, 10), (20, 20), (-20, 20)]):
+        made_ship.log(made_ship.zigzag(rudder, turn), 60.0, i).to_csv(tmp_path / f"zigzag_{i}.csv", index=False)
+    runs = load_planar([tmp_path], ColumnMap()).runs
+    likelihood = PlanarLikelihood(runs, observed(runs), with_effects=("rudder", "rudder-drag"))
+    fit = likelihood.estimate(likelihood.simplest)
+    value = fit.model.values
+    assert value["surge.m_u"] == pytest.approx(made_ship.MASS_AHEAD, rel=0.3)
+    assert value["sway.m_v"] == pytest.approx(made_ship.MASS_ABEAM, rel=0.3)
+    assert 0.3 < value["yaw.I_r"] / made_ship.INERTIA < 1.5
+    assert value["yaw.rudder.N_delta"] > 0 > value["sway.rudder.Y_delta"]
+    use = forecasts_of(likelihood.problem(fit.model), fit.mixed)
+    judged = next(score for score in use.worth["heading"] if score.horizon == 5.0)
+    assert judged.error < 0.25 * judged.constant_rate < judged.constant
 
 
 @pytest.mark.slow
