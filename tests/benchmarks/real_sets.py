@@ -37,8 +37,8 @@ TANKER_COLUMNS = """
 heading_deg = "heading_deg"
 yaw_rate_deg_s = "yaw_rate_degps"
 tau = { from = "rudder_deg", scale = 0.02, sign = -1 }
-surge_m_s = "u_mps"
 """
+"""Its u_mps and v_mps are no speeds of the hull: they lie along and across the first course."""
 CATAMARAN_ARM_M = 0.205  # half of what lies between its thrusters, whose thrusts are logged in newtons
 
 
