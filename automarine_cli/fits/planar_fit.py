@@ -281,10 +281,9 @@ def by_momentum(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]:
     driven = {dof.name: any(run.command_of(dof).any() for run in runs) for dof in PLANAR.dofs}
     for dof in sorted(PLANAR.dofs, key=lambda dof: not driven[dof.name]):
         own, inertia = f"{dof.name}.", dof.parameter("inertia")
-        if dof is YAW and not driven[dof.name] and (mass := sizes.get(SURGE.parameter("inertia"))):
-            sway, rate = (
-                np.concatenate([rough_velocities(run)[name] for run in runs]) for name in (SWAY.velocity, dof.velocity)
-            )
+        drifts = [v for run in runs if {SWAY.velocity, YAW.velocity} <= (v := rough_velocities(run)).keys()]
+        if dof is YAW and not driven[dof.name] and drifts and (mass := sizes.get(SURGE.parameter("inertia"))):
+            sway, rate = (np.concatenate([v[name] for v in drifts]) for name in (SWAY.velocity, YAW.velocity))
             sizes[inertia] = mass * GYRATION**2 * float(np.nanmean(sway**2) / np.nanmean(rate**2))
         columns = {name: np.concatenate([each[dof.name][name] for each in balances]) for name in balances[0][dof.name]}
         force = columns.pop(dof.command) - sum(sizes[name] * columns[name] for name in columns if name in sizes)

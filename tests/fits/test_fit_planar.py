@@ -265,6 +265,9 @@ def test_fits_start_from_what_momentum_says() -> None:
         assert sizes[name] == pytest.approx(TRUTH[name], rel=0.7), name
     still = replace(made(0, ("heading",)), position=np.zeros(len(made(0))))
     assert by_momentum([still], tuple(TRUTH)) == {}
+    steered = made(0, ("heading", "surge"))
+    steered = replace(steered, moment=np.zeros(len(steered)))
+    assert "yaw.I_r" not in by_momentum([steered], tuple(TRUTH))  # no drift tells the radius of gyration
 
 
 def test_what_is_random_has_the_same_bounds_in_all_models() -> None:
