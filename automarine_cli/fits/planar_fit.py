@@ -642,6 +642,7 @@ class PlanarLikelihood:
         misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"
         return (*chosen, f"Fitted {HOW}: of runs left out, 2 to 15 s ahead, the next best fit misses by {misses}.")
 
+    @np.errstate(over="ignore", invalid="ignore")  # where a fit ran away
     def promises(self, wide: Model, neighbour: OutputErrorFit, added: Sequence[tuple[str, ...]]) -> list[Promise]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimated
         `neighbour`, and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
@@ -680,6 +681,8 @@ class PlanarLikelihood:
         problem = self.problem(model)
         (start,) = self.starts(problem, random)
         there = np.array([promised.theta.get(name, value) for name, value in zip(problem.parameters.names, start)])
+        if not np.isfinite(there).all():
+            return model, random
         phis = problem.parameters.search(np.stack([start, there]))
         value, reached = problem.value(phis)
         if not reached > value:

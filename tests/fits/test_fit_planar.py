@@ -279,6 +279,12 @@ def test_what_is_random_has_the_same_bounds_in_all_models() -> None:
     assert light.nuisance == other.nuisance and light.nuisance[0].upper > 0.0
 
 
+def test_a_promise_that_runs_away_is_not_followed() -> None:
+    likelihood = PlanarLikelihood((made(0),), observed([made(0)]))
+    model = likelihood.simplest
+    assert likelihood.toward(model, {}, Promise(1.0, {COMMAND_DELAY: np.nan}))[0] == model
+
+
 @pytest.mark.slow
 def test_a_ship_steered_by_its_rudder_has_its_masses(tmp_path: Path) -> None:
     """Zigzags of a tanker by other equations, of which only the propeller's thrust is a logged force."""
