@@ -103,6 +103,7 @@ def _fit(
     from automarine_cli.fits.paper import parse_tail
     from automarine_cli.models.model import COMMAND_DELAY
     from automarine_cli.report.fit_report import warnings_of
+    from automarine_cli.runs.frames import frame_warnings
     from automarine_cli.runs.half_turn import half_turns
     from automarine_cli.runs.load import append_exclusions, load_runs, require_usable
     from automarine_cli.runs.run import command_warnings
@@ -131,7 +132,7 @@ def _fit(
             map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names, mass=mass, length=length,
         )  # fmt: skip
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
-    warnings = [*command_warnings(runs), *limits, *warnings_of(fit)]
+    warnings = [*command_warnings(runs), *frame_warnings(runs), *limits, *warnings_of(fit)]
     fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=tuple(warnings))
     require_usable(runs, fit.set_aside, len(campaign.inputs), strict)
     return fit
@@ -224,15 +225,17 @@ def fit_planar(
     from automarine_cli.fits.driven import parse_effects
     from automarine_cli.fits.known import parse_known, qualified
     from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search
+    from automarine_cli.runs.frames import frame_warnings
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
 
     beforehand = parse_known(known)
     campaign = load_planar(logs, columns, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
-    channels, unfit = observed(campaign.runs), command_warnings(campaign.runs)
+    channels = observed(campaign.runs)
+    warnings = [*command_warnings(campaign.runs), *frame_warnings(campaign.runs)]
+    warnings += [limit.warning for limit in campaign.limits]
     names = channels.names()
     priors = qualified(beforehand, names, signed=sorted({*names.values()} - {*OWN}))
     fit = PlanarLikelihood(campaign.runs, channels, priors, parse_effects(with_effects, *PLANAR.dofs))
     tried = search(fit)
-    limits = tuple(limit.warning for limit in campaign.limits)
-    return PlanarFit(tried, *fit.choose(tried), campaign.runs, channels, campaign.set_aside, (*unfit, *limits), priors)
+    return PlanarFit(tried, *fit.choose(tried), campaign.runs, channels, campaign.set_aside, tuple(warnings), priors)

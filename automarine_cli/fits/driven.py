@@ -169,9 +169,9 @@ class ForecastScore:
         or of what has this `unit` and is called so."""
         sizes = (self.error, self.constant_rate, self.constant)
         error, moving, standing = (f"{x if unit else dof.shown(x):.3g}" for x in sizes)
-        error = f"{error} {unit or dof.units.shown}" if np.isfinite(self.error) else "infinity"
+        how_far = f"to {error} {unit or dof.units.shown}" if np.isfinite(self.error) else "without any bound"
         return (
-            f"{begin} {self.horizon:g} s ahead to {error}{on}. A constant "
+            f"{begin} {self.horizon:g} s ahead {how_far}{on}. A constant "
             f"{rate or dof.words.speed} misses by {moving}, a constant {place or dof.words.position} by {standing}."
         )
 

@@ -443,8 +443,8 @@ class PlanarFit(Shown):
     """A model of surge, sway and yaw together. `best` is the fit, `estimates` its parameters by name, `model` and
     `structure` what it contains, `use` what it predicts, `valid_range` where it was fitted, `fitted_because` and
     `because` the sentences that say why. `tried` are all models, the likeliest first. `runs` are those fitted,
-    `observed` the sensors, `set_aside` the runs left out, each with its reason; `limits` say what thrusters at their
-    limits did not give; `priors` were known beforehand; `warnings` are what a report says. `to_json()` is
+    `observed` the sensors, `set_aside` the runs left out, each with its reason; `of_logs` are warnings of what was
+    logged; `priors` were known beforehand; `warnings` are what a report says. `to_json()` is
     planar_model.json.
 
     Frame, a row per parameter: `parameter`, `value`, `stderr`, `low`, `high`, `unit`.
@@ -461,7 +461,7 @@ class PlanarFit(Shown):
     runs: tuple[Run, ...]
     observed: Observed
     set_aside: tuple[ExcludedRun, ...] = ()
-    limits: tuple[str, ...] = ()
+    of_logs: tuple[str, ...] = ()
     priors: Priors = field(default_factory=dict)
 
     @property
@@ -535,7 +535,7 @@ class PlanarFit(Shown):
         if loose:
             names = f"The logs hardly determine {', '.join(loose)}: the standard error is more than half the value"
             sentences.append(f"{names}. Add runs in which the commands change more often.")
-        return (*sentences, *self.limits)
+        return (*self.of_logs, *sentences)
 
 
 INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit starts
@@ -636,6 +636,9 @@ class PlanarLikelihood:
         if chosen[1].score - rival[1].score >= WORTH_IT:
             chosen, rival = rival, chosen
         scores = chosen[1].score, rival[1].score
+        if not np.isfinite(scores[0]):  # a model whose predictions run away has no known parameters
+            fit = replace(chosen[0], covariance=np.full_like(chosen[0].covariance, np.inf))
+            return fit, chosen[1], f"Fitted {HOW}."
         if simplest is tried[0] or not chosen[1].worth[YAW.position] or not np.isfinite(scores[1]):
             return (*chosen, f"Fitted {HOW}.")
         share = float(np.expm1(scores[1] - scores[0]))

@@ -598,9 +598,9 @@ def run_rows(fit: YawFit) -> list[dict[str, object]]:
 
 @sections.register
 def _(fit: PlanarFit) -> Sections:
-    warnings = [line for line in fit.warnings if line not in fit.use.warnings(YAW)]
-    disturbed = [f"Warning: {fit.use.large}"] if fit.use.large else []
-    first = [fit.use.sentence(YAW), *disturbed, fit.fitted_because, *warnings]
+    warnings = [line for line in fit.warnings if line not in (*fit.of_logs, *fit.use.warnings(YAW))]
+    grave = [f"Warning: {line}" for line in (*fit.of_logs, fit.use.large) if line]
+    first = [fit.use.sentence(YAW), *grave, fit.fitted_because, *warnings]
     details = list(planar_sentences(fit))
     tables = [parameter_table(fit), prediction_table(fit.use), structure_table(fit)]
     rows = [{"parameter": name, **numbers(estimate)} for name, estimate in fit.estimates.items()]

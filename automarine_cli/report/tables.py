@@ -203,7 +203,7 @@ def interval(estimate: Estimate | None) -> str:
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
         return f"{number(estimate.value)}{mark}"
     decimals = max(0, 1 - math.floor(math.log10(estimate.stderr)))
-    if decimals > 8:
+    if decimals > 8 or max(-low, high) >= 1e7:
         return f"{number(estimate.value)} [{number(low)}, {number(high)}]{mark}"
     return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]{mark}"
 

@@ -364,7 +364,7 @@ def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
     assert 14.0 < likely.model.values["surge.m_u"] < 29.0 and 14.0 < likely.model.values["sway.m_v"] < 29.0
 
 
-def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[str, str]:
+def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[OutputErrorFit, str, str]:
     """What is preferred of the best structure and the simplest one, which miss by `errors`."""
     runs = (smoothed_run(0, 5.0, 0.1),)
     seen = observed(runs)
@@ -374,14 +374,20 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[st
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
     best, _, because = PlanarLikelihood(runs, seen).choose(tried)
-    return structure_of(best.model, seen), because
+    return best, structure_of(best.model, seen), because
 
 
 def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
-    structure, because = chosen(monkeypatch, (0.5, 0.4))
+    _, structure, because = chosen(monkeypatch, (0.5, 0.4))
     assert structure.endswith("yaw drag quadratic") and "the next best fit misses by 25 % more" in because
     for errors in ((0.5, 0.495), (0.5, float("nan"))):  # too little to leave it
-        assert chosen(monkeypatch, errors)[0].endswith(", Y_r")
+        assert chosen(monkeypatch, errors)[1].endswith(", Y_r")
+
+
+def test_where_predictions_run_away_no_parameter_has_an_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+    known, unknown = (chosen(monkeypatch, (error, error))[0].by_name["sway.m_v"].to_json() for error in (0.5, np.inf))
+    assert isinstance(known, dict) and known["ci95"] is not None
+    assert unknown == {**known, "stderr": None, "ci95": None, "at_bound": "the runs do not determine it"}
 
 
 def test_a_speed_that_a_constant_predicts_better_makes_a_model_useless() -> None:
@@ -414,4 +420,4 @@ def test_an_inertia_that_is_hardly_known_is_named() -> None:
 
 
 def test_predictions_that_run_away_are_said_to() -> None:
-    assert "predicts the place 5 s ahead to infinity. A constant" in use_of(heading=0.5, place=np.nan).sentence(YAW)
+    assert "predicts the place 5 s ahead without any bound. A constant" in use_of(heading=0.5, place=np.nan).sentence(YAW)
