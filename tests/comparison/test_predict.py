@@ -159,6 +159,7 @@ def test_pushes_are_the_means_of_the_process_over_windows() -> None:
     assert np.mean(inner[:, 1:] * inner[:, :-1]) == pytest.approx(beside, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_disturbed_vehicle_ends_inside_its_band(tmp_path: Path) -> None:
     """Runs of an independent integrator under moments that answer nothing, every other one mirrored; sizes of what is
     random as they are."""

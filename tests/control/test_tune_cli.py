@@ -63,6 +63,7 @@ def twin_map(a: float, dead: float) -> dict[str, Any]:
     return ThrusterMap("dead-band-saturation", curve, curve, "").to_json()
 
 
+@pytest.mark.slow
 def test_gains_are_better_than_the_defaults_that_swing(tmp_path: Path) -> None:
     path, out = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05)), tmp_path / "out"
     tuning_result = am.tune(path, target="ardusub", full=30.0, out=out)

@@ -90,6 +90,7 @@ def test_coast_downs_of_every_motion(tmp_path: Path, dof: Dof) -> None:
         assert abs(fit.ratios[name].value - truth) < 3.5 * fit.ratios[name].stderr < 0.4 * truth
 
 
+@pytest.mark.slow
 def test_one_driven_run_gives_the_rest(tmp_path: Path) -> None:
     coasts(tmp_path, YAW, 5, count=3)
     levels = np.repeat([0.0, 3.0, 0.0, -2.0, 0.0, 1.0, 0.0], [20, 80, 20, 80, 20, 40, 40])

@@ -87,6 +87,7 @@ def test_drag_that_is_the_same_both_ways_is_pooled() -> None:
     assert [term.name for term in fit.model.terms] == ["quadratic-drag"]
 
 
+@pytest.mark.slow
 def test_whole_runs_forecast_from_the_moment_at_which_the_vehicle_is_let_go() -> None:
     """Before, it is held against its buoyancy, which a filter would take for thrust and rate: 31 cm after 5 s."""
     use = FITS["heave"](LOGS["heave"], fit_to="whole-runs").use

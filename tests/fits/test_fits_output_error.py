@@ -176,6 +176,7 @@ def moving(count: int) -> tuple[list[Run], np.ndarray, np.ndarray]:
     return list(runs), np.array(start), np.array(rate)
 
 
+@pytest.mark.slow
 def test_runs_that_move_from_the_start_are_fitted_whole() -> None:
     runs, start, rate = moving(4)
     fit = identify(runs, fit_to="whole-runs")
@@ -201,6 +202,7 @@ def test_scattered_thrust_is_no_unknown_push() -> None:
     assert not [says for says in identify(clean, fit_to="whole-runs").warnings if says.startswith(PUSHED)]
 
 
+@pytest.mark.slow
 def test_water_that_turns_along_is_an_unknown_push_and_the_warning_names_the_command() -> None:
     hidden = [
         SAMPLE_RUNS / "hidden_one" / f"{name}.csv" for name in ("falling", "reversal_+0.8", "reversal_-0.8", "rising")
