@@ -3,7 +3,6 @@ suspected, nothing missing or unexplained."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,9 +29,10 @@ from automarine_cli.diagnosis.search import (
     CandidateFit,
     SearchResult,
     SearchStep,
+    all_refitted,
+    attempt_on,
     clear,
     gain_exponent,
-    go_on,
     may_be_nothing,
     obstacle,
     search,
@@ -675,7 +675,8 @@ def _law_by_held_out(result: SearchResult, held_out: DiagnosisProblem, map_fn: E
         return result
     if not gap(held_out, result.base, final).exceeds_noise:
         return result
-    tried = map_fn(partial(go_on, study, final, SHORT), variants(study, final), "trying laws on the runs held out")
+    attempts = [attempt_on(final, model) for model in variants(study, final)]
+    tried = all_refitted(study, attempts, SHORT, map_fn, "trying laws on the runs held out")
     equal = [trial for trial in tried if trial is not None and trial.evidence < final.evidence + TIE]
     best = min([final, *equal], key=lambda trial: gap(held_out, result.base, trial).after)
     says = "The fitted runs leave its law or size open; these are what the runs held out follow best."

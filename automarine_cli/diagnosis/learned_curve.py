@@ -24,7 +24,8 @@ from automarine_cli.diagnosis.search import (
     Rivals,
     SearchResult,
     SearchStep,
-    add_effect,
+    all_refitted,
+    attempt_with,
     nearest,
     obstacle,
     refitted,
@@ -295,7 +296,8 @@ def _best(
         or ((term := model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN)
     ]  # fmt: skip
     starts = [(model.terms[-1].name, np.array(model.terms[-1].values)) for model in leading]
-    tried = map_fn(partial(add_effect, study, base, iterations=SEARCH_BRIEF), starts, "trying curves")
+    attempts = [attempt_with(base, start) for start in starts]
+    tried = all_refitted(study, attempts, SEARCH_BRIEF, map_fn, "trying curves")
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
     needed = max(gained, base.evidence - most) - max(RIVAL_RANGE, FAR * gained)

@@ -17,7 +17,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.study import DiagnosisProblem, Fit
 from automarine_cli.effects import State
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.innovations import InnovationsFit, Slopes, innovations_of
+from automarine_cli.fits.innovations import InnovationsFit, Slopes, filtered, innovations_of
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.stepwise import Chance
 from automarine_cli.models.model import COMMAND_DELAY, Model
@@ -62,8 +62,7 @@ def _of_driven(
 ) -> tuple[Floats, Floats]:
     """The same of driven runs: what each probe changes in the innovations and in their variances."""
     problem = study.driven_problem(model)
-    all_runs, model_size = slice(None), len(fit.of_model)
-    innovations = [innovations_of(problem.follow(problem.moved(fit.phi)), all_runs, problem.steps(fit.phi))]
+    model_size, problems, phis = len(fit.of_model), [problem], [problem.moved(fit.phi)]
     for name, values in work:
         wider = study.driven_problem(model.with_effect(name, values[0]))
         theta = np.tile(fit.theta, (len(values), 1))
@@ -71,8 +70,11 @@ def _of_driven(
         if len(wider.parameters.nuisance) > len(problem.parameters.nuisance):
             # what an effect may let vary has a score of its own
             theta = np.concatenate([theta, np.full((len(values), 1), 1e-9)], axis=1)
-        innovations.append(innovations_of(wider.follow(wider.parameters.search(theta)), all_runs, 1.0, innovations[0]))
-    slopes = Slopes.of(innovations)
+        problems.append(wider)
+        phis.append(wider.parameters.search(theta))
+    own, *of_probes = filtered(problems, phis)
+    base = innovations_of(own, slice(None), problem.steps(fit.phi))
+    slopes = Slopes.of([base, *(innovations_of(of_probe, slice(None), 1.0, base) for of_probe in of_probes)])
     free, count = problem.free, len(fit.phi)
     places = np.concatenate([free, np.arange(count, count + slopes.gradient.shape[1] - len(free))])
     hessian = np.zeros((len(study.runs), places[-1] + 1, places[-1] + 1))

@@ -6,6 +6,7 @@ Schwarz's penalty, the run as the unit; the threshold is what the best of all ca
 campaigns in which nothing is missing; runs predicted from the others have a veto.
 """
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -30,6 +31,7 @@ from automarine_cli.diagnosis.study import ITERATIONS, LEAST_GAIN, DiagnosisProb
 from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
+from automarine_cli.filters.kalman import alike
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import run_dof
@@ -144,6 +146,23 @@ def candidate_fit(study: DiagnosisProblem, model: Model, added: tuple[str, ...],
     return CandidateFit(added, model, fit, evidence + (0.0 if fit.driven else fit.promised))
 
 
+Attempt = tuple[Model, tuple[str, ...], Floats, Fit]
+"""A model to be fitted, what was added to it, values from which it starts, and a fit that knows everything else."""
+
+
+def attempt_with(current: CandidateFit, candidate: tuple[str, Floats]) -> Attempt:
+    """A model with an effect more, from these values of its parameters."""
+    name, start = candidate
+    values = np.concatenate([current.fit.of_model, start])
+    return current.model.with_effect(name, start), (*current.added, name), values, current.fit
+
+
+def attempt_on(trial: CandidateFit, model: Model | None = None) -> Attempt:
+    """A trial from where it is, or from the values of a `model` with the same terms."""
+    model, values = (trial.model, trial.fit.of_model) if model is None else (model, model.theta)
+    return model, trial.added, values, trial.fit
+
+
 def refitted(
     study: DiagnosisProblem, model: Model, added: tuple[str, ...], values: Floats, warm_start: Fit,
     iterations: int = ITERATIONS, least_gain: float = LEAST_GAIN,
@@ -154,20 +173,26 @@ def refitted(
         return None
 
 
-def add_effect(
-    study: DiagnosisProblem, current: CandidateFit, candidate: tuple[str, Floats], iterations: int = ITERATIONS
-) -> CandidateFit | None:
-    name, start = candidate
-    model, values = current.model.with_effect(name, start), np.concatenate([current.fit.of_model, start])
-    return refitted(study, model, (*current.added, name), values, current.fit, iterations)
+def all_refitted(
+    study: DiagnosisProblem, attempts: Sequence[Attempt], iterations: int, map_fn: Each, stage: str
+) -> list[CandidateFit | None]:
+    """Fit each attempt as `refitted` does; those of driven runs side by side that one filter may follow."""
+    sizes = [(1 + len(fit.theta)) * len(study.runs) for *_, fit in attempts]
+    groups = alike([model for model, *_ in attempts], sizes) if study.driven else [[i] for i in range(len(attempts))]
+    batches = [[attempts[i] for i in group] for group in groups]
+    fits = map_fn(partial(_side_by_side, study, iterations), batches, stage)
+    by_place = {i: trial for group, trials in zip(groups, fits) for i, trial in zip(group, trials)}
+    return [by_place[i] for i in range(len(attempts))]
 
 
-def go_on(
-    study: DiagnosisProblem, trial: CandidateFit, iterations: int, model: Model | None = None
-) -> CandidateFit | None:
-    """Fit a trial further, or from the values of a `model` with the same terms."""
-    model, values = (trial.model, trial.fit.of_model) if model is None else (model, model.theta)
-    return refitted(study, model, trial.added, values, trial.fit, iterations)
+def _side_by_side(study: DiagnosisProblem, iterations: int, attempts: Sequence[Attempt]) -> list[CandidateFit | None]:
+    if len(attempts) > 1:
+        models, every_added, values, starts = zip(*attempts)
+        with contextlib.suppress(np.linalg.LinAlgError):  # of one of them: then each alone
+            fits = study.fits_beside(models, values, starts, iterations)
+            trials = zip(models, every_added, fits)
+            return [None if fit is None else candidate_fit(study, model, added, fit) for model, added, fit in trials]
+    return [refitted(study, *attempt, iterations) for attempt in attempts]
 
 
 def settled(study: DiagnosisProblem, trial: CandidateFit, least_gain: float) -> CandidateFit:
@@ -239,11 +264,12 @@ def single_effect_alternative(
             for probe in candidate_shapes(study, name):
                 shapes.setdefault(law_of(name, probe.values[-1]), []).append((name, probe.values[-1]))
     work = [of_law[len(of_law) // 2] for law, of_law in shapes.items() if law not in evidences]
-    brief = map_fn(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws")
+    brief = all_refitted(study, [attempt_with(base, each) for each in work], BRIEF, map_fn, "trying laws")
     limit = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
     close = [t for t in (*trials, *brief) if t is not None and t.evidence < max(limit, current.evidence + AS_WELL)]
     unsettled = [t for t in close if not t.fit.converged]
-    settled = map_fn(partial(go_on, study, iterations=ITERATIONS), unsettled, "fitting one instead of several")
+    onward = [attempt_on(trial) for trial in unsettled]
+    settled = all_refitted(study, onward, ITERATIONS, map_fn, "fitting one instead of several")
     admissible = [
         t for t in (*(t for t in close if t.fit.converged), *settled)
         if t is not None and t.evidence <= current.evidence + AS_WELL and t.evidence < lone
@@ -488,9 +514,8 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         while ranked:
             starts = ((s.effect, start) for s in ranked for start in (s.start, *s.other_starts))
             work = [(name, start) for name, start in starts if law_of(name, start) not in fits]
-            trials = self.map_fn(
-                partial(add_effect, self.study, current, iterations=SEARCH_BRIEF), work, "trying effects"
-            )
+            attempts = [attempt_with(current, each) for each in work]
+            trials = all_refitted(self.study, attempts, SEARCH_BRIEF, self.map_fn, "trying effects")
             fits |= {trial.law: trial for trial in trials if trial is not None}
             tried |= {s.effect for s in ranked}
             leader = min(fits.values(), key=lambda trial: trial.evidence, default=current)
@@ -516,7 +541,8 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
                 trial for trial in laws
                 if trial.evidence < min(least, behind) and trial.evidence - 2.0 * promises[trial.law] - TRIFLE < needed
             ]  # fmt: skip
-        again = self.map_fn(partial(go_on, self.study, iterations=iterations), running, "fitting")
+        onward = [attempt_on(trial) for trial in running]
+        again = all_refitted(self.study, onward, iterations, self.map_fn, "fitting")
         return {trial.law: trial for trial in again if trial is not None}
 
     def _from_many_starts(self, current: CandidateFit, done: Fits) -> Fits:
@@ -533,15 +559,15 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         shapes = [shape for some in by_law.values() for shape in some[:: -(-len(some) // STARTS)]]
         of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
         models = [with_values(best.model, term, np.where(of_law, some[-1], term.values)) for some in by_law.values()]
-        begin = partial(add_effect, study, current, iterations=SEARCH_BRIEF)
-        fits = [
-            *map_fn(begin, [(name, shape) for shape in shapes], "more starts"),
-            *map_fn(partial(go_on, study, best, SEARCH_BRIEF), models, "more starts"),
-        ]
+        attempts = [attempt_with(current, (name, shape)) for shape in shapes]
+        attempts += [attempt_on(best, model) for model in models]
+        fits = all_refitted(study, attempts, SEARCH_BRIEF, map_fn, "more starts")
         climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
-        climbers = [t for t in climbers if t.evidence - FORETELLS * t.fit.promised - RIVAL_RANGE < best.evidence]
+        promises = [0.0 if trial.fit.driven else FORETELLS * trial.fit.promised for trial in climbers]
+        climbers = [t for t, more in zip(climbers, promises) if t.evidence - more - RIVAL_RANGE < best.evidence]
         climbers += [best] if not best.fit.converged else []
-        ended = map_fn(partial(go_on, study, iterations=FINE_ITERATIONS), climbers, "fitting")
+        onward = [attempt_on(trial) for trial in climbers]
+        ended = all_refitted(study, onward, FINE_ITERATIONS, map_fn, "fitting")
         ranked = sorted((trial for trial in ended if trial is not None), key=lambda trial: -trial.evidence)
         better = {trial.law: trial for trial in ranked}
         return {law: t for law, t in better.items() if law not in done or t.evidence < done[law].evidence}
@@ -549,9 +575,15 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
     def _from_elsewhere(self, current: CandidateFit, trials: Sequence[CandidateFit]) -> CandidateFit:
         """Fit the current model again from where the best trials ended, if that is better: a candidate must not win by
         leading the base out of a valley in which its own fit had stopped."""
-        for trial in trials if self.study.driven else trials[:1]:
-            values = trial.fit.of_model[: len(current.model.theta)]
-            again = refitted(self.study, current.model, current.added, values, trial.fit, least_gain=FINE)
+        size, driven = len(current.model.theta), self.study.driven
+        attempts = [
+            (current.model, current.added, t.fit.of_model[:size], t.fit) for t in trials[: None if driven else 1]
+        ]
+        if driven:
+            fits = all_refitted(self.study, attempts, ITERATIONS, self.map_fn, "fitting")
+        else:
+            fits = [refitted(self.study, *attempt, least_gain=FINE) for attempt in attempts]
+        for again in fits:
             if again is not None and again.evidence < current.evidence - SETTLED_EVIDENCE:
                 current = again
         return current
@@ -603,7 +635,7 @@ def drag_right(study: DiagnosisProblem, current: CandidateFit) -> CandidateFit:
             if other is not None and other.evidence - current.evidence < TIE:
                 current = other
         else:
-            other = add_effect(study, current, (name, candidate_shapes(study, name)[0].values[0]))
+            other = refitted(study, *attempt_with(current, (name, candidate_shapes(study, name)[0].values[0])))
             if other is not None and current.evidence - other.evidence > TIE and not obstacle(study, other, current):
                 current = other
     return current
@@ -615,7 +647,7 @@ def without_idle_drag(study: DiagnosisProblem, current: CandidateFit) -> Candida
         return current
     cost = penalty(1, len(study.runs))
     for term in [term for term in current.model.terms if term.base and term.name in DRAG]:
-        idle = go_on(study, current, ITERATIONS, with_values(current.model, term, [0.0]))
+        idle = refitted(study, *attempt_on(current, with_values(current.model, term, [0.0])))
         current = current if idle is None or idle.evidence > current.evidence + cost else idle
     return current
 

@@ -19,7 +19,7 @@ from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predi
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.identify import starts_at_rest
-from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations
+from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, fits_of
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covariance, varying_terms, whole_run_problem
@@ -319,6 +319,20 @@ class DiagnosisProblem:
         if key not in self._fits:
             self._fits[key] = self._fitted(model, values, warm_start, iterations, least_gain)
         return self._fits[key]
+
+    def fits_beside(
+        self, models: Sequence[Model], values: Sequence[Floats], warm_starts: Sequence[Fit], iterations: int
+    ) -> list[Fit | None]:
+        """The same of several models of driven runs, side by side; None where a start leads nowhere."""
+        problems, phis = [self.driven_problem(model) for model in models], list[Floats]()
+        for problem, theta, start in zip(problems, values, warm_starts):
+            phis.append(problem.parameters.search(starts_near(problem, [theta], start.of_chance))[0])
+        keys = [(m, v.tobytes(), s, iterations, LEAST_GAIN) for m, v, s in zip(models, values, warm_starts)]
+        new = [i for i, key in enumerate(keys) if key not in self._fits]
+        brief, most = iterations < ITERATIONS, min(iterations, ITERATIONS)
+        fits = fits_of([problems[i] for i in new], [phis[i] for i in new], most, brief) if new else []
+        self._fits.update((keys[i], fit) for i, fit in zip(new, fits) if fit is not None)
+        return [self._fits.get(key) for key in keys]
 
     def _fitted(self, model: Model, values: Floats, warm_start: Fit | None, iterations: int, least_gain: float) -> Fit:
         if self.driven:

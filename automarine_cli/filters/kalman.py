@@ -13,7 +13,7 @@ of Mathematical Statistics 35:73 (readings far off count linearly).
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, reduce
 
 import numpy as np
@@ -84,7 +84,9 @@ class Step:
     dynamic ones depend nonlinearly, or that push them.
     """
 
-    def __init__(self, model: Model, course: Course, theta: Floats, late: Floats) -> None:
+    def __init__(
+        self, model: Model, course: Course, theta: Floats, late: Floats, thrust: Sequence[Floats] | None = None
+    ) -> None:
         self.course, self.sets, self.runs = course, len(theta), len(course.names)
         dofs, terms = len(model.motion.dofs), list(model.forces(theta))
         self.places = _places(dofs, terms, course)
@@ -95,17 +97,11 @@ class Step:
         self.sensors = [t for t in terms if t.effect.place is Place.SENSOR and not t.effect.remembers]
         self.clock, self.signals = course.time, course.averaged_signals
         self.inverse = np.linalg.inv(model.inertia_matrix(theta))
-        self.delivered, self.tilt = _delivered(terms, course, late)
+        self.delivered, self.tilt, *self._before = thrust or thrust_of(model, course, theta, late)
         self._commanded = {
             name: course.averaged(column[None], late)[0].swapaxes(1, 2)
             for name, column in course.signals.items() if name in SIGNALS and SIGNALS[name].commanded
         }  # fmt: skip
-        # A controller makes the command of a row of that row's reading: were it told beforehand, a sensor that commands
-        # disturb would explain its own noise (closed loops: Forssell and Ljung 1999, Automatica 35:1215).
-        fed = any(term.effect.reads_force for term in self.sensors)
-        self._before = (
-            [*_delivered(terms, course, np.maximum(late, course.half_width))] if fed else [self.delivered, self.tilt]
-        )
         self.water_moves = model.current(theta)
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.uses_position for t in terms)
@@ -238,6 +234,18 @@ class Step:
         return tried[0], [(place, (tried[1] - tried[2]) / (2.0 * size))]
 
 
+def thrust_of(model: Model, course: Course, theta: Floats, late: Floats) -> tuple[Floats, ...]:
+    """What the actuators of a model deliver over the steps, means and slopes, then the same as sensors may know it.
+
+    A controller makes the command of a row of that row's reading: were it told beforehand, a sensor that commands
+    disturb would explain its own noise (closed loops: Forssell and Ljung 1999, Automatica 35:1215).
+    """
+    terms = list(model.forces(theta))
+    delivered = _delivered(terms, course, late)
+    fed = any(term.effect.reads_force for term in terms if term.effect.place is Place.SENSOR)
+    return *delivered, *(_delivered(terms, course, np.maximum(late, course.half_width)) if fed else delivered)
+
+
 def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats, Floats]:
     """What the actuators deliver over the filter's steps, `late` (P,) [s] after the log has it: means and
     slopes, (K, D, P, R)."""
@@ -276,6 +284,14 @@ class Noises:
     reading: Floats
     per_run: Mapping[str, Floats]
 
+    @classmethod
+    def of_all(cls, several: Sequence["Noises"]) -> "Noises":
+        """Of all parameter sets of several models, which let the same vary from run to run."""
+        names = [field.name for field in fields(cls) if field.name != "per_run"]
+        of_sets = {name: np.concatenate([getattr(noises, name) for noises in several], axis=-1) for name in names}
+        per_run = {name: np.concatenate([each.per_run[name] for each in several]) for name in several[0].per_run}
+        return cls(**of_sets, per_run=per_run)
+
 
 @dataclass(frozen=True)
 class FilterResult:
@@ -303,13 +319,14 @@ class FilterResult:
 
 def follow(
     model: Model, course: Course, theta: Floats, noises: Noises, keep: bool = False,
-    trace: list[tuple[Floats, ...]] | None = None,
+    trace: list[tuple[Floats, ...]] | None = None, thrust: Sequence[Floats] | None = None,
 ) -> FilterResult:  # fmt: skip
     """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too.
 
-    A `trace` gets mean and covariance of every node, and what the next step made of them with its Jacobian.
+    A `trace` gets mean and covariance of every node, and what the next step made of them with its Jacobian; `thrust` is
+    that of the model's own actuators, if it is not given.
     """
-    step = Step(model, course, theta, noises.late)
+    step = Step(model, course, theta, noises.late, thrust)
     places, columns = step.places, step.columns
     sets, runs, nodes = len(theta), len(course.names), course.length.shape[1] + 1
     mean, covariance = _start(step, course, noises, sets)
@@ -353,6 +370,49 @@ def follow(
     if states is not None:
         states = np.ascontiguousarray(np.moveaxis(states, 0, -1))
     return FilterResult(innovation, variance, mean[places.gain], states, places)
+
+
+WIDEST = 1000  # parameter sets times runs beyond which one pass for several models is no quicker than one for each
+
+
+def alike(models: Sequence[Model], sizes: Sequence[int]) -> list[list[int]]:
+    """Places of models that one filter may follow, for they differ in their actuators alone, in groups that have at
+    most WIDEST of these `sizes` in all."""
+    groups: dict[tuple[object, ...], list[list[int]]] = {}
+    for i, (model, size) in enumerate(zip(models, sizes)):
+        hull = model.hull
+        varying = {t.name for t in model.terms if t.effect.varies(t.values)}
+        own = i if varying - {t.name for t in hull.terms} else None  # what varies from run to run is a state
+        key = (own, hull.parameter_names, tuple(sorted(varying)), hull.fixed, hull.moment_unit)
+        of_key = groups.setdefault(key, [[]])
+        if of_key[-1] and size + sum(sizes[k] for k in of_key[-1]) > WIDEST:
+            of_key.append([])
+        of_key[-1].append(i)
+    return [group for of_key in groups.values() for group in of_key]
+
+
+def follow_all(
+    models: Sequence[Model], course: Course, thetas: Sequence[Floats], noises: Sequence[Noises]
+) -> list[FilterResult]:
+    """Filter all runs under the parameter sets (P, p) of each of several models, with as few passes as may be."""
+    results = dict[int, FilterResult]()
+    for group in alike(models, [len(theta) * len(course.names) for theta in thetas]):
+        if len(group) == 1:
+            results[group[0]] = follow(models[group[0]], course, thetas[group[0]], noises[group[0]])
+            continue
+        hull, of_hull, thrusts, end = models[group[0]].hull, [], [], 0
+        for i in group:
+            at = [models[i].parameter_names.index(name) for name in hull.parameter_names]
+            of_hull.append(thetas[i][:, at])
+            thrusts.append(thrust_of(models[i], course, thetas[i], noises[i].late))
+        thrust = [np.concatenate(parts, axis=2) for parts in zip(*thrusts)]
+        together = Noises.of_all([noises[i] for i in group])
+        followed = follow(hull, course, np.concatenate(of_hull), together, thrust=thrust)
+        for i in group:
+            part = slice(end, end := end + len(thetas[i]))
+            innovation, variance = followed.innovation[:, part], followed.variance[:, part]
+            results[i] = FilterResult(innovation, variance, followed.gain[part], None, followed.places)
+    return [results[i] for i in range(len(models))]
 
 
 def smoothed(model: Model, course: Course, theta: Floats, noises: Noises) -> FilterResult:

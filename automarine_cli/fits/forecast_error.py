@@ -6,6 +6,7 @@ two hardly counts, so that neither the noise of a sensor nor a disturbance that 
 response away (Farina and Piroddi 2011, International Journal of Adaptive Control and Signal Processing 25:389).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -225,7 +226,7 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> Maximum[
     """Search from phi (p,) within the bounds; the data of a point are the curvatures of the units there (U, f, f)."""
     driven, free = problem.driven, problem.free
 
-    def evaluate(phis: Floats, searches: NDArray[np.int64]) -> list[Point[Floats]]:
+    def evaluate(phis: Sequence[Floats], _: Sequence[int]) -> list[Point[Floats]]:
         return [point(phi) for phi in phis]
 
     def point(phi: Floats) -> Point[Floats]:
@@ -236,7 +237,8 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> Maximum[
         gradient = driven.prior_gradient(phi)[: len(free)] - np.einsum("cha,fcha->f", errors, by)
         return Point(phi, value, gradient, curves.sum(axis=0) + problem.prior_information, curves)
 
-    (end,) = maximise(evaluate, phi[None], free, driven.parameters.limits, settled=SETTLED, iterations=iterations)
+    limits = driven.parameters.limits
+    (end,) = maximise(evaluate, [phi], [free], [limits], settled=SETTLED, iterations=iterations)
     return end
 
 

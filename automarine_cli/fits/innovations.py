@@ -20,7 +20,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, least_noise
-from automarine_cli.filters.kalman import MAX_Z, FilterResult, Noises, follow
+from automarine_cli.filters.kalman import MAX_Z, FilterResult, Noises, follow, follow_all
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import MixedFit, Outcome
@@ -78,8 +78,7 @@ class DrivenProblem:
     def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> FilterResult:
         """Filter the runs under phi (P, p), or those of another course."""
         theta = self.parameters.natural(phi)
-        of_model = theta[:, self.parameters.of_model]
-        return follow(self.model, course or self.course, of_model, self.noises(theta), keep)
+        return follow(self.model, course or self.course, theta[:, self.parameters.of_model], self.noises(theta), keep)
 
     def value(self, phi: Floats) -> Floats:
         """Log density of all runs with the prior, (P,); minus infinity where a filter diverges."""
@@ -104,9 +103,7 @@ class DrivenProblem:
 
     def slopes(self, phi: Floats) -> list["Slopes"]:
         """Each run's gradient and information by the free parameters at each phi (P, p), all filtered together."""
-        followed, count = self.follow(np.concatenate([self.moved(point) for point in phi])), 1 + len(self.free)
-        parts = [slice(i * count, (i + 1) * count) for i in range(len(phi))]
-        return [Slopes.of([innovations_of(followed, part, self.steps(point))]) for part, point in zip(parts, phi)]
+        return slopes_of([self] * len(phi), list(phi))
 
     @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
     def point(self, phi: Floats, slopes: "Slopes") -> "Point[Slopes]":
@@ -116,6 +113,21 @@ class DrivenProblem:
         gradient = slopes.gradient.sum(axis=0) + self.prior_gradient(phi)
         curvature = slopes.information.sum(axis=0) + self.prior_information
         return Point(phi, value if np.isfinite(value) else -np.inf, gradient, curvature, slopes)
+
+
+def filtered(problems: Sequence[DrivenProblem], phis: Sequence[Floats]) -> list[FilterResult]:
+    """Filter the runs, which are the same, under phi (P, p) of each of several problems."""
+    thetas = [problem.parameters.natural(phi) for problem, phi in zip(problems, phis)]
+    of_models = [theta[:, problem.parameters.of_model] for problem, theta in zip(problems, thetas)]
+    noises = [problem.noises(theta) for problem, theta in zip(problems, thetas)]
+    return follow_all([problem.model for problem in problems], problems[0].course, of_models, noises)
+
+
+def slopes_of(problems: Sequence[DrivenProblem], phis: Sequence[Floats]) -> list["Slopes"]:
+    """Each run's gradient and information by the free parameters of each of several problems at its phi (p,)."""
+    followed = filtered(problems, [problem.moved(phi) for problem, phi in zip(problems, phis)])
+    steps = [problem.steps(phi) for problem, phi in zip(problems, phis)]
+    return [Slopes.of([innovations_of(runs, slice(None), step)]) for runs, step in zip(followed, steps)]
 
 
 @dataclass(frozen=True)
@@ -281,29 +293,41 @@ def fit_innovations(
             raise FitError(NO_START)
         firsts = dict.fromkeys(phis[np.argsort(-values, kind="stable"), 0])  # distinct inertias, the best one first
         best = [int(np.argmax(np.where(phis[:, 0] == first, values, -np.inf))) for first in firsts]
-        climbs = _climbed(problem, phis[[k for k in best[:MAX_INERTIAS] if np.isfinite(values[k])]], LOOK_STEPS)
+        looks = [phis[k] for k in best[:MAX_INERTIAS] if np.isfinite(values[k])]
+        climbs = _climbed([problem] * len(looks), looks, LOOK_STEPS)
         phis = max(climbs, key=lambda climb: climb.point.value).point.phi[None]
-    (reached,) = _climbed(problem, phis, iterations)
-    if not np.isfinite(reached.point.value):
+    (fit,) = fits_of([problem], [phis[0]], iterations, brief)
+    if fit is None:
         raise FitError(NO_START)
-    return _report(problem, reached, brief)
+    return fit
+
+
+def fits_of(
+    problems: Sequence[DrivenProblem], starts: Sequence[Floats], iterations: int = ITERATIONS, brief: bool = False
+) -> list[InnovationsFit | None]:
+    """Fit several problems on the same runs side by side, each from its phi (p,) as `fit_innovations` does; None where
+    its start leads nowhere."""
+    within = [np.clip(phi, *problem.parameters.limits.T) for phi, problem in zip(starts, problems)]
+    climbs = zip(problems, _climbed(problems, within, iterations))
+    return [_report(of, end, brief) if np.isfinite(end.point.value) else None for of, end in climbs]
 
 
 def _climbed(
-    problem: DrivenProblem, starts: Floats, iterations: int, without_each: bool = False
+    problems: Sequence[DrivenProblem], starts: Sequence[Floats], iterations: int, without_each: bool = False
 ) -> list[Maximum[Slopes]]:
-    """Climb from each start (S, p), without its own run if so asked, by Fisher scoring; what is asked for at a time is
-    filtered together."""
+    """Climb from the start (p,) of each problem, without its own run if so asked, by Fisher scoring; what is asked for
+    at a time is filtered together."""
 
-    def evaluate(phis: Floats, searches: NDArray[np.int64]) -> list[Point[Slopes]]:
-        slopes = problem.slopes(phis)
+    def evaluate(phis: Sequence[Floats], searches: Sequence[int]) -> list[Point[Slopes]]:
+        of_searches = [problems[i] for i in searches]
+        slopes = slopes_of(of_searches, phis)
         if without_each:
             slopes = [of_point.without(i) for of_point, i in zip(slopes, searches)]
-        return [problem.point(phi, of_point) for phi, of_point in zip(phis, slopes)]
+        return [problem.point(phi, of_point) for problem, phi, of_point in zip(of_searches, phis, slopes)]
 
     settled = 0.02 * SETTLED_GAIN if without_each else SETTLED_GAIN  # a run left out moves a fit by little
-    limits = problem.parameters.limits
-    return maximise(evaluate, starts, problem.free, limits, settled=settled, iterations=iterations)
+    free, limits = [problem.free for problem in problems], [problem.parameters.limits for problem in problems]
+    return maximise(evaluate, starts, free, limits, settled=settled, iterations=iterations)
 
 
 def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> InnovationsFit:
@@ -320,7 +344,8 @@ def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> In
         left_out[:, free[inside]] += np.clip(moved, -most, most)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
-        left_out = np.array([climb.point.phi for climb in _climbed(problem, left_out, LOOK_STEPS, without_each=True)])
+        climbs = _climbed([problem] * runs, list(left_out), LOOK_STEPS, without_each=True)
+        left_out = np.array([climb.point.phi for climb in climbs])
     information = np.zeros((runs, *covariance.shape))
     information[:, free[:, None], free] = slopes.information
     smooth = problem.parameters.smooth

@@ -49,29 +49,29 @@ class Maximum(Generic[Data]):
 
 
 def maximise(
-    evaluate: Callable[[Floats, NDArray[np.int64]], Sequence[Point[Data]]], starts: Floats, free: NDArray[np.int64],
-    limits: Floats, *, settled: float, iterations: int,
+    evaluate: Callable[[Sequence[Floats], Sequence[int]], Sequence[Point[Data]]], starts: Sequence[Floats],
+    free: Sequence[NDArray[np.int64]], limits: Sequence[Floats], *, settled: float, iterations: int,
 ) -> list[Maximum[Data]]:  # fmt: skip
-    """Search from each of `starts` (S, p), over the parameters `free` (f,) within `limits` (p, 2); in the order of the
-    starts.
+    """Search from each of `starts` (p,), over its parameters `free` (f,) within its `limits` (p, 2); in the order of
+    the starts.
 
-    `evaluate` takes a point (P, p) of each of some searches together, and which search (P,) each belongs to. A search
-    has converged where a gain of less than `settled` is to be expected, and takes so many steps at most.
+    `evaluate` takes a point (p,) of each of some searches together, and which search each belongs to. A search has
+    converged where a gain of less than `settled` is to be expected, and takes so many steps at most.
     """
     searches = np.arange(len(starts))
-    points = list(evaluate(starts, searches))
+    points = list(evaluate(starts, searches.tolist()))
     damping, steps = np.full(len(starts), MIN_DAMPING), np.zeros(len(starts), dtype=int)
     converged, active = np.zeros(len(starts), dtype=bool), np.isfinite([point.value for point in points])
     at_once = np.ones(len(starts), dtype=bool)  # whether the step before was taken as it was tried first
     while (active & (steps < iterations)).any():
         trials, expected = dict[int, Floats](), dict[int, float]()
         for i in searches[active & (steps < iterations)].tolist():
-            trials[i], expected[i] = _trial(points[i], free, limits, damping[i])
+            trials[i], expected[i] = _trial(points[i], free[i], limits[i], damping[i])
             converged[i], active[i] = expected[i] < settled, expected[i] >= settled
         tried = {i: trials[i] for i in trials if active[i]}
         if not tried:
             break
-        for i, reached in zip(tried, evaluate(np.array([*tried.values()]), np.array([*tried]))):
+        for i, reached in zip(tried, evaluate([*tried.values()], [*tried])):
             if reached.value > points[i].value + LEAST_GAIN * settled:
                 points[i], steps[i] = reached, steps[i] + 1
                 damping[i] = max(damping[i] * (EASED if at_once[i] else 1.0), MIN_DAMPING)

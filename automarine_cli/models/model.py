@@ -300,6 +300,11 @@ class Model:
         return Parameters(tuple(entries))
 
     @property
+    def hull(self) -> "Model":
+        """The model without what acts on commands before they are forces."""
+        return replace(self, terms=tuple(t for t in self.terms if t.effect.place is not Place.ACTUATOR))
+
+    @property
     def steered(self) -> bool:
         """Whether the angle of a rudder is what is commanded."""
         return self.moment_unit == STEERED

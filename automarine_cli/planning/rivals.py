@@ -132,7 +132,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[PaperRun]) -> tup
     stays (infinite where it runs away)."""
     parameters, free = other.parameters, other.parameters.free[:-1]
 
-    def evaluate(points: Floats, _: NDArray[np.int64]) -> list[Point[Fitting]]:
+    def evaluate(points: Sequence[Floats], _: Sequence[int]) -> list[Point[Fitting]]:
         reached = []
         for phi in points:
             moved = replace(other, model=other.model.with_theta(parameters.natural(phi)[:-1]))
@@ -146,7 +146,8 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[PaperRun]) -> tup
         return reached
 
     start = np.clip(other.phi(other.problem(candidates[:1])), *parameters.limits.T)
-    (end,) = maximise(evaluate, start[None], free, parameters.limits, settled=SETTLED_GAIN, iterations=MAX_FIT_ROUNDS)
+    limits = parameters.limits
+    (end,) = maximise(evaluate, [start], [free], [limits], settled=SETTLED_GAIN, iterations=MAX_FIT_ROUNDS)
     return end.point.data, -end.point.value
 
 

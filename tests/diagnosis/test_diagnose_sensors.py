@@ -10,7 +10,7 @@ from made_runs import INERTIA, K_RR
 from tank import pool_campaign
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, parameter_estimates
-from automarine_cli.diagnosis.search import add_effect, candidate_fit
+from automarine_cli.diagnosis.search import attempt_with, candidate_fit, refitted
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
@@ -97,7 +97,7 @@ def test_a_delay_is_found_from_every_start() -> None:
     study = study_of(runs, Model.base("3", 1.0, [1.2], runs[0].moment_unit, YAW))
     base, evidence = candidate_fit(study, study.base, (), study.fit(study.base)), []
     for start in (0.05, 0.1, 0.2, 0.4):
-        trial = add_effect(study, base, ("input-delay", np.array([start, 0.0, 0.1])))
+        trial = refitted(study, *attempt_with(base, ("input-delay", np.array([start, 0.0, 0.1]))))
         assert trial is not None
         estimate = parameter_estimates(study, trial, "input-delay")["t_d"]
         assert abs(estimate.value - 0.25) < 3.0 * estimate.stderr < 3.0 * 0.05

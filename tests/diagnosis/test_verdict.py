@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from effect_contract import Plan, base_for, long_plans, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
-from made_driven import turned
+from made_driven import Sea, steered, turned
 from scipy import signal, special
 
 from automarine_cli import effects
@@ -244,7 +244,7 @@ def grown(study: DiagnosisProblem, base: CandidateFit, *added: tuple[str, tuple[
     trial: CandidateFit | None = base
     for name, start in added:
         assert trial is not None
-        trial = search.add_effect(study, trial, (name, np.array(start)))
+        trial = search.refitted(study, *search.attempt_with(trial, (name, np.array(start))))
     assert trial is not None
     return trial
 
@@ -289,3 +289,26 @@ def test_effects_that_undo_each_other_are_told(sign: int, monkeypatch: pytest.Mo
         assert bool(pairs) == told
         assert not told or "undo each other (correlation 0.95; alone either gains at most 20 % of" in pairs[both.added]
     assert compensating(study, base, replace(both, added=("bias-moment",))) == {}
+
+
+def test_attempts_on_driven_runs_are_fitted_side_by_side_as_each_alone() -> None:
+    """Those that differ in what acts on commands together; an attempt that leads nowhere keeps no other from it."""
+    study = DiagnosisProblem(tuple(steered(3, 1, Sea(delay=0.3), length=12.0)), BASE, True, ())
+    base = candidate_fit(study, BASE, (), study.fit(BASE))
+    starts = {"input-delay": (0.2, 0.0, 0.1), "dead-band": (0.05, 0.0, 0.5), "linear-drag": (0.1,)}
+    attempts = [search.attempt_with(base, (name, np.array(start))) for name, start in starts.items()]
+    model, added, values, fit = attempts[0]
+    attempts.append((model, added, np.array([np.nan, *values[1:]]), fit))
+    batches: list[int] = []
+
+    def counted(function: Callable[[Any], Any], work: Sequence[Any], label: str) -> list[Any]:
+        batches.extend(map(len, work))
+        return each(function, work, label)
+
+    together = search.all_refitted(study, attempts, 2, counted, "")
+    assert batches == [3, 1] and together[3] is None
+    alone = DiagnosisProblem(study.runs, BASE, True, ())
+    for attempt, trial in zip(attempts[:3], together):
+        same = search.refitted(alone, *attempt, 2)
+        assert trial is not None and same is not None and trial.added == attempt[1]
+        assert trial.evidence == same.evidence and trial.model == same.model

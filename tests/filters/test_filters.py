@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from automarine_cli.dofs import YAW
+from automarine_cli.filters import kalman
 from automarine_cli.filters.course import MIN_APART_S, averaged_over, make_course
-from automarine_cli.filters.kalman import FilterResult, Noises, follow, predict, shown_channel
+from automarine_cli.filters.kalman import FilterResult, Noises, alike, follow, follow_all, predict, shown_channel
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
@@ -251,3 +252,28 @@ def test_constants_by_hand() -> None:
         np.testing.assert_allclose(one.constant_rate, 0.02 * (h**2 + 0.5 * h), atol=1e-9)
         np.testing.assert_allclose(one.constant, 0.02 * (2.0 * start * h + h**2), atol=1e-9)
         assert one.rmse(one.constant_rate) == pytest.approx(np.sqrt(np.mean((0.02 * (h**2 + 0.5 * h)) ** 2)))
+
+
+def test_models_alike_but_for_their_actuators_go_through_one_filter_as_each_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also beside others: a delay, a dead band, a sensor that lags, another drag, and what varies from run to run."""
+    runs = [steered(seed, 1, Sea(), length=12.0)[0] for seed in (1, 2)]
+    course = make_course(runs, np.zeros(2, dtype=bool))
+    added = {
+        "input-delay": (0.3, 0.0, 0.1), "dead-band": (0.1, 0.0, 0.5), "sensor-lag": (0.2,), "quadratic-drag": (0.4,),
+        "thruster-lag": (0.4, 1.0, 1.0, 1.0), "periodic-disturbance": (0.1, 0.0, 3.0, 0.0),
+    }  # fmt: skip
+    models = [MODEL, *(MODEL.with_effect(name, values) for name, values in added.items())]
+    sizes = range(1, 1 + len(models))
+    thetas = [np.linspace(1.0, 1.1, size)[:, None] * model.theta for size, model in zip(sizes, models)]
+    several = [Noises.of_all([noises()] * size) for size in sizes]
+    assert alike(models, sizes) == [[0, 1, 2, 5], [3], [4], [6]]
+    monkeypatch.setattr(kalman, "WIDEST", 5)
+    assert alike(models, sizes) == [[0, 1], [2], [5], [3], [4], [6]]
+    monkeypatch.setattr(kalman, "WIDEST", 1000)
+    for model, theta, of_each, together in zip(models, thetas, several, follow_all(models, course, thetas, several)):
+        alone = follow(model, course, theta, of_each)
+        np.testing.assert_array_equal(together.innovation, alone.innovation)
+        np.testing.assert_array_equal(together.variance, alone.variance)
+        np.testing.assert_array_equal(together.gain, alone.gain)

@@ -420,4 +420,6 @@ def test_an_inertia_that_is_hardly_known_is_named() -> None:
 
 
 def test_predictions_that_run_away_are_said_to() -> None:
-    assert "predicts the place 5 s ahead without any bound. A constant" in use_of(heading=0.5, place=np.nan).sentence(YAW)
+    assert "predicts the place 5 s ahead without any bound. A constant" in use_of(heading=0.5, place=np.nan).sentence(
+        YAW
+    )

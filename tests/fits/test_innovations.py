@@ -255,5 +255,5 @@ def test_a_search_ends_quietly_where_slopes_are_as_large_as_numbers_go() -> None
         return [Point(phi, -float(phi @ phi), np.array([1e200, -1e200]), np.eye(2), None) for phi in phis]
 
     limits = np.array([[-1.0, 1.0], [-1.0, 1.0]])
-    (end,) = maximise(evaluate, np.array([[0.5, 0.5]]), np.arange(2), limits, settled=0.1, iterations=3)
+    (end,) = maximise(evaluate, [np.array([0.5, 0.5])], [np.arange(2)], [limits], settled=0.1, iterations=3)
     assert np.isfinite(end.point.phi).all() and not end.converged
