@@ -12,7 +12,7 @@ from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import commanded_before
-from automarine_cli.runs.run import Run, fresh_readings, position_noise
+from automarine_cli.runs.run import Run, fresh_readings, position_noise, summed
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
 MAX_STEP_S, USUAL_STEP_S, MIN_STEP_S = 0.25, 0.1, 0.05
@@ -280,7 +280,7 @@ def make_course(
         start=np.array([run.time[0] for run in runs]),
         signals={name: padded([layout.signals[name] for layout in layouts], fine) for name in signals},
         channels=tuple(thinned), often=tuple(often), at_rest=at_rest,
-        fastest=np.array([_fastest(runs, position) for position in motion.positions]),
+        fastest=np.array([_fastest(runs, position, dof) for position, dof in zip(motion.positions, motion.dofs)]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
         moment_unit=unit,
     )  # fmt: skip
@@ -343,14 +343,17 @@ def _fine(run: Run):  # type: ignore[no-untyped-def]
     return coarse, mean
 
 
-def _fastest(runs: Sequence[Run], position: str) -> float:
-    """Largest velocity of the runs [per s], each as the mean over a second; 0 where the position is not logged."""
+def _fastest(runs: Sequence[Run], position: str, dof: Dof) -> float:
+    """Largest velocity of the runs [per s], each as the mean over a second: of the position or, where that is not
+    logged, of the velocity; 0 where neither is."""
     fastest = 0.0
     for run in runs:
-        readings = run.channel(position)
-        if readings is None or np.isfinite(readings).sum() < 2:
+        way, velocity = run.channel(position), run.channel(dof.velocity)
+        if way is None and velocity is not None and (read := np.isfinite(velocity)).any():
+            way = summed(run.time, np.interp(run.time, run.time[read], velocity[read]))
+        if way is None or np.isfinite(way).sum() < 2:
             continue
-        have = np.isfinite(readings)
+        have = np.isfinite(way)
         grid = np.arange(run.time[0], run.time[-1], 1.0)
-        fastest = max(fastest, float(np.abs(np.diff(np.interp(grid, run.time[have], readings[have]))).max(initial=0.0)))
+        fastest = max(fastest, float(np.abs(np.diff(np.interp(grid, run.time[have], way[have]))).max(initial=0.0)))
     return fastest
