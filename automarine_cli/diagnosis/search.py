@@ -36,7 +36,7 @@ from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import run_dof
 from automarine_cli.models.model import BASE_TERMS, Model, Term
-from automarine_cli.pipeline.parallel import Each
+from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import Floats
 
 LEVEL = 0.005  # share of campaigns with nothing missing in which something may still be claimed
@@ -174,25 +174,28 @@ def refitted(
 
 
 def all_refitted(
-    study: DiagnosisProblem, attempts: Sequence[Attempt], iterations: int, map_fn: Each, stage: str
-) -> list[CandidateFit | None]:
+    study: DiagnosisProblem, attempts: Sequence[Attempt], iterations: int, map_fn: Each, stage: str,
+    least_gain: float = LEAST_GAIN,
+) -> list[CandidateFit | None]:  # fmt: skip
     """Fit each attempt as `refitted` does; those of driven runs side by side that one filter may follow."""
     sizes = [(1 + len(fit.theta)) * len(study.runs) for *_, fit in attempts]
     groups = alike([model for model, *_ in attempts], sizes) if study.driven else [[i] for i in range(len(attempts))]
     batches = [[attempts[i] for i in group] for group in groups]
-    fits = map_fn(partial(_side_by_side, study, iterations), batches, stage)
+    fits = map_fn(partial(_side_by_side, study, iterations, least_gain), batches, stage)
     by_place = {i: trial for group, trials in zip(groups, fits) for i, trial in zip(group, trials)}
     return [by_place[i] for i in range(len(attempts))]
 
 
-def _side_by_side(study: DiagnosisProblem, iterations: int, attempts: Sequence[Attempt]) -> list[CandidateFit | None]:
+def _side_by_side(
+    study: DiagnosisProblem, iterations: int, least_gain: float, attempts: Sequence[Attempt]
+) -> list[CandidateFit | None]:
     if len(attempts) > 1:
         models, every_added, values, starts = zip(*attempts)
         with contextlib.suppress(np.linalg.LinAlgError):  # of one of them: then each alone
             fits = study.fits_beside(models, values, starts, iterations)
             trials = zip(models, every_added, fits)
             return [None if fit is None else candidate_fit(study, model, added, fit) for model, added, fit in trials]
-    return [refitted(study, *attempt, iterations) for attempt in attempts]
+    return [refitted(study, *attempt, iterations, least_gain) for attempt in attempts]
 
 
 def settled(study: DiagnosisProblem, trial: CandidateFit, least_gain: float) -> CandidateFit:
@@ -264,7 +267,7 @@ def single_effect_alternative(
             for probe in candidate_shapes(study, name):
                 shapes.setdefault(law_of(name, probe.values[-1]), []).append((name, probe.values[-1]))
     work = [of_law[len(of_law) // 2] for law, of_law in shapes.items() if law not in evidences]
-    brief = all_refitted(study, [attempt_with(base, each) for each in work], BRIEF, map_fn, "trying laws")
+    brief = all_refitted(study, [attempt_with(base, start) for start in work], BRIEF, map_fn, "trying laws")
     limit = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
     close = [t for t in (*trials, *brief) if t is not None and t.evidence < max(limit, current.evidence + AS_WELL)]
     unsettled = [t for t in close if not t.fit.converged]
@@ -514,7 +517,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         while ranked:
             starts = ((s.effect, start) for s in ranked for start in (s.start, *s.other_starts))
             work = [(name, start) for name, start in starts if law_of(name, start) not in fits]
-            attempts = [attempt_with(current, each) for each in work]
+            attempts = [attempt_with(current, start) for start in work]
             trials = all_refitted(self.study, attempts, SEARCH_BRIEF, self.map_fn, "trying effects")
             fits |= {trial.law: trial for trial in trials if trial is not None}
             tried |= {s.effect for s in ranked}
@@ -575,15 +578,9 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
     def _from_elsewhere(self, current: CandidateFit, trials: Sequence[CandidateFit]) -> CandidateFit:
         """Fit the current model again from where the best trials ended, if that is better: a candidate must not win by
         leading the base out of a valley in which its own fit had stopped."""
-        size, driven = len(current.model.theta), self.study.driven
-        attempts = [
-            (current.model, current.added, t.fit.of_model[:size], t.fit) for t in trials[: None if driven else 1]
-        ]
-        if driven:
-            fits = all_refitted(self.study, attempts, ITERATIONS, self.map_fn, "fitting")
-        else:
-            fits = [refitted(self.study, *attempt, least_gain=FINE) for attempt in attempts]
-        for again in fits:
+        size, trials = len(current.model.theta), trials if self.study.driven else trials[:1]
+        attempts = [(current.model, current.added, trial.fit.of_model[:size], trial.fit) for trial in trials]
+        for again in all_refitted(self.study, attempts, ITERATIONS, alone, "", FINE):
             if again is not None and again.evidence < current.evidence - SETTLED_EVIDENCE:
                 current = again
         return current

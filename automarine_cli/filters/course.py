@@ -12,7 +12,7 @@ from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import commanded_before
-from automarine_cli.runs.run import Run, fresh_readings, position_noise, summed
+from automarine_cli.runs.run import Run, filled, fresh_readings, position_noise, summed
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
 MAX_STEP_S, USUAL_STEP_S, MIN_STEP_S = 0.25, 0.1, 0.05
@@ -349,8 +349,8 @@ def _fastest(runs: Sequence[Run], position: str, dof: Dof) -> float:
     fastest = 0.0
     for run in runs:
         way, velocity = run.channel(position), run.channel(dof.velocity)
-        if way is None and velocity is not None and (read := np.isfinite(velocity)).any():
-            way = summed(run.time, np.interp(run.time, run.time[read], velocity[read]))
+        if way is None and velocity is not None:
+            way = summed(run.time, filled(run.time, velocity))
         if way is None or np.isfinite(way).sum() < 2:
             continue
         have = np.isfinite(way)

@@ -289,7 +289,7 @@ class Noises:
         """Of all parameter sets of several models, which let the same vary from run to run."""
         names = [field.name for field in fields(cls) if field.name != "per_run"]
         of_sets = {name: np.concatenate([getattr(noises, name) for noises in several], axis=-1) for name in names}
-        per_run = {name: np.concatenate([each.per_run[name] for each in several]) for name in several[0].per_run}
+        per_run = {name: np.concatenate([noises.per_run[name] for noises in several]) for name in several[0].per_run}
         return cls(**of_sets, per_run=per_run)
 
 
@@ -382,8 +382,8 @@ def alike(models: Sequence[Model], sizes: Sequence[int]) -> list[list[int]]:
     for i, (model, size) in enumerate(zip(models, sizes)):
         hull = model.hull
         varying = {t.name for t in model.terms if t.effect.varies(t.values)}
-        own = i if varying - {t.name for t in hull.terms} else None  # what varies from run to run is a state
-        key = (own, hull.parameter_names, tuple(sorted(varying)), hull.fixed, hull.moment_unit)
+        alone = i if varying - {t.name for t in hull.terms} else None  # what varies from run to run is a state
+        key = (alone, hull.parameter_names, tuple(sorted(varying)), hull.fixed, hull.moment_unit)
         of_key = groups.setdefault(key, [[]])
         if of_key[-1] and size + sum(sizes[k] for k in of_key[-1]) > WIDEST:
             of_key.append([])

@@ -32,7 +32,7 @@ from automarine_cli.models.parameter import Parameter, Parameters, Priors
 from automarine_cli.models.store import planar_json
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import ExcludedRun, Run, runs_json
+from automarine_cli.runs.run import ExcludedRun, Run, filled, runs_json
 
 CHANNELS = ("heading", "yaw_rate", "surge", "sway", "north", "east")
 PLACES = ("north", "east")
@@ -300,7 +300,7 @@ def momentum_balance(run: Run) -> dict[str, dict[str, Floats]]:
     """Sums over each window of a run, (W,), for surge, sway and yaw: what parameters multiply, by qualified name, and
     the command. A velocity that is not read counts as zero."""
     rough, time = rough_velocities(run), run.time
-    u, v, r = (_filled(time, rough.get(dof.velocity)) for dof in PLANAR.dofs)
+    u, v, r = (filled(time, rough.get(dof.velocity, 0.0 * time)) for dof in PLANAR.dofs)
     length = min(MOMENTUM_S, time[-1] - time[0])
     first = np.searchsorted(time, np.arange(time[0], time[-1] - 0.999 * length, 0.5 * length))
     last = np.minimum(np.searchsorted(time, time[first] + length), len(time) - 1)
@@ -327,12 +327,6 @@ def momentum_balance(run: Run) -> dict[str, dict[str, Floats]]:
         },
     }  # fmt: skip
     return {dof.name: {**balances[dof.name], dof.command: over(run.command_of(dof))} for dof in PLANAR.dofs}
-
-
-def _filled(time: Floats, values: Floats | None) -> Floats:
-    """Without gaps, (N,); zero where there are no values."""
-    finite = np.isfinite(values) if values is not None else np.zeros(len(time), dtype=bool)
-    return np.interp(time, time[finite], values[finite]) if values is not None and finite.any() else 0.0 * time
 
 
 def forecasts_of(problem: DrivenProblem, fit: Fit) -> Judgement:
@@ -637,8 +631,7 @@ class PlanarLikelihood:
             chosen, rival = rival, chosen
         scores = chosen[1].score, rival[1].score
         if not np.isfinite(scores[0]):  # a model whose predictions run away has no known parameters
-            fit = replace(chosen[0], covariance=np.full_like(chosen[0].covariance, np.inf))
-            return fit, chosen[1], f"Fitted {HOW}."
+            chosen = replace(chosen[0], covariance=np.full_like(chosen[0].covariance, np.inf)), chosen[1]
         if simplest is tried[0] or not chosen[1].worth[YAW.position] or not np.isfinite(scores[1]):
             return (*chosen, f"Fitted {HOW}.")
         share = float(np.expm1(scores[1] - scores[0]))

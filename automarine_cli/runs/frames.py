@@ -10,7 +10,7 @@ import numpy as np
 
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.quantities import Complexes
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.run import Run, filled
 
 PIECE_S = 2.0  # over which velocities are means: longer than noise, shorter than manoeuvres
 CLEARER = 0.5  # share of what the columns' own axes leave unexplained that other axes may leave to be the right ones
@@ -33,45 +33,43 @@ def frame_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
     for run in runs:
         if run.dof is not YAW or run.summed_up:
             continue
-        heading, still = np.exp(1j * run.position), np.zeros(len(run))
+        heading, rest = np.exp(1j * run.position), 0.0 * run.time
         speeds, places = _logged(run, (SURGE.velocity, SWAY.velocity)), _logged(run, ("north", "east"))
         if speeds is not None:
             pairs["hull"].append(_means(run, speeds, np.ones(len(run), dtype=complex)))
             pairs["fixed"].append(_means(run, speeds, heading))
-        forces = run.extras.get(SURGE.command, still) + 1j * run.extras.get(SWAY.command, still)
+        forces = run.extras.get(SURGE.command, rest) + 1j * run.extras.get(SWAY.command, rest)
         speed = forces if speeds is None else speeds
-        if places is not None and (read := np.isfinite(places)).any():
-            way = np.gradient(np.interp(run.time, run.time[read], places[read]), run.time)
+        if places is not None:
+            way = np.gradient(places, run.time)
             pairs["ground"].append(_means(run, way, speed * heading))
             pairs["exchanged"].append(_means(run, way, np.conj(speed * heading)))
             pairs["reversed"].append(_means(run, way, speed * np.conj(heading)))
-    left = {axes: _unexplained(several) for axes, several in pairs.items()}
-    for other, axes, warning in (
+    unexplained = {axes: _unexplained(of_axes) for axes, of_axes in pairs.items()}
+    for instead, axes, warning in (
         ("fixed", "hull", FIXED), ("exchanged", "ground", MIRRORED), ("reversed", "ground", MIRRORED),
     ):  # fmt: skip
-        if other in left and left[other] < min(CLEARER * left[axes], UNEXPLAINED):
+        if instead in unexplained and unexplained[instead] < min(CLEARER * unexplained[axes], UNEXPLAINED):
             return (warning,)
     turns = [float(np.angle(np.vdot(expected, measured))) for measured, expected in pairs["ground"]]
     turn = abs(max(turns, key=abs, default=0.0))
-    if turn > TURNED and left["ground"] < UNEXPLAINED:
+    if turn > TURNED and unexplained["ground"] < UNEXPLAINED:
         return (f"Positions are turned by up to {np.rad2deg(turn):.0f} deg against the heading.",)
     return ()
 
 
 def _logged(run: Run, names: tuple[str, str]) -> Complexes | None:
-    """Two columns as a complex one, (N,); None where either was not logged."""
+    """Two columns as a complex one without gaps, (N,); None where either was not logged."""
     first, second = map(run.channel, names)
-    return None if first is None or second is None else first + 1j * second
+    return None if first is None or second is None else filled(run.time, first) + 1j * filled(run.time, second)
 
 
 def _means(run: Run, measured: Complexes, expected: Complexes) -> Pair:
-    """Means over pieces of a run of what is finite in both."""
-    finite = np.isfinite(measured) & np.isfinite(expected)
-    piece = ((run.time - run.time[0]) / PIECE_S).astype(int)[finite]
+    """Means over pieces of a run."""
+    piece = ((run.time - run.time[0]) / PIECE_S).astype(int)
     count = np.maximum(np.bincount(piece), 1)
 
     def mean(values: Complexes) -> Complexes:
-        values = values[finite]
         return np.asarray((np.bincount(piece, values.real) + 1j * np.bincount(piece, values.imag)) / count)
 
     return mean(measured), mean(expected)

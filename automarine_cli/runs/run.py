@@ -64,6 +64,12 @@ def summed(time: Floats, velocity: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
 
 
+def filled(time: Floats, readings: Floats) -> Floats:
+    """Readings (N,) with straight lines over their gaps; zero where there are none."""
+    finite = np.isfinite(readings)
+    return np.interp(time, time[finite], readings[finite]) if finite.any() else 0.0 * time
+
+
 def fresh_readings(read: Floats) -> NDArray[np.bool_]:
     """Tell which samples (N,) are readings, and do not hold the one before of a sensor slower than the log.
 
