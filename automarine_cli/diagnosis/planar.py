@@ -41,7 +41,15 @@ from automarine_cli.dofs import PLANAR, SWAY, YAW
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.planar_fit import CHANNELS, Candidate, Observed, PlanarLikelihood, candidates, model_content
+from automarine_cli.fits.planar_fit import (
+    CHANNELS,
+    Candidate,
+    Observed,
+    PlanarLikelihood,
+    candidates,
+    inertia_tied,
+    model_content,
+)
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
 from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import Model, Term
@@ -61,6 +69,8 @@ SPLIT_BY = {
     "N_v": "thrust abeam from rest, without way on",
     "N_ur": "turns under one moment at several speeds ahead",
     "Y_uv": "thrust abeam at several speeds ahead",
+    "Y_ur": "turns under one rudder angle at several speeds ahead",
+    "N_uv": "thrust abeam at several speeds ahead",
     "m_vr": "short pulses of thrust abeam from rest",
     "m_v": "oblique courses at several speeds: its moment grows with surge times sway",
     "north": "drifting without thrust",
@@ -77,10 +87,13 @@ def base_of(stored: StoredModels, observed: Observed) -> Model:
     ties = [tie for tie in observed.ties if {*tie[:2]} <= {*names}]
     if mass not in [tied for tied, *_ in ties] and model.masses[1] == model.masses[0]:
         ties.append((mass, "surge.m_u", 1.0))
-    fixed, tied = model.fixed, [name for name, *_ in ties]
+    fixed, model = model.fixed, replace(model, ties=tuple(ties))
     if not fixed:
         fixed = tuple(name for name, value in zip(names, model.theta) if not value)
-    return replace(model, fixed=tuple(name for name in fixed if name not in tied), ties=tuple(ties))
+    if observed.rudder_alone:
+        model = inertia_tied(model, model.masses[2] / model.masses[1])
+    tied = [name for name, *_ in model.ties]
+    return replace(model, fixed=tuple(name for name in fixed if name not in tied))
 
 
 def suspects(model: Model, observed: Observed, largest: float) -> Iterator[Candidate]:

@@ -40,10 +40,14 @@ LAWS = ("linear-drag", "quadratic-drag")
 COUPLINGS = ("Y_r", "N_v", "N_ur", "Y_uv")
 """Forces by the velocities of others that a hull alike on both sides has: sway force by turning, moment by drifting,
 turns that are damped by the speed ahead, and the lift of a hull at an angle (Fossen 2021, chapter 6)."""
-STEERED_BY = ("N_v", "N_ur")  # of these a hull that its rudder alone turns has both: else drifting would turn it about
+STEERED_BY = ("N_uv", "N_ur")  # a hull that its rudder alone turns has both: else drifting would turn it about
+WITH_WAY_ON = (*STEERED_BY, "Y_ur", "Y_uv")
+"""What such a hull may have, as it always has way on: all by lift, which grows with the speed ahead. Beside them no
+inertia in yaw can be told from Munk's moment."""
 OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
 """Qualified names of inertias and drags, which are above zero."""
 SKEW = "planar.m_vr"
+RACE = "rudder-race"
 SETTLES = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
 WINDOW = 1.0  # s over which velocities are told from positions
 
@@ -62,9 +66,11 @@ class Assumption:
 
 @dataclass(frozen=True)
 class Observed:
-    """What the logs of a campaign hold: the `channels` that have readings, the translations that these show."""
+    """What the logs of a campaign hold: the `channels` that have readings, the translations that these show, and
+    whether a `rudder_alone` steers, as neither a moment nor a force abeam is logged."""
 
     channels: tuple[str, ...]
+    rudder_alone: bool = False
 
     @property
     def dofs(self) -> tuple[Dof, ...]:
@@ -100,6 +106,10 @@ class Observed:
             lacking.append(Assumption(dof.parameter("linear"), f"{its} / {SETTLES:g} s", dies_out))
         if SKEW in model.fixed:
             lacking.append(Assumption(SKEW, "0", "sway and yaw are taken about the centre of both masses"))
+        for name, source, factor in model.ties:
+            if name == YAW.parameter("inertia"):
+                why = "a rudder alone gives no moment of known size; all moments are as large as for a usual hull"
+                lacking.append(Assumption(name, f"{factor:.3g} m² {source}", why))
         lacking.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
         return tuple(lacking)
 
@@ -116,14 +126,19 @@ class Observed:
 
     def names(self) -> dict[str, str]:
         """Qualified names of the parameters that models of these logs may have, by what users write."""
-        free = widest(self.simplest(dict.fromkeys(OWN, 1.0)), partial(candidates, observed=self)).free
-        names = {name if name in CURRENT else name.partition(".")[2]: name for name in free}
+        model = self.simplest(dict.fromkeys(OWN, 1.0))
+        if self.rudder_alone and SWAY in self.dofs:
+            model = steered(model)
+        free = widest(model, partial(candidates, observed=self)).free
+        known = [SKEW] if SWAY in self.dofs else []  # by who has weighed a vehicle, also where no log can tell
+        names = {name if name in CURRENT else name.partition(".")[2]: name for name in (*free, *known)}
         return names | {COMMAND_DELAY: COMMAND_DELAY}
 
 
 def observed(runs: Sequence[Run]) -> Observed:
     """The channels of which any run has readings. Raises FitError where nothing but the heading is measured."""
-    channels = Observed(tuple(name for name in CHANNELS if any(_read(run, name) for run in runs)))
+    rudder_alone = not any(run.command_of(dof).any() for run in runs for dof in (SWAY, YAW))
+    channels = Observed(tuple(name for name in CHANNELS if any(_read(run, name) for run in runs)), rudder_alone)
     if len(channels.dofs) == 1:
         raise FitError(
             "the logs hold no surge or sway speed (surge_m_s, sway_m_s) and no position on the water (north_m and "
@@ -164,15 +179,26 @@ Family = Callable[[Model], Iterator[Candidate]]
 
 
 def candidates(model: Model, observed: Observed, rough: Mapping[str, float] | None = None) -> Iterator[Candidate]:
-    """What logs may tell of a hull and a model lacks: couplings, laws of drag, a current; given `rough_sizes`, linear
-    drag in place of quadratic drag too, which gains there at most what it gains beside it."""
+    """What logs may tell of a hull and a model lacks: couplings, laws of drag, a propeller's race past the rudder, a
+    current; given `rough_sizes`, linear drag in place of quadratic drag too, which gains there at most what it gains
+    beside it.
+
+    No m_vr where a rudder alone steers: as long as motions are small any m_vr answers the rudder alike, with other
+    derivatives, and it would take whatever else the model lacks."""
     have = {(term.dof, term.name) for term in model.terms}
-    for term in map(Term.cross, COUPLINGS):
+    for term in map(Term.cross, WITH_WAY_ON if observed.rudder_alone else COUPLINGS):
         if (term.dof, term.name) not in have and (SWAY in observed.dofs or term.name == "N_ur"):
             yield Candidate.of_term(model, term)
-    if SWAY in observed.dofs and SKEW in model.fixed:
+    if SWAY in observed.dofs and SKEW in model.fixed and not observed.rudder_alone:
         fixed = tuple(name for name in model.fixed if name != SKEW)
         yield Candidate("cross-coupling", (SKEW,), replace(model, fixed=fixed))
+    steering = [term.dof for term in model.terms if term.name == "rudder" and (term.dof, RACE) not in have]
+    if steering:
+        raced = model
+        for place in steering:
+            raced = raced.with_term(Term(RACE, (0.0,), dof=place))
+        added = tuple(name for name in raced.parameter_names if name not in model.parameter_names)
+        yield Candidate(RACE, added, raced)
     for dof in observed.dofs:
         lacking = [law for law in LAWS if (PLANAR.index(dof), law) not in have]
         for law in lacking:
@@ -196,6 +222,21 @@ def widest(model: Model, family: Family) -> Model:
     while following is not None:
         model = following.model
         following = next(family(model), None)
+    return model
+
+
+def inertia_tied(model: Model, gyration: float) -> Model:
+    """The model with its inertia in yaw as its mass abeam times a square of the radius of `gyration` [m²]."""
+    ahead, abeam, inertia = (dof.parameter("inertia") for dof in PLANAR.dofs)
+    mass = ahead if abeam in [name for name, *_ in model.ties] else abeam
+    tied = replace(model, ties=(*model.ties, (inertia, mass, gyration)))
+    return tied.with_theta([*model.theta[:2], gyration * model.values[mass], *model.theta[3:]])
+
+
+def steered(model: Model) -> Model:
+    """The model with what a hull has that its rudder alone turns."""
+    for term in map(Term.cross, STEERED_BY):
+        model = model.with_term(term)
     return model
 
 
@@ -266,7 +307,13 @@ def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
 
 
 MOMENTUM_S = 5.0  # over which what forces sum up to is compared with the change of momentum
-GYRATION = 0.6  # radius of gyration over drift speed per yaw rate: a quarter over 0.4 of the length, as of most ships
+HULL_KG_M3 = 10.0  # mass with added mass, ahead, over the cube of the length, as of tankers and of slender AUVs
+
+
+def usual_gyration(ahead: float) -> float:
+    """Square of the radius of gyration in yaw [m²], for the mass abeam, of a hull of usual proportions: a quarter of
+    the length, which follows from the mass ahead [kg] (a 7 m model of a tanker: 3.1 for 2.8)."""
+    return ((ahead / HULL_KG_M3) ** (1.0 / 3.0) / 4.0) ** 2
 
 
 def by_momentum(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]:
@@ -274,17 +321,15 @@ def by_momentum(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]:
     motions whose inertia, and without drags that, come out below zero.
 
     Over windows of `MOMENTUM_S` the forces sum up to the change of momentum, in axes that turn, and to what drag,
-    couplings and rudder take. Motions with a logged force come first; the others take their inertias as known. A rudder
-    alone gives no moment of known size: the radius of gyration is taken from the drift then.
+    couplings and rudder take. Motions with a logged force come first; the others take their inertias as known. Where no
+    moment is logged the inertia is that of usual proportions.
     """
     balances, sizes = [momentum_balance(run) for run in runs], dict[str, float]()
     driven = {dof.name: any(run.command_of(dof).any() for run in runs) for dof in PLANAR.dofs}
     for dof in sorted(PLANAR.dofs, key=lambda dof: not driven[dof.name]):
         own, inertia = f"{dof.name}.", dof.parameter("inertia")
-        drifts = [v for run in runs if {SWAY.velocity, YAW.velocity} <= (v := rough_velocities(run)).keys()]
-        if dof is YAW and not driven[dof.name] and drifts and (mass := sizes.get(SURGE.parameter("inertia"))):
-            sway, rate = (np.concatenate([v[name] for v in drifts]) for name in (SWAY.velocity, YAW.velocity))
-            sizes[inertia] = mass * GYRATION**2 * float(np.nanmean(sway**2) / np.nanmean(rate**2))
+        if dof is YAW and not driven[dof.name] and (ahead := sizes.get(SURGE.parameter("inertia"))):
+            sizes[inertia] = sizes.get(SWAY.parameter("inertia"), ahead) * usual_gyration(ahead)
         columns = {name: np.concatenate([each[dof.name][name] for each in balances]) for name in balances[0][dof.name]}
         force = columns.pop(dof.command) - sum(sizes[name] * columns[name] for name in columns if name in sizes)
         if not (free := [name for name in columns if name in names and name not in sizes]):
@@ -323,7 +368,7 @@ def momentum_balance(run: Run) -> dict[str, dict[str, Floats]]:
         YAW.name: {
             "surge.m_u": -over(u * v), "sway.m_v": over(u * v), "yaw.I_r": r[last] - r[first],
             "yaw.k_rr": over(r * np.abs(r)), "yaw.rudder.N_delta": steering, "yaw.N_ur": over(np.abs(u) * r),
-            "yaw.N_v": over(v),
+            "yaw.N_v": over(v), "yaw.N_uv": over(np.abs(u) * v),
         },
     }  # fmt: skip
     return {dof.name: {**balances[dof.name], dof.command: over(run.command_of(dof))} for dof in PLANAR.dofs}
@@ -522,9 +567,8 @@ class PlanarFit(Shown):
         sentences = [*self.use.warnings(YAW)]
         if not self.best.mixed.converged:
             sentences.append("The fit did not converge; give more or longer runs.")
-        masses = {
-            name: e for name, e in self.estimates.items() if name in {d.parameter("inertia") for d in PLANAR.dofs}
-        }
+        tied = {name for name, *_ in self.model.ties}
+        masses = {name: self.estimates[name] for dof in PLANAR.dofs if (name := dof.parameter("inertia")) not in tied}
         loose = [name for name, mass in masses.items() if mass.stderr > 0.5 * abs(mass.value)]
         if loose:
             names = f"The logs hardly determine {', '.join(loose)}: the standard error is more than half the value"
@@ -564,11 +608,16 @@ class PlanarLikelihood:
         for name, (place, dof) in product(self.with_effects, enumerate(PLANAR.dofs)):
             if effects.get(name).acts_in(dof) and dof in self.observed.dofs:
                 model = model.with_term(Term(name, tuple(start_of(name, self.course, place)), dof=place))
-        if SWAY in self.observed.dofs and not any(run.command.any() for run in self.runs):
-            for name in STEERED_BY:
-                model = model.with_term(Term.cross(name))
+        if SWAY in self.observed.dofs and self.observed.rudder_alone:
+            model = steered(model)
+        if SKEW in self.priors:
+            model = replace(model, fixed=tuple(name for name in model.fixed if name != SKEW))
         sizes = by_momentum(self.runs, model.free)
-        return model.with_theta([sizes.get(name, value) for name, value in model.values.items()])
+        model = model.with_theta([sizes.get(name, value) for name, value in model.values.items()])
+        inertia = YAW.parameter("inertia")
+        if not self.observed.rudder_alone or inertia in self.priors:
+            return model
+        return inertia_tied(model, usual_gyration(model.masses[0]))
 
     @cached_property
     def rough(self) -> dict[str, float]:
@@ -584,6 +633,7 @@ class PlanarLikelihood:
     def course(self) -> Course:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
         columns = {*self.signals, *(need for name in self.with_effects for need in effects.get(name).needs)}
+        columns |= {*effects.get(RACE).needs} if "rudder" in columns else set()
         signals = sorted(columns - {dof.velocity for dof in PLANAR.dofs})
         return make_course(self.runs, moving, signals, motion=PLANAR, channels=self.observed.channels)
 

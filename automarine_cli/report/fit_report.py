@@ -248,6 +248,8 @@ MEANINGS = {
     "sway.Y_vv": "quadratic drag abeam", "yaw.k_r": "linear yaw drag", "yaw.k_rr": "quadratic yaw drag",
     "sway.Y_r": "sway force against turning", "yaw.N_v": "yaw moment against drifting",
     "yaw.N_ur": "yaw drag that grows with the speed ahead", "sway.Y_uv": "sway drag that grows with the speed ahead",
+    "yaw.N_uv": "yaw moment against drifting, by the speed ahead",
+    "sway.Y_ur": "sway force against turning, by the speed ahead",
     "current.north": "water, north", "current.east": "water, east",
 }  # fmt: skip
 
@@ -621,7 +623,7 @@ def planar_sentences(fit: PlanarFit) -> Iterator[str]:
     yield f"Commands act {interval(fit.best.delay)} s after the middle of the sample interval in which they changed."
     units = {p.name: p.unit for p in fit.model.parameters()}
     yield from known_sentences(fit.priors, units, units)
-    yield from (f"Assumed: {assumption}." for assumption in fit.observed.assumptions(fit.model))
+    yield from (f"Assumed: {a}." for a in fit.observed.assumptions(fit.model) if a.parameter not in fit.estimates)
     noises = fit.best.mixed.noise_of
     channels = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.observed.channels]
     yield f"Sensors used (noise in rad, m and seconds): {', '.join(channels)}."
@@ -650,13 +652,21 @@ def forecast_cells(ahead: ForecastScore, dof: Dof | None) -> dict[str, object]:
 
 
 def parameter_table(fit: PlanarFit) -> Table:
+    meanings = dict(MEANINGS)
+    for term in fit.model.terms:
+        if not term.base:
+            shown = term.effect.card(fit.model.motion.dofs[term.dof]).parameters
+            meanings |= zip(fit.model.names_of(term), [parameter.meaning for parameter in shown])
+    assumed = [a for a in fit.observed.assumptions(fit.model) if a.parameter in fit.estimates]
+    meanings |= {a.parameter: f"{meanings.get(a.parameter, '')} (assumed)" for a in assumed}
     rows = [
-        {"parameter": name, "meaning": MEANINGS.get(name, ""), "value [95 % interval]": estimate, "unit": estimate.unit}
+        {"parameter": name, "meaning": meanings.get(name, ""), "value [95 % interval]": estimate, "unit": estimate.unit}
         for name, estimate in fit.estimates.items()
     ]
     return Table.of("Surge, sway and yaw together", rows, [
         "Masses and drags are positive where they resist, as in m_u u' = X - X_u u; Fossen's derivatives of these "
         "names are their negatives.",
+        *(f"Assumed: {assumption}." for assumption in assumed),
     ])  # fmt: skip
 
 

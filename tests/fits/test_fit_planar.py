@@ -26,16 +26,18 @@ from automarine_cli.fits.planar_fit import (
     by_momentum,
     candidates,
     forecasts_of,
+    inertia_tied,
     observed,
     rough_sizes,
     search,
     structure_of,
+    usual_gyration,
     widest,
 )
 from automarine_cli.fits.whole_runs import OutputErrorFit, result_of
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.model import COMMAND_DELAY, Model
-from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters
+from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior
 from automarine_cli.models.store import models_of
 from automarine_cli.quantities import Floats
 from automarine_cli.report import fit_report
@@ -267,7 +269,45 @@ def test_fits_start_from_what_momentum_says() -> None:
     assert by_momentum([still], tuple(TRUTH)) == {}
     steered = made(0, ("heading", "surge"))
     steered = replace(steered, moment=np.zeros(len(steered)))
-    assert "yaw.I_r" not in by_momentum([steered], tuple(TRUTH))  # no drift tells the radius of gyration
+    sizes = by_momentum([steered], tuple(TRUTH))
+    assert sizes["yaw.I_r"] == pytest.approx(sizes["surge.m_u"] * usual_gyration(sizes["surge.m_u"]))
+
+
+def test_a_rudder_alone_tells_no_inertia() -> None:
+    """It takes what hulls of that mass have, and nothing that only a moment of known size could tell."""
+    ship = made_ship.MASS_ABEAM * usual_gyration(made_ship.MASS_AHEAD)
+    assert ship == pytest.approx(made_ship.INERTIA, rel=0.2)
+    runs = [made(0)]
+    rudder = 0.3 * np.sign(np.sin(runs[0].time))
+    none = np.zeros(len(runs[0]))
+    extras = {**runs[0].extras, "rudder": rudder, "force_Y": none}
+    steered_runs = (replace(runs[0], moment=none, extras=extras),)
+    seen = observed(steered_runs)
+    assert seen.rudder_alone and not observed(runs).rudder_alone
+    likelihood = PlanarLikelihood(steered_runs, seen, with_effects=("rudder",))
+    model = likelihood.simplest
+    assert {"yaw.N_uv", "yaw.N_ur"} <= {*model.free}
+    offered = {name for candidate in likelihood.family(model) for name in candidate.added}
+    assert {"sway.Y_ur", "sway.Y_uv", "yaw.rudder-race.N_deltaX", "sway.rudder-race.Y_deltaX"} <= offered
+    assert not offered & {"planar.m_vr", "yaw.N_v", "sway.Y_r"}
+    driven = PlanarLikelihood(tuple(runs), observed(runs))
+    assert "planar.m_vr" in {name for candidate in driven.family(driven.simplest) for name in candidate.added}
+    assert "yaw.I_r" not in model.free
+    assert model.values["yaw.I_r"] == pytest.approx(
+        model.values["sway.m_v"] * usual_gyration(model.values["surge.m_u"])
+    )
+    assumed = seen.assumptions(model)
+    assert [each.parameter for each in assumed][:2] == ["planar.m_vr", "yaw.I_r"]
+    assert assumed[1].equals.endswith(" m² sway.m_v")
+    weighed = {"yaw.I_r": Prior(3.0, 0.1), "planar.m_vr": Prior(1.5)}
+    assert {*weighed} <= {*seen.names().values()}
+    known = replace(likelihood, priors=weighed)
+    parameters = known.problem(known.simplest).parameters
+    assert "yaw.I_r" in known.simplest.free
+    skew = parameters[parameters.names.index("planar.m_vr")]
+    assert skew.lower == skew.upper == 1.5
+    tied_abeam = replace(model, ties=(("sway.m_v", "surge.m_u", 1.0),))
+    assert inertia_tied(tied_abeam, 2.0).values["yaw.I_r"] == 2.0 * model.values["surge.m_u"]
 
 
 def test_what_is_random_has_the_same_bounds_in_all_models() -> None:
@@ -309,11 +349,13 @@ def test_a_ship_steered_by_its_rudder_has_its_masses(unlogged: list[str], tmp_pa
     value = fit.model.values
     assert value["surge.m_u"] == pytest.approx(made_ship.MASS_AHEAD, rel=0.3)
     assert value["sway.m_v"] == pytest.approx(made_ship.MASS_ABEAM, rel=0.3)
-    assert 0.3 < value["yaw.I_r"] / made_ship.INERTIA < 1.5
+    assert 0.7 < value["yaw.I_r"] / made_ship.INERTIA < 1.2
     assert value["yaw.rudder.N_delta"] > 0 > value["sway.rudder.Y_delta"]
     use = forecasts_of(likelihood.problem(fit.model), fit.mixed)
     judged = next(score for score in use.worth["heading"] if score.horizon == 5.0)
     assert judged.error < 0.25 * judged.constant_rate < judged.constant
+    gains = {candidate.name: promise.gain for candidate, promise in likelihood.promised(fit, likelihood.family)}
+    assert gains["rudder-race"] > 30  # its propeller's race passes the rudder
 
 
 @pytest.mark.slow
