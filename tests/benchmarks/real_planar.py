@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.polynomial.polynomial import polyfit
 from numpy.typing import NDArray
 from real_baseline import BEFORE, HORIZONS, STEP, causal_state, mean_force
@@ -22,15 +23,23 @@ from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
 from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, observed, search
-from automarine_cli.logs import ColumnMap
+from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.quantities import Floats
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import load_planar
 
 UNITS = {"heading": "deg", "surge": "m/s", "sway": "m/s"}
-SETS = ("cybership_enterprise", "heavy_rov_sea")
+SETS = {"cybership_enterprise": (), "heavy_rov_sea": (), "kvlcc2_zigzag": ("rudder", "rudder-drag")}
+"""Sets whose runs are fitted as a whole, with the effects that are asked for."""
+TANKER = "kvlcc2_zigzag"
+TANKER_COLUMNS = """[columns]
+rudder_deg = { from = "rudder_deg", sign = -1 }
+yaw_rate_deg_s = "yaw_rate_degps"
+force_X_N = { from = "prop_rps", scale = 3.4 }
+"""
 INERTIAS = {"m_u": 0, "m_v": 1, "I_r": 2}
+STEERING = ("X_deltadelta", "Y_delta", "Y_deltaX", "N_delta", "N_deltaX")
 POSITIVE = {*INERTIAS, "X_u", "X_uu", "Y_v", "Y_vv", "k_r", "k_rr"}
 SPAN = 5.0  # a size may leave its start by this factor's logarithm
 Row = dict[str, Any]
@@ -39,7 +48,7 @@ Row = dict[str, Any]
 @dataclass(frozen=True)
 class States:
     """A states from which predictions begin: `run` and `time` since its first sample, `state` (A, 4): heading, u, v, r;
-    `force` (A, 3, M) the mean commands over each STEP after it; `reached` (A, 3, H)."""
+    `force` (A, 4, M) the mean commands and rudder over each STEP after it; `reached` (A, 3, H)."""
 
     run: NDArray[np.int64]
     time: Floats
@@ -54,7 +63,8 @@ def states_of(runs: Sequence[Run]) -> States:
 
 
 def _states(run: Run) -> Iterator[tuple[float, Floats, Floats, Floats]]:
-    forces = [np.asarray(run.extras[name]) for name in ("force_X", "force_Y")] + [run.command]
+    rudder = run.extras.get("rudder", np.zeros(len(run)))
+    forces = [*(np.asarray(run.extras[name]) for name in ("force_X", "force_Y")), run.command, rudder]
     speeds = [np.asarray(run.channel(name)) for name in ("surge", "sway")]
     logged = [(run.time[np.isfinite(speed)], speed[np.isfinite(speed)]) for speed in speeds]
     for begin in np.arange(run.time[0] + BEFORE, run.time[-1] - HORIZONS[-1], 1.0):
@@ -76,9 +86,14 @@ def ahead(values: Mapping[str, float], states: States, last: float = HORIZONS[-1
     """Heading, u and v at the horizons, (A, 3, H), by Heun's method."""
     m, drags, cross = _model(values)
     inverse = np.linalg.inv(m)
+    steering = {name: values.get(name, 0.0) for name in STEERING}
 
-    def rates(state: Floats, force: Floats) -> Floats:
-        v = state[:, 1:]
+    def rates(state: Floats, commands: Floats) -> Floats:
+        v, force, rudder = state[:, 1:], commands[:, :3].copy(), commands[:, 3]
+        passing = v[:, 0] * np.abs(v[:, 0])
+        force[:, 0] -= steering["X_deltadelta"] * rudder**2 * passing
+        force[:, 1] += rudder * (steering["Y_delta"] * passing + steering["Y_deltaX"] * commands[:, 0])
+        force[:, 2] += rudder * (steering["N_delta"] * passing + steering["N_deltaX"] * commands[:, 0])
         p = v @ m
         turned = np.stack([-p[:, 1] * v[:, 2], p[:, 0] * v[:, 2], v[:, 0] * p[:, 1] - v[:, 1] * p[:, 0]], axis=1)
         drag = drags[0] * v + drags[1] * np.abs(v) * v
@@ -103,7 +118,7 @@ def _model(values: Mapping[str, float]) -> tuple[Floats, Floats, list[tuple[int,
             m[INERTIAS[name], INERTIAS[name]] = value
         elif name == "m_vr":
             m[1, 2] = m[2, 1] = value
-        else:
+        elif name not in STEERING:
             letter, _, along = name.replace("k_", "N_").partition("_")
             row, places = "XYN".index(letter), ["uvr".index(each) for each in along]
             if set(places) == {row}:
@@ -113,8 +128,11 @@ def _model(values: Mapping[str, float]) -> tuple[Floats, Floats, list[tuple[int,
     return m, drags, cross
 
 
-def fit_plain(states: States, start: Mapping[str, float], horizon: float) -> dict[str, float]:
-    """Least squares of heading and speeds `horizon` seconds ahead, all on the scale of what constants miss."""
+def fit_plain(
+    states: States, start: Mapping[str, float], horizon: float, known: Mapping[str, float]
+) -> dict[str, float]:
+    """Least squares of heading and speeds `horizon` seconds ahead, all on the scale of what constants miss, beside
+    parameters that are `known`."""
     column = HORIZONS.index(horizon)
     goal = states.reached[:, :, column]
     scale = np.sqrt(np.mean((goal - states.state[:, :3]) ** 2, axis=0))
@@ -123,7 +141,7 @@ def fit_plain(states: States, start: Mapping[str, float], horizon: float) -> dic
     above = np.isin(names, list(POSITIVE))
 
     def values(z: Floats) -> dict[str, float]:
-        return dict(zip(names, np.where(above, sizes * np.exp(np.clip(z, -SPAN, SPAN)), sizes * z).tolist()))
+        return known | dict(zip(names, np.where(above, sizes * np.exp(np.clip(z, -SPAN, SPAN)), sizes * z).tolist()))
 
     def misses(z: Floats) -> Floats:
         return ((ahead(values(z), states, horizon)[:, :, column] - goal) / scale).ravel()
@@ -142,7 +160,7 @@ def rms(errors: Floats) -> Floats:
 
 def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     """What the library predicts at the horizons from its filtered states, (A, 3, H)."""
-    likelihood = PlanarLikelihood(tuple(runs), fit.observed)
+    likelihood = PlanarLikelihood(tuple(runs), fit.observed, signals=fit.best.model.signals)
     problem, estimate = likelihood.problem(fit.best.model), fit.best.mixed
     course = likelihood.course
     followed = problem.follow(estimate.phi[None], keep=True)
@@ -152,22 +170,41 @@ def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
     return at(np.array(HORIZONS), None).transpose(1, 0, 2)
 
 
+def runs_of(real_set: RealSet) -> list[Run]:
+    """Its runs. The tanker's logged speeds lie along and across its first course; its thrust is taken from its speed
+    before the first rudder angle."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if real_set.name != TANKER:
+            columns = real_set.column_map(folder) or ColumnMap()
+            return list(load_planar([str(real_set.path / real_set.glob)], columns).runs)
+        for log in real_set.path.glob(real_set.glob):
+            table = pd.read_csv(log)
+            heading, along, across = np.deg2rad(table["heading_deg"]), table["u_mps"], table["v_mps"]
+            cosine, sine = np.cos(heading), np.sin(heading)
+            speeds = {"surge_m_s": along * cosine + across * sine, "sway_m_s": across * cosine - along * sine}
+            table.assign(**speeds).drop(columns=["u_mps", "v_mps"]).to_csv(folder / log.stem, index=False)
+        (folder / "columns.toml").write_text(TANKER_COLUMNS)
+        return list(load_planar([folder], read_column_map(folder / "columns.toml")).runs)
+
+
 def judged(item: tuple[RealSet, str]) -> Row:
     """The row of one half that is fitted: what a fit to it misses by on the other, beside least squares of its
     structure."""
     real_set, half = item
-    with tempfile.TemporaryDirectory() as folder:
-        columns = real_set.column_map(Path(folder)) or ColumnMap()
-        runs = list(load_planar([str(real_set.path / real_set.glob)], columns).runs)
+    runs = runs_of(real_set)
     fitted, held_out = real_set.halved(runs)[:: 1 if half == "A" else -1]
     begun = time.perf_counter()
     channels = observed(fitted)
-    likelihood = PlanarLikelihood(tuple(fitted), channels)
+    likelihood = PlanarLikelihood(tuple(fitted), channels, with_effects=SETS[real_set.name])
     tried = search(likelihood)
     fit = PlanarFit(tried, *likelihood.choose(tried), tuple(fitted), channels)
     learned, states = states_of(fitted), states_of(held_out)
-    start = {name.partition(".")[2]: fit.best.model.values[name] for name in fit.best.model.free}
-    squares = [fit_plain(learned, start, h) for h in HORIZONS]
+    values, tied = fit.best.model.values, [name for name, _, _ in fit.best.model.ties]
+    known, start = (
+        {n.rpartition(".")[2]: values[n] for n in fit.estimates if (n in tied) is of} for of in (True, False)
+    )
+    squares = [fit_plain(learned, start, h, known) for h in HORIZONS]
     least = [rms(ahead(values, states) - states.reached)[:, i] for i, values in enumerate(squares)]
     still = np.repeat(states.state[:, :3, None], len(HORIZONS), axis=2)
     going = still.copy()
