@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import PLANAR
+from automarine_cli.fits.characteristics import swings_back
 from automarine_cli.fits.planar_fit import CHANNELS, rough_velocities
 from automarine_cli.models.model import Model
 from automarine_cli.quantities import Floats
@@ -350,6 +351,17 @@ def planar_free_runs(model: Model, runs: Sequence[Run]) -> Iterator[FreeRun]:
         path = simulate(model, batch, start=Start(start[:3, None, None], start[3:, None, None]))
         simulated = {channel.quantity: path.reading(channel)[0, 0] for channel in batch.channels}
         yield FreeRun(run, simulated, StartState(start[:3], start[3:]), np.zeros((len(run), 0)))
+
+
+def planar_overshoots(model: Model, run: Run) -> list[tuple[float, float]]:
+    """Give overshoot angles [rad] of a zigzag whose rudder is logged, of its log and of the model from the state at
+    each execute on; none for any other run."""
+    pairs: list[tuple[float, float]] = []
+    rudder = run.extras.get("rudder")
+    for swing in () if rudder is None else swings_back(rudder, run.position):
+        (free,) = planar_free_runs(model, [run.cut(swing.first, swing.last + 1)])
+        pairs.append(swing.beside(free.position, run.position))
+    return pairs
 
 
 def planar_start(run: Run, model: Model) -> Floats:

@@ -20,6 +20,7 @@ from automarine_cli.comparison.simulated_runs import (
     find_restarts,
     free_runs,
     planar_free_runs,
+    planar_overshoots,
     remade,
     restarted_errors,
 )
@@ -28,6 +29,7 @@ from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import FitError, ModelError, RunError, SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, predict
+from automarine_cli.fits.characteristics import overshoots, overshoots_json
 from automarine_cli.fits.driven import (
     MAX_STEPS_S,
     Judgement,
@@ -267,8 +269,8 @@ class Validation(Shown):
     the unit that people see, `floor` that of all; `channels` the sensors used. Where the runs are driven there are
     `predictions` of each model from filtered states, and `use` says of what use it is. `expected` is the restarted
     error that the preferred model would have if it were right; `followed_better` the model whose free runs are nearer
-    than its own by more than chance, empty for none, and `contradiction` says so. `says` is a summary. `to_json()` is
-    validation.json.
+    than its own by more than chance, empty for none, and `contradiction` says so. `overshoots` are the angles [rad] of
+    zigzags by a rudder, of logs and of the preferred model. `says` is a summary. `to_json()` is validation.json.
 
     Frame, a row per run and model: `run`, `model`, `rmse_deg`, `max_abs_deg`, `fit_percent`, `restarted_rmse_deg`,
     `rate_rmse_deg_s`, `noise_floor_deg`, `restarted_horizon_s`, `restarted_at`, `start`.
@@ -288,6 +290,7 @@ class Validation(Shown):
     predictions: Mapping[str, tuple[Predicted, ...]] = field(default_factory=dict)
     expected: float | None = None
     followed_better: str = ""
+    overshoots: tuple[tuple[float, float], ...] = ()
 
     @property
     def contradiction(self) -> str:
@@ -359,6 +362,7 @@ class Validation(Shown):
             "best": self.best,
             "logs": logs,
             "runs": runs_json(len(runs), self.set_aside, runs),
+            **({"overshoot_deg": overshoots_json(self.overshoots)} if self.overshoots else {}),
         }
         if stored.in_plane:
             return data
@@ -411,7 +415,8 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
         errors = tuple(map(planar_errors, free))
         overall = {name: pooled(errors, score, drawn) for name, score in PLANAR_SCORES.items()}
         models[stored.preferred] = Scored(free, errors, overall)
-        return Validation(stored, models, stored.preferred)
+        pairs = tuple(pair for run in runs for pair in planar_overshoots(stored.model, run))
+        return Validation(stored, models, stored.preferred, overshoots=pairs)
     restarts = tuple(map(find_restarts, runs))
     for number, model in stored.models.items():
         simulated = free_runs(model, runs)
@@ -425,7 +430,9 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     expected = expected_error(stored.model, models[stored.preferred].free, stored.scatter, seed)
     is_rival = best not in (None, stored.preferred) and values[stored.preferred] is not None
     better = best if best and is_rival and _leads(models[best], models[stored.preferred], drawn)[1] else ""
-    return Validation(stored, models, best, because, restarts, floors, expected=expected, followed_better=better)
+    pairs = tuple(pair for run in runs for pair in overshoots(stored.model, run)) if stored.model.steered else ()
+    result = Validation(stored, models, best, because, restarts, floors, expected=expected, followed_better=better)
+    return replace(result, overshoots=pairs)
 
 
 def expected_error(model: Model, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:

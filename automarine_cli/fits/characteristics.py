@@ -12,8 +12,9 @@ course. In the prime system, with the length L and the speed U, K' = K L/U and T
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -160,7 +161,6 @@ class Nomoto:
         return {"K'": self.gain.scaled(ratio, "1"), "T'": self.time.scaled(1.0 / ratio, "1")}
 
     def to_json(self) -> dict[str, object]:
-        degrees = np.rad2deg(np.array(self.overshoots).reshape(-1, 2))
         return {
             **steering_json(self.side, self.speed),
             "first_order": {"K": self.gain.to_json(), "T": self.time.to_json()},
@@ -173,7 +173,7 @@ class Nomoto:
                 "model_deg_s": float(np.rad2deg(self.turning)) if np.isfinite(self.turning) else None,
                 "logs_deg_s": float(np.rad2deg(self.fastest)),
             },
-            "overshoot_deg": {"logs": degrees[:, 0].tolist(), "model": degrees[:, 1].tolist()},
+            "overshoot_deg": overshoots_json(self.overshoots),
         }
 
 
@@ -225,31 +225,52 @@ def answer_to_rudder(
     return Nomoto(side, speed, gain, time, third, n1, effect, full, turning, fastest, pairs, length)
 
 
-def executes(run: Run) -> list[tuple[int, int]]:
-    """First and last samples of the swings of a zigzag: from where the rudder begins to go over to the other side to
-    where it does so again. Empty for a run that is none."""
-    most = float(np.abs(run.command).max())
-    over = np.flatnonzero(np.abs(run.command) >= HELD_SHARE * most)
-    ways = np.sign(run.command[over])
+def executes(rudder: Floats) -> list[tuple[int, int]]:
+    """First and last samples of the swings of a zigzag: from where the rudder (N,) begins to go over to the other side
+    to where it does so again. Empty for a run that is none."""
+    most = float(np.abs(rudder).max())
+    over = np.flatnonzero(np.abs(rudder) >= HELD_SHARE * most)
+    ways = np.sign(rudder[over])
     at = over[np.flatnonzero(np.diff(ways) != 0)] if most > 0 else over[:0]
-    return list(zip(at.tolist(), [*at[1:].tolist(), len(run) - 1])) if len(at) > 1 else []
+    return list(zip(at.tolist(), [*at[1:].tolist(), len(rudder) - 1])) if len(at) > 1 else []
+
+
+class Execute(NamedTuple):
+    """A swing of a zigzag from one execute to the next: its first and last sample, the way of the rudder before, and
+    how far the heading went on [rad]."""
+
+    first: int
+    last: int
+    way: float
+    logged: float
+
+    def beside(self, heading: Floats, logged: Floats) -> tuple[float, float]:
+        """Overshoot angles [rad], of the log and of a simulated heading from the swing's first sample on."""
+        return self.logged, float((self.way * (heading - logged[self.first])).max())
+
+
+def swings_back(rudder: Floats, heading: Floats) -> Iterator[Execute]:
+    """Give the swings of a zigzag after which the heading comes back in the log."""
+    for first, last in executes(rudder):
+        way = float(np.sign(rudder[first]))
+        logged = way * (heading[first : last + 1] - heading[first])
+        if last - first > 2 and logged[-1] < 0.9 * logged.max():
+            yield Execute(first, last, way, float(logged.max()))
 
 
 def overshoots(model: Model, run: Run) -> list[tuple[float, float]]:
     """Give overshoot angles [rad] of a run, of its log and of the model from the logged state at each execute on: how
     far the heading goes on after the rudder began to go back. What the model remembers then is of the logged rates.
     Swings that do not come back in the log are left out."""
-    swings, pairs, water = executes(run), [], np.zeros((1, 1, 1))
+    pairs, water, now = [], np.zeros((1, 1, 1)), 0
     every = max(1, round(RATE_WINDOW_S / run.sample_period))
-    for a, b in [(0, swings[0][0]), *swings] if swings else []:
-        way, heading = float(np.sign(run.command[a])), run.position
-        logged = way * (heading[a : b + 1] - heading[a])
-        if a > 0 and b - a > 2 and logged[-1] < 0.9 * logged.max():
-            path = _from_log(model, run, a, b, water).position[0, 0, : b + 1 - a]
-            pairs.append((float(logged.max()), float((way * (path - heading[a])).max())))
-        for first in range(a, b, every) if any(effects.get(term.name).states for term in model.terms) else ():
-            last = min(first + every, b)
-            water = _from_log(model, run, first, last, water).water[0, 0, last - first, :, None, None]
+    remembers = any(effects.get(term.name).states for term in model.terms)
+    for swing in swings_back(run.command, run.position):
+        for first in range(now, swing.first, every) if remembers else ():
+            now = min(first + every, swing.first)
+            water = _from_log(model, run, first, now, water).water[0, 0, now - first, :, None, None]
+        path = _from_log(model, run, swing.first, swing.last, water).position[0, 0, : swing.last + 1 - swing.first]
+        pairs.append(swing.beside(path, run.position))
     return pairs
 
 
@@ -259,6 +280,11 @@ def _from_log(model: Model, run: Run, first: int, last: int, water: Floats) -> T
     rate = np.diff(np.interp(ends, run.time, run.position)) / np.diff(ends)
     batch = make_batch([run.cut(first, last + 1)], STEP_S, model.signals)
     return simulate(model, batch, start=Start(run.position[None, [first]], rate[None], water=water))
+
+
+def overshoots_json(pairs: Sequence[tuple[float, float]]) -> dict[str, list[float]]:
+    degrees = np.rad2deg(np.array(pairs).reshape(-1, 2))
+    return {"logs": degrees[:, 0].tolist(), "model": degrees[:, 1].tolist()}
 
 
 def mean_miss(pairs: Sequence[tuple[float, float]]) -> float:

@@ -668,21 +668,25 @@ class PlanarLikelihood:
         return result_of("", model, fit_innovations(problem, starts, iterations, brief))
 
     def choose(self, tried: Sequence[OutputErrorFit]) -> tuple[OutputErrorFit, Judgement, str]:
-        """The best structure, or the simplest one where that predicts runs left out better by a share of WORTH_IT, with
-        its predictions, and why.
+        """The likeliest structure, or the one that predicts runs left out best where it does so by a share of WORTH_IT,
+        with its predictions, and why.
 
         Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
         little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
         """
-        plain = self.structure_of(self.simplest)
-        simplest = next((trial for trial in tried if self.structure_of(trial.model) == plain), tried[0])
-        chosen, rival = ((fit, forecasts_of(self.problem(fit.model), fit.mixed)) for fit in (tried[0], simplest))
-        if chosen[1].score - rival[1].score >= WORTH_IT:
-            chosen, rival = rival, chosen
+
+        def judged(fit: OutputErrorFit) -> tuple[OutputErrorFit, Judgement]:
+            return fit, forecasts_of(self.problem(fit.model), fit.mixed)
+
+        chosen, *others = map(judged, tried)
+        rival = min(others, key=lambda pair: pair[1].score, default=chosen)
+        if chosen[1].score - rival[1].score >= WORTH_IT:  # fitted to the end, as the brief fits of a search are not
+            better = judged(self.estimate(rival[0].model, rival[0].mixed.of_chance))
+            chosen, rival = sorted((better, chosen), key=lambda pair: pair[1].score)
         scores = chosen[1].score, rival[1].score
         if not np.isfinite(scores[0]):  # a model whose predictions run away has no known parameters
             chosen = replace(chosen[0], covariance=np.full_like(chosen[0].covariance, np.inf)), chosen[1]
-        if simplest is tried[0] or not chosen[1].worth[YAW.position] or not np.isfinite(scores[1]):
+        if len(tried) == 1 or not chosen[1].worth[YAW.position] or not np.isfinite(scores[1]):
             return (*chosen, f"Fitted {HOW}.")
         share = float(np.expm1(scores[1] - scores[0]))
         misses = f"{100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}"

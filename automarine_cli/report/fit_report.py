@@ -464,11 +464,16 @@ def rudder_sentences(nomoto: Nomoto | None) -> Iterator[str]:
     full, turning, fastest = np.rad2deg([nomoto.full, nomoto.turning, nomoto.fastest])
     yield f"The model turns at {turning:.3g}°/s under {full:.3g}° if its speed stays; the logs reach {fastest:.3g}°/s."
     if nomoto.overshoots:
-        logged, modelled = np.rad2deg(np.mean(nomoto.overshoots, axis=0))
-        yield (
-            f"Overshoot angles of {len(nomoto.overshoots)} swings are {logged:.3g}° on the mean in the logs and "
-            f"{modelled:.3g}° by the model, which misses each by {np.rad2deg(mean_miss(nomoto.overshoots)):.2g}°."
-        )
+        yield overshoot_sentence(nomoto.overshoots)
+
+
+def overshoot_sentence(pairs: Sequence[tuple[float, float]]) -> str:
+    """Say how overshoot angles [rad] of logs and of the model differ."""
+    logged, modelled = np.rad2deg(np.mean(pairs, axis=0))
+    return (
+        f"Overshoot angles of {len(pairs)} swings are {logged:.3g}° on the mean in the logs and "
+        f"{modelled:.3g}° by the model, which misses each by {np.rad2deg(mean_miss(pairs)):.2g}°."
+    )
 
 
 LOOK_FOR_EFFECT = "An effect is missing: look for it with `automarine diagnose`."

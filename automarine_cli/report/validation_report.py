@@ -12,7 +12,7 @@ from automarine_cli.comparison.validation import Overall, Validation
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import worth_of
 from automarine_cli.fits.innovations import measured_noises, sensors_of
-from automarine_cli.report.fit_report import forecast_cells
+from automarine_cli.report.fit_report import forecast_cells, overshoot_sentence
 from automarine_cli.report.log_tables import sensor_sentences
 from automarine_cli.report.sections import Content, Drawing, Sections, document, file_stems, forms_of, sections
 from automarine_cli.report.tables import MISSING, Table, interval, number, with_band
@@ -37,7 +37,9 @@ def _(result: Validation) -> Sections:
         files |= forms_of("validation", table)
         return Sections([table], files, figures, LISTED_FILES, score_rows(result), answer=_answer(result, ""))
     tables = [*([ahead_table(result)] if says else []), overall_table(result), run_table(result)]
-    sensors = sensor_sentences(sensors_of(result.channels, measured_noises(runs, dof)), dof)
+    sensors = list(sensor_sentences(sensors_of(result.channels, measured_noises(runs, dof)), dof))
+    if result.overshoots:
+        sensors.insert(0, overshoot_sentence(result.overshoots))
     of_runs = zip(names, free, result.floors)
     figures = {name: Drawing("runs.validation_figure", of_run, result.stored, floor) for name, of_run, floor in of_runs}
     files |= forms_of("validation", *tables)
@@ -155,6 +157,7 @@ def planar_table(result: Validation) -> Table:
         "Free run: simulated from the start state of each log to its end by its commands alone; root mean squares "
         "of measured less simulated.",
         "A position adds up every error of speed and heading: judge a long run by its velocities.",
+        *([overshoot_sentence(result.overshoots)] if result.overshoots else []),
     ))  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from automarine_cli.effects import Commands
 from automarine_cli.effects.input_delay import delayed
 from automarine_cli.effects.thruster_imbalance import PARTS, lacking_signal
 from automarine_cli.errors import RunError
+from automarine_cli.logs.columns import SIGNALS
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import commanded_before, released
 from automarine_cli.runs.run import Run
@@ -253,7 +254,8 @@ def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
 def signals_of(runs: Sequence[Run], name: str) -> list[Floats]:
     """A signal of every run that has it, (N,) each; measured ones without noise where they are nothing else."""
     signals = [signal for run in runs if (signal := run.signal(name)) is not None]
-    return signals if name in PARTS else [without_noise(signal) for signal in signals]
+    exact = name in PARTS or (name in SIGNALS and SIGNALS[name].commanded)
+    return signals if exact else [without_noise(signal) for signal in signals]
 
 
 def without_noise(values: Floats) -> Floats:

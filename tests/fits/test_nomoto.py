@@ -12,15 +12,18 @@ from scipy import integrate
 
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
+from automarine_cli.comparison.validation import compare
 from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.fits.characteristics import executes, overshoots
 from automarine_cli.fits.planar_fit import PlanarLikelihood, observed
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.parameter import Prior
+from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import STEERED
+from automarine_cli.report.validation_report import planar_table
 from automarine_cli.runs.load import TO_PORT, load_runs
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.batch import make_batch, signals_of
 from automarine_cli.simulation.rollout import simulate
 
 
@@ -51,7 +54,7 @@ def test_overshoots_of_the_model_that_made_the_log_are_those_of_the_log(memory: 
     if memory:
         model = model.with_effect("history-force", (memory * inertia, MEMORY_TIME, 0.0))
     pairs = np.rad2deg(overshoots(model, run))
-    assert len(pairs) >= 5 and len(executes(run)) >= len(pairs)
+    assert len(pairs) >= 5 and len(executes(run.command)) >= len(pairs)
     assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 2.0 and abs(np.diff(pairs).mean()) < 1.0
 
 
@@ -114,6 +117,40 @@ def test_in_the_plane_a_rudder_is_driven_by_the_speed_of_the_model() -> None:
             u, v, r = u + 0.001 * du / 20.0, v + 0.001 * dv / 30.0, r + 0.001 * dr / 4.0
 
 
+def test_a_rudder_is_no_noise_about_its_mean() -> None:
+    """Not where it goes over once in a short log either; a voltage that scatters is."""
+    (run,) = steered_runs((12.0,))
+    short = run.cut(60, 81)
+    (rudder,), (force,) = signals_of([short], "rudder"), signals_of([short], "force_X")
+    np.testing.assert_array_equal(rudder, short.extras["rudder"])
+    np.testing.assert_array_equal(force, short.extras["force_X"])
+    noisy = replace(short, extras={**short.extras, "voltage": 12.0 + (-1.0) ** np.arange(len(short))})
+    assert np.ptp(np.array(signals_of([noisy], "voltage"))) == 0.0
+
+
+@pytest.mark.parametrize(("rudder", "at_most"), [(3.0, 0.01), (2.0, 0.6)])
+def test_validate_tells_overshoot_angles_in_the_plane(rudder: float, at_most: float) -> None:
+    """Those of the model that made the log are those of the log; with less rudder they differ."""
+    truth, runs = planar_boat(), steered_runs((12.0,))
+    for name, value in (("N_uv", -10.0), ("N_ur", 5.0)):  # that make it keep its course
+        truth = truth.with_term(Term.cross(name, value))
+    path = simulate(truth, make_batch(runs, 0.05, truth.signals, motion=PLANAR))
+    logs = []
+    for i, run in enumerate(runs):
+        u, v, r = path.velocities[0, i].T
+        speeds = {"surge": u, "sway": v, "yaw_rate": r}
+        logs.append(replace(run, position=path.positions[0, i, :, 2], extras={**run.extras, **speeds}))
+    model = truth.with_theta([rudder if name == "yaw.rudder.N_delta" else x for name, x in truth.values.items()])
+    result = compare(StoredModels({"planar": model}, "planar", 0.0, "planar_model.json"), logs)
+    logged, modelled = np.rad2deg(np.array(result.overshoots).T)
+    assert len(logged) >= 6 and logged.min() > 1.0
+    miss = float(np.sqrt(np.mean((modelled / logged - 1.0) ** 2)))
+    assert (miss < at_most) if rudder == 3.0 else (0.05 < miss < at_most)
+    assert result.to_json()["overshoot_deg"] == {"logs": logged.tolist(), "model": modelled.tolist()}
+    says = f"Overshoot angles of {len(logged)} swings are "
+    assert any(note.startswith(says) for note in planar_table(result).notes)
+
+
 @pytest.mark.slow
 def test_fit_planar_finds_the_rudder() -> None:
     truth, random = planar_boat(), np.random.default_rng(0)
@@ -124,8 +161,8 @@ def test_fit_planar_finds_the_rudder() -> None:
         u, v, _ = path.velocities[0, i].T + 0.01 * random.standard_normal((3, len(run)))
         heading = path.positions[0, i, :, 2] + 0.005 * random.standard_normal(len(run))
         noisy.append(replace(run, position=heading, extras={**run.extras, "surge": u, "sway": v}))
-    mass = Prior(30.0, 0.3)  # that of sway gives the scale of a vehicle without a force abeam
-    likelihood = PlanarLikelihood(tuple(noisy), observed(noisy), {"sway.m_v": mass}, ("rudder", "rudder-drag"))
+    scale = {"sway.m_v": Prior(30.0, 0.3), "yaw.I_r": Prior(4.0, 0.04)}  # no force abeam and no moment is logged
+    likelihood = PlanarLikelihood(tuple(noisy), observed(noisy), scale, ("rudder", "rudder-drag"))
     found = likelihood.estimate(likelihood.simplest).by_name
     for name, value in (
         ("yaw.rudder.N_delta", 3.0),
