@@ -415,8 +415,7 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
         errors = tuple(map(planar_errors, free))
         overall = {name: pooled(errors, score, drawn) for name, score in PLANAR_SCORES.items()}
         models[stored.preferred] = Scored(free, errors, overall)
-        pairs = tuple(pair for run in runs for pair in planar_overshoots(stored.model, run))
-        return Validation(stored, models, stored.preferred, overshoots=pairs)
+        return Validation(stored, models, stored.preferred, overshoots=_overshoots(stored, runs))
     restarts = tuple(map(find_restarts, runs))
     for number, model in stored.models.items():
         simulated = free_runs(model, runs)
@@ -430,9 +429,16 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     expected = expected_error(stored.model, models[stored.preferred].free, stored.scatter, seed)
     is_rival = best not in (None, stored.preferred) and values[stored.preferred] is not None
     better = best if best and is_rival and _leads(models[best], models[stored.preferred], drawn)[1] else ""
-    pairs = tuple(pair for run in runs for pair in overshoots(stored.model, run)) if stored.model.steered else ()
-    result = Validation(stored, models, best, because, restarts, floors, expected=expected, followed_better=better)
-    return replace(result, overshoots=pairs)
+    validation = Validation(stored, models, best, because, restarts, floors, expected=expected, followed_better=better)
+    return replace(validation, overshoots=_overshoots(stored, runs))
+
+
+def _overshoots(stored: StoredModels, runs: Sequence[Run]) -> tuple[tuple[float, float], ...]:
+    """Give overshoot angles of zigzags, of logs and of the preferred model; none where that diverges."""
+    angles_of = planar_overshoots if stored.in_plane else overshoots
+    steered = stored.in_plane or stored.model.steered
+    pairs = [pair for run in runs for pair in angles_of(stored.model, run)] if steered else []
+    return tuple(pairs) if np.isfinite(pairs).all() else ()
 
 
 def expected_error(model: Model, free: Sequence[FreeRun], scatter: float | None, seed: int) -> float | None:
