@@ -20,6 +20,7 @@ from automarine_cli.models.model import Model, Term
 from automarine_cli.models.parameter import Prior
 from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import STEERED
+from automarine_cli.report.figures.runs import planar_figure
 from automarine_cli.report.validation_report import planar_table
 from automarine_cli.runs.load import TO_PORT, load_runs
 from automarine_cli.runs.run import Run
@@ -149,6 +150,8 @@ def test_validate_tells_overshoot_angles_in_the_plane(rudder: float, at_most: fl
     assert result.to_json()["overshoot_deg"] == {"logs": logged.tolist(), "model": modelled.tolist()}
     says = f"Overshoot angles of {len(logged)} swings are "
     assert any(note.startswith(says) for note in planar_table(result).notes)
+    drawn = [line.get_label() for panel in planar_figure(result.models["planar"].free[0]).axes for line in panel.lines]
+    assert "rudder [deg]" in drawn
 
 
 @pytest.mark.slow

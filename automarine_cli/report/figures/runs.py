@@ -144,7 +144,11 @@ def _draw_commands(panel: Axes, run: Run, time: Floats, in_plane: bool) -> None:
     for dof, colour in ((SURGE, "black"), (SWAY, "green"), (YAW, "orange")):
         label = f"{dof.words.full_force} [{dof.units.forces[1]}]"
         panel.step(time, run.command_of(dof), where="mid", color=style.COLOURS[colour], label=label)
-    panel.set_ylabel("Command [N, N m]")
+    rudder = run.extras.get("rudder")
+    if rudder is not None:
+        degrees = DEG_PER_RAD * rudder
+        panel.step(time, degrees, where="mid", color=style.COLOURS["vermilion"], label="rudder [deg]")
+    panel.set_ylabel("Command [N, N m]" if rudder is None else "Command [N, N m, deg]")
 
 
 @style.house_style
