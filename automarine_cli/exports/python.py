@@ -28,6 +28,7 @@ METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember",
 """What of an effect acts; all else describes it."""
 _LIBRARY = map(effects.get, effects.built_in())
 STEERING = frozenset({"rudder", "rudder-drag", "rudder-inflow", "cross-coupling"})
+RACE = "rudder-race"
 PYTHON_EFFECTS = [effect.name for effect in _LIBRARY if not (effect.columns or effect.reads_force)]
 """Effects that need no logged column."""
 RUDDER = " `rudder` is its angle as logged{0} [rad]."
@@ -173,7 +174,7 @@ def _vehicle(subject: Vehicle) -> base.Written:
             name = f"{axis.force}_{axis.dof.symbols.position}".upper()
             forces[i].append(f"{name} * {leans[axis.dof.name]}")
             constants.append(f"{name} = {base.number(value)}  # m g GM")
-        for name, value, factor, meaning in _steering(axis):
+        for name, value, factor, meaning in _steering(axis, "force[0]" if in_plane else "forces[0]"):
             forces[i].append(f"- {name} * {factor}")
             constants.append(f"{name} = {base.number(value)}  # {meaning}")
     lines = [f"[{base.row(line, ', ')}]" for line in subject.inertia[places][:, places]]
@@ -190,6 +191,7 @@ def _vehicle(subject: Vehicle) -> base.Written:
         "drags": "\n".join(f"            {' + '.join(forces[i]).replace('+ - ', '- ') or '0.0'}," for i in places),
         "step": base.number(MAX_EXPORT_STEP_S), "axes": AXIS_SENSES[subject.frame], "water": WATER[subject.frame],
         "moved": MOVED[subject.frame], "places": subject.places,
+        "column": ", rudder" * rudder, "unpacked": "        force, rudder = force[:3], force[3]\n" * rudder,
         "arguments": ", rudder=0.0" * rudder, "more": RUDDER.format(" with the other sign" * enu) * rudder,
         "weight": f"{base.FORCE_LETTERS[HEAVE.number]}_0" if subject.diagonal(CONSTANT)[HEAVE.number] else "0.0",
         "head": base.comment(subject.head(), "#"),
@@ -197,8 +199,8 @@ def _vehicle(subject: Vehicle) -> base.Written:
     return base.Written(base.filled("python_planar" if in_plane else "python_vehicle", text), subject.about_water())
 
 
-def _steering(axis: base.MotionSubject) -> Iterator[tuple[str, float, str, str]]:
-    """Name, value, factor and meaning of what rudder and speed ahead do to a motion."""
+def _steering(axis: base.MotionSubject, thrust: str) -> Iterator[tuple[str, float, str, str]]:
+    """Name, value, factor and meaning of what rudder, speed ahead and `thrust` do to a motion."""
     force, values = axis.force, axis.values
     squared, size = "u * abs(u)", axis.settings.newton_metres_per_nu
     if axis.file is not None and axis.file.force_unit == STEERED and size is not None:
@@ -209,6 +211,8 @@ def _steering(axis: base.MotionSubject) -> Iterator[tuple[str, float, str, str]]
         value, law, race = values["rudder"]
         inflow = {0: f" * {squared}", 1: f" * ({squared} + {base.number(race)})"}.get(round(law), "")
         yield f"{force}_DELTA", value, f"rudder{inflow}", "by the angle of the rudder"
+    if RACE in values:
+        yield f"{force}_DELTAX", values[RACE][0], f"rudder * {thrust}", "by the angle of the rudder and the thrust"
     if "rudder-drag" in values:
         yield f"{force}_DELTADELTA", -values["rudder-drag"][0], f"rudder**2 * {squared}", "drag of the rudder"
     if "cross-coupling" in values:
@@ -220,5 +224,5 @@ TARGET = base.Target(
     says="one file of Python and numpy with simulate()",
     forms={"simulate": ".py"}, carries=frozenset({*PYTHON_EFFECTS, *STEERING, PREFIX}), si=False,
     uses=frozenset({"newton_metres_per_nu", "arm", "n_max"}), write=write,
-    several=base.Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING, couples=True, thrusters=True),
+    several=base.Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING | {RACE}, couples=True, thrusters=True),
 )  # fmt: skip

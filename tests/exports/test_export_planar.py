@@ -18,7 +18,7 @@ from automarine_cli.commands.export import export
 from automarine_cli.dofs import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import export_targets
-from automarine_cli.models.model import Model
+from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import planar_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -37,22 +37,33 @@ def model_file(folder: Path, model: Model = MODEL) -> Path:
     return path
 
 
+STEERED = MODEL
+for steering in (
+    Term("rudder-drag", (6.0,), dof=0), Term("rudder", (-8.0, 1.0, 0.5), dof=1), Term("rudder", (3.0, 0.0, 0.5), dof=2),
+    Term("rudder-race", (0.2,), dof=2),
+):  # fmt: skip
+    STEERED = STEERED.with_term(steering)
+
+
 @pytest.mark.parametrize("frame", ["NED", "ENU"])
-def test_the_python_file_moves_as_the_simulator_does(tmp_path: Path, frame: str) -> None:
-    """To 1e-6, under commands that change at the samples."""
+@pytest.mark.parametrize("model", [MODEL, STEERED], ids=["commands", "rudder"])
+def test_the_python_file_moves_as_the_simulator_does(tmp_path: Path, frame: str, model: Model) -> None:
+    """To 1e-6, under commands that change at the samples, and a rudder that is put over."""
     space: dict[str, Any] = {}
-    exec(export(model_file(tmp_path), to="python", frame=frame).text, space)
+    exec(export(model_file(tmp_path, model), to="python", frame=frame).text, space)
     run = driven(3, 12.0, 0.5)
+    run = replace(run, extras={**run.extras, "rudder": np.full(len(run), 0.3)})
     tau = np.stack([run.extras["force_X"], run.extras["force_Y"], run.command])
     first, moving = np.array([1.0, -2.0, 0.7]), np.array([0.4, -0.2, 0.3])
     start = Start(first.reshape(3, 1, 1), moving.reshape(3, 1, 1))
-    expected = simulate(MODEL, make_batch([run], 0.01, motion=PLANAR), start=start)
+    expected = simulate(model, make_batch([run], 0.01, model.signals, motion=PLANAR), start=start)
     changes = np.flatnonzero(np.any(np.diff(tau, axis=1), axis=0))
     middle = 0.5 * (run.time[changes] + run.time[changes + 1])  # where the simulator changes a command
     time = np.unique(np.concatenate([np.arange(run.time[0], run.time[-1], 0.01), run.time, middle]))
     enu, sides = frame == "ENU", SIDES if frame == "ENU" else np.ones(3)
     begin = np.array([*first[:2], np.pi / 2 - first[2] if enu else first[2], *(moving * sides)])
-    moves = space["simulate"](time, *(tau[:, _sample(run.time, middle, time)] * sides[:, None]), *begin)
+    angle = {"rudder": 0.3 * sides[2]} if model is STEERED else {}
+    moves = space["simulate"](time, *(tau[:, _sample(run.time, middle, time)] * sides[:, None]), *begin, **angle)
     positions, velocities = np.stack(moves)[:, np.isin(time, run.time)]
     if enu:
         positions[:, 2] = np.pi / 2 - positions[:, 2]
