@@ -141,7 +141,8 @@ def fit_plain(
     above = np.isin(names, list(POSITIVE))
 
     def values(z: Floats) -> dict[str, float]:
-        return known | dict(zip(names, np.where(above, sizes * np.exp(np.clip(z, -SPAN, SPAN)), sizes * z).tolist()))
+        chosen = np.where(above, sizes * np.exp(np.clip(z, -SPAN, SPAN)), sizes * z).tolist()
+        return {**known, **dict(zip(names, chosen))}
 
     def misses(z: Floats) -> Floats:
         return ((ahead(values(z), states, horizon)[:, :, column] - goal) / scale).ravel()
