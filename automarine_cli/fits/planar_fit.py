@@ -114,22 +114,22 @@ class Observed:
         return tuple(lacking)
 
     def simplest(self, sizes: Mapping[str, float]) -> Model:
-        """The model with quadratic drag of everything that is measured, nothing else, from `rough_sizes`."""
+        """The model with quadratic drag of everything that is measured, and what turns a hull that its rudder alone
+        steers, nothing else, from `rough_sizes`."""
         values = {**sizes, **{name: factor * sizes[source] for name, source, factor in self.ties}}
         masses = tuple(values[dof.parameter("inertia")] for dof in PLANAR.dofs)
         terms = []
         for place, dof in enumerate(PLANAR.dofs):
             role = "quadratic" if dof in self.dofs else "linear"
             terms.append(Term(f"{role}-drag", (values[dof.parameter(role)],), True, place))
+        if self.rudder_alone and SWAY in self.dofs:
+            terms += map(Term.cross, STEERED_BY)
         couplings = tuple(f"{PLANAR.name}.{name}" for name in INERTIA_COUPLINGS)
         return Model(PLANAR, (*masses, *(0.0 for _ in couplings)), tuple(terms), "N m", fixed=couplings, ties=self.ties)
 
     def names(self) -> dict[str, str]:
         """Qualified names of the parameters that models of these logs may have, by what users write."""
-        model = self.simplest(dict.fromkeys(OWN, 1.0))
-        if self.rudder_alone and SWAY in self.dofs:
-            model = steered(model)
-        free = widest(model, partial(candidates, observed=self)).free
+        free = widest(self.simplest(dict.fromkeys(OWN, 1.0)), partial(candidates, observed=self)).free
         known = [SKEW] if SWAY in self.dofs else []  # by who has weighed a vehicle, also where no log can tell
         names = {name if name in CURRENT else name.partition(".")[2]: name for name in (*free, *known)}
         return names | {COMMAND_DELAY: COMMAND_DELAY}
@@ -231,13 +231,6 @@ def inertia_tied(model: Model, gyration: float) -> Model:
     mass = ahead if abeam in [name for name, *_ in model.ties] else abeam
     tied = replace(model, ties=(*model.ties, (inertia, mass, gyration)))
     return tied.with_theta([*model.theta[:2], gyration * model.values[mass], *model.theta[3:]])
-
-
-def steered(model: Model) -> Model:
-    """The model with what a hull has that its rudder alone turns."""
-    for term in map(Term.cross, STEERED_BY):
-        model = model.with_term(term)
-    return model
 
 
 def structure_of(model: Model, observed: Observed) -> str:
@@ -608,8 +601,6 @@ class PlanarLikelihood:
         for name, (place, dof) in product(self.with_effects, enumerate(PLANAR.dofs)):
             if effects.get(name).acts_in(dof) and dof in self.observed.dofs:
                 model = model.with_term(Term(name, tuple(start_of(name, self.course, place)), dof=place))
-        if SWAY in self.observed.dofs and self.observed.rudder_alone:
-            model = steered(model)
         if SKEW in self.priors:
             model = replace(model, fixed=tuple(name for name in model.fixed if name != SKEW))
         sizes = by_momentum(self.runs, model.free)

@@ -172,8 +172,8 @@ def tool_ahead(fit: PlanarFit, runs: Sequence[Run], states: States) -> Floats:
 
 
 def runs_of(real_set: RealSet) -> list[Run]:
-    """Its runs. The tanker's logged speeds lie along and across its first course; its thrust is taken from its speed
-    before the first rudder angle."""
+    """Its runs. The tanker's logged speeds lie along and across its first course; its thrust is what the MMG
+    model of that ship has at the speed of approach."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if real_set.name != TANKER:
