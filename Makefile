@@ -98,7 +98,7 @@ docs: $(DOCS_READY) ## The guide as a site with a search, into OUT/docs; fails a
 wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty environment and use it there
 	.ci/wheel $(OUT)/wheel $(BIN)/python
 
-test: $(READY) ## Run the tests but for the slow ones, a process for each core
+test: $(READY) ## Run the tests but for the slow ones, on all cores
 	$(BIN)/python -m pytest -q $(SHARED) -m "not slow"
 
 test-all: $(READY) test ## Then the slow ones: clusters, same bytes, planted effects, real data, every example

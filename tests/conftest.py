@@ -47,6 +47,11 @@ DEAREST = {
 """Files that take longest: begun first, so that no process waits at the end for another's long one."""
 
 
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """A process for each core, and of the quick tests one more, as those of the link wait for clocks."""
+    return (os.cpu_count() or 1) + (config.option.markexpr == "not slow")
+
+
 def pytest_itemcollected(item: pytest.Item) -> None:
     """What `real_data` means."""
     for folder in (mark.args[0] for mark in item.iter_markers("real_data")):

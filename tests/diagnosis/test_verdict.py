@@ -53,13 +53,17 @@ def diagnosed() -> Iterator[Judge]:
         yield lambda runs, hold_out=(): diagnose_runs(runs, base_for(NAME), hold_out=hold_out)
 
 
-def test_a_name_that_changes_nothing_is_only_suspected(diagnosed: Judge, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("steadier", "verdict"), [pytest.param(-1.0, "named", marks=pytest.mark.slow), (1.0, "suspected")]
+)
+def test_a_name_that_changes_nothing_is_only_suspected(
+    steadier: float, verdict: str, diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Held-out errors that do not fall, with a thrust that scatters as before: more likely runs alone make no name."""
     gap = diagnose.gap
     monkeypatch.setattr(diagnose, "gap", lambda *of, **how: replace(gap(*of, **how), before=1e-4, after=1e-4))
-    for steadier, verdict in ((-1.0, "named"), (1.0, "suspected")):
-        monkeypatch.setattr(diagnose, "STEADIER", steadier)
-        assert diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6]).verdict == verdict
+    monkeypatch.setattr(diagnose, "STEADIER", steadier)
+    assert diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6]).verdict == verdict
 
 
 def test_what_chance_reaches_now_and_then_is_only_suspected(diagnosed: Judge, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ NOISE = np.radians(0.2)
 def decay(
     angle: float, seed: int, dof: Dof = ROLL, rate: float = 0.0, moment: float = 0.0, truth: Mapping[str, float] = TRUTH
 ) -> Run:
-    """A run of 20 s that starts at an `angle` [rad] and `rate` [rad/s]; a `moment` acts on it for 5 s after 2 s."""
+    """A run of 12 s that starts at an `angle` [rad] and `rate` [rad/s]; a `moment` acts on it for 5 s after 2 s."""
 
     def slope(time: float, state: np.ndarray) -> list[float]:
         swing = state[1]
@@ -35,8 +35,8 @@ def decay(
         push = acting + truth["constant"] - drag - truth["restoring"] * np.sin(state[0])
         return [swing, push / truth["inertia"]]
 
-    time = 0.05 * np.arange(400)
-    path = solve_ivp(slope, (0.0, 20.0), [angle, rate], t_eval=time, rtol=1e-9, atol=1e-11, max_step=0.05).y[0]
+    time = 0.05 * np.arange(240)
+    path = solve_ivp(slope, (0.0, 12.0), [angle, rate], t_eval=time, rtol=1e-9, atol=1e-11, max_step=0.05).y[0]
     noisy = path + NOISE * np.random.default_rng(seed).standard_normal(len(time))
     command = np.where((time > 1.999) & (time < 6.999), moment, 0.0)
     return Run(f"run_{seed}", f"run_{seed}.csv", time, noisy, command, "N m", dof=dof)

@@ -146,7 +146,7 @@ def test_of_too_few_steps_forecasts_choose_the_likelihood(better: bool, monkeypa
         return better
 
     monkeypatch.setattr(driven, "predicts_better", predicts_better)
-    fit = identify(steered(2, 0, Sea(size=0.15), length=30.0, period=0.5, free=True))
+    fit = identify(steered(2, 0, Sea(size=0.15), length=20.0, period=0.5, free=True))
     assert compared == [True] and {of.mixed.driven for of in fit.output_error.values()} == {better}
     assert ("by output error" in fit.why_no_velocity_error) != better
 

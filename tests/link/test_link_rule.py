@@ -13,7 +13,7 @@ import pytest
 from link_requests import ask, logs_in, put, until
 from made_link import MODEL, TOKEN, handed_over, made_campaign, vehicle_at
 
-from automarine_cli.link import player
+from automarine_cli.link import player, server
 from automarine_cli.link.collector import Client, Collector
 from automarine_cli.link.document import CampaignState, LinkCampaign, Listing, State
 from automarine_cli.link.player import Player
@@ -31,6 +31,7 @@ Act = Callable[[Store], object]
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(player, "TICK_S", 0.005)
+    monkeypatch.setattr(server, "QUIET_S", 2.0)  # so long waits who stops a vehicle without a folder
 
 
 def driven(store: Store, vehicle: Simulated | None = None) -> list[str]:
