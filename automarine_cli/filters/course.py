@@ -24,7 +24,9 @@ STEP_SHARE = (
 INDEPENDENT = 0.7
 """Share of the noise of every other reading that all of them have at least where each tells something new: filtered
 readings differ less from their neighbours."""
-MAX_GAP_STEP_S = 0.15  # longest step [s] between samples that are further apart; longer ones are divided
+MAX_GAP_STEP_S, MIN_JUMP = 0.15, 0.2
+"""Longest step [s] between samples that are further apart; longer ones are divided. In the plane, where nothing answers
+within one, those only in which a command jumps by more than this share of its usual size."""
 MIN_APART_S = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
 SMOOTH_GYRO = 0.25
@@ -64,9 +66,10 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
     return min(steps)
 
 
-def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -> Floats:
-    """Clock of the filter's nodes: samples about `step` apart, intervals divided about `longest`. Where a sensor is
-    slower than the log, the samples of the slowest come first."""
+def nodes_of(run: Run, step: float, longest: float, jumps: Floats, quantities: Sequence[str]) -> Floats:
+    """Clock of the filter's nodes: samples about `step` apart, intervals divided about `longest`, or shorter where
+    what acts `jumps` (N,) by much of its usual size. Where a sensor is slower than the log, the samples of the
+    slowest come first."""
     if step == MIN_STEP_S:  # no reading is left out: each counts alone, or in the mean of its node
         step = (averaged_over(run.sample_period) - 0.5) * run.sample_period
     fresh = [fresh_readings(channel) for channel in map(run.channel, quantities) if channel is not None]
@@ -81,7 +84,9 @@ def nodes_of(run: Run, step: float, longest: float, quantities: Sequence[str]) -
             chosen.append(i)
             last, firm = now, now if first else firm
     gaps = np.diff(run.time[chosen])
-    count = np.maximum(np.ceil(gaps / longest - 0.25).astype(int), 1)
+    jumping = np.maximum.reduceat(jumps, np.array(chosen[:-1]) + 1) > MIN_JUMP
+    most = np.where(jumping, min(longest, max(step, MAX_GAP_STEP_S)), longest)
+    count = np.maximum(np.ceil(gaps / most - 0.25).astype(int), 1)
     which = np.repeat(np.arange(len(gaps)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     return np.append(run.time[chosen][which] + order * (gaps / count)[which], run.time[-1])
@@ -257,8 +262,13 @@ def make_course(
     ]
     quantities = [quantity for _, quantity, _ in sensors]
     spacing = step_of(runs, motion, quantities) if step is None else step
-    longest = max(spacing, MAX_GAP_STEP_S) if step is None else step
-    layouts = [_lay(run, nodes_of(run, spacing, longest, quantities), motion, signals, sensors) for run in runs]
+    longest = step or (MAX_STEP_S if motion.turns else max(spacing, MAX_GAP_STEP_S))
+    acting = [[*map(run.command_of, motion.dofs), *(run.extras[name] for name in signals)] for run in runs]
+    usual = [float(np.sqrt(np.mean(np.concatenate(column) ** 2))) or 1.0 for column in zip(*acting)]
+    layouts = []
+    for run, columns in zip(runs, acting):
+        jumps = np.max([np.abs(np.diff(x, prepend=x[0])) / size for x, size in zip(columns, usual)], axis=0)
+        layouts.append(_lay(run, nodes_of(run, spacing, longest, jumps, quantities), motion, signals, sensors))
     nodes, fine = max(len(layout.at) for layout in layouts), max(len(layout.width) for layout in layouts)
     at = padded([layout.at for layout in layouts], nodes)
     for row, layout in zip(at, layouts):

@@ -280,9 +280,11 @@ Fit = MixedFit | InnovationsFit
 
 
 def fit_innovations(
-    problem: DrivenProblem, starts: Floats, iterations: int = ITERATIONS, brief: bool = False
-) -> InnovationsFit:
-    """Fit from the best of `starts` (S, p) in theta; a `brief` one leaves no run out, and predicts none.
+    problem: DrivenProblem, starts: Floats, iterations: int = ITERATIONS, brief: bool = False,
+    settled: float = SETTLED_GAIN,
+) -> InnovationsFit:  # fmt: skip
+    """Fit from the best of `starts` (S, p) in theta; a `brief` one leaves no run out, and predicts none; `settled` as
+    the constant of that name.
 
     Raises FitError where no start leads anywhere.
     """
@@ -296,25 +298,27 @@ def fit_innovations(
         looks = [phis[k] for k in best[:MAX_INERTIAS] if np.isfinite(values[k])]
         climbs = _climbed([problem] * len(looks), looks, LOOK_STEPS)
         phis = max(climbs, key=lambda climb: climb.point.value).point.phi[None]
-    (fit,) = fits_of([problem], [phis[0]], iterations, brief)
+    (fit,) = fits_of([problem], [phis[0]], iterations, brief, settled)
     if fit is None:
         raise FitError(NO_START)
     return fit
 
 
 def fits_of(
-    problems: Sequence[DrivenProblem], starts: Sequence[Floats], iterations: int = ITERATIONS, brief: bool = False
-) -> list[InnovationsFit | None]:
+    problems: Sequence[DrivenProblem], starts: Sequence[Floats], iterations: int = ITERATIONS, brief: bool = False,
+    settled: float = SETTLED_GAIN,
+) -> list[InnovationsFit | None]:  # fmt: skip
     """Fit several problems on the same runs side by side, each from its phi (p,) as `fit_innovations` does; None where
     its start leads nowhere."""
     within = [np.clip(phi, *problem.parameters.limits.T) for phi, problem in zip(starts, problems)]
-    climbs = zip(problems, _climbed(problems, within, iterations))
+    climbs = zip(problems, _climbed(problems, within, iterations, settled))
     return [_report(of, end, brief) if np.isfinite(end.point.value) else None for of, end in climbs]
 
 
 def _climbed(
-    problems: Sequence[DrivenProblem], starts: Sequence[Floats], iterations: int, without_each: bool = False
-) -> list[Maximum[Slopes]]:
+    problems: Sequence[DrivenProblem], starts: Sequence[Floats], iterations: int, settled: float = SETTLED_GAIN,
+    without_each: bool = False,
+) -> list[Maximum[Slopes]]:  # fmt: skip
     """Climb from the start (p,) of each problem, without its own run if so asked, by Fisher scoring; what is asked for
     at a time is filtered together."""
 
@@ -325,7 +329,6 @@ def _climbed(
             slopes = [of_point.without(i) for of_point, i in zip(slopes, searches)]
         return [problem.point(phi, of_point) for problem, phi, of_point in zip(of_searches, phis, slopes)]
 
-    settled = 0.02 * SETTLED_GAIN if without_each else SETTLED_GAIN  # a run left out moves a fit by little
     free, limits = [problem.free for problem in problems], [problem.parameters.limits for problem in problems]
     return maximise(evaluate, starts, free, limits, settled=settled, iterations=iterations)
 
@@ -344,7 +347,8 @@ def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> In
         left_out[:, free[inside]] += np.clip(moved, -most, most)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
-        climbs = _climbed([problem] * runs, list(left_out), LOOK_STEPS, without_each=True)
+        little = 0.02 * SETTLED_GAIN  # a run left out moves a fit by little
+        climbs = _climbed([problem] * runs, list(left_out), LOOK_STEPS, little, without_each=True)
         left_out = np.array([climb.point.phi for climb in climbs])
     information = np.zeros((runs, *covariance.shape))
     information[:, free[:, None], free] = slopes.information

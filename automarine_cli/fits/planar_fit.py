@@ -23,7 +23,7 @@ from automarine_cli.fits.driven import (
     starts_near,
     worth_of,
 )
-from automarine_cli.fits.innovations import ITERATIONS, DrivenProblem, Fit, fit_innovations, randomness
+from automarine_cli.fits.innovations import ITERATIONS, SETTLED_GAIN, DrivenProblem, Fit, fit_innovations, randomness
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import OutputErrorFit, covariance_json, result_of
@@ -396,7 +396,8 @@ def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastSc
     )
 
 
-FULLY = 3  # neighbours of a structure that are fitted, at most
+FULLY = 2  # neighbours of a structure that are fitted, at most
+ROUGHLY = 0.3  # gain in log likelihood to be expected below which a search goes on; what is chosen is fitted to its end
 HOW = "by the innovations of a filter"
 
 
@@ -419,6 +420,24 @@ def model_content(fit: OutputErrorFit) -> dict[str, object]:
         **planar_json(fit.model, {name: estimate.to_json() for name, estimate in fit.by_name.items()}),
         "covariance": covariance_json(fit.model.free, fit.mixed.theta[at], log, covariance),
     }
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What more parameters promise: a `gain` in log likelihood, and all parameters by name where it is expected."""
+
+    gain: float
+    theta: Mapping[str, float]
+
+
+def as_promised(candidate: Candidate, promise: Promise, fit: OutputErrorFit) -> bool:
+    """Whether a linear drag is promised as the candidate has it: beside a quadratic one, of which most stays then, or
+    in its place; true of every other candidate."""
+    quadratic = dict(zip(OWN[1::3], OWN[2::3])).get(candidate.added[0])
+    if quadratic not in fit.model.free:
+        return True
+    stays = promise.theta[quadratic] > 0.5 * fit.model.values[quadratic]
+    return stays == (quadratic in candidate.model.free)
 
 
 @dataclass(frozen=True)
@@ -448,14 +467,14 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
         for candidate, promise in likelihood.promised(model, likelihood.family):
             more = len(candidate.model.free) - len(model.model.free)
             fresh = likelihood.structure_of(candidate.model) not in self.tried
-            if fresh and 2.0 * promise.gain > price * len(candidate.added):
+            if fresh and 2.0 * promise.gain > price * len(candidate.added) and as_promised(candidate, promise, model):
                 worth.append((2.0 * promise.gain - price * more, candidate, promise))
         worth.sort(key=lambda entry: -entry[0])
         brief = [likelihood.tried(candidate, promise, model, BRIEF) for _, candidate, promise in worth[:FULLY]]
         best = min(brief, key=criterion, default=None)
         self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in brief})
         if best is not None:
-            best = likelihood.estimate(best.model, best.mixed.of_chance)
+            best = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
             self.tried[likelihood.structure_of(best.model)] = best
         return Round(model, best)
 
@@ -466,7 +485,7 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
 def search(likelihood: "PlanarLikelihood") -> tuple[OutputErrorFit, ...]:
     """Return what was tried, the best one first, then in the order of their criterion, from the simplest model on."""
     judge = ByEvidence(likelihood)
-    stepwise_search(judge, likelihood.estimate(likelihood.simplest))
+    stepwise_search(judge, likelihood.estimate(likelihood.simplest, settled=ROUGHLY))
     return tuple(sorted(judge.tried.values(), key=criterion))
 
 
@@ -576,14 +595,6 @@ WORTH_IT = 0.02  # share of the errors of predictions that is worth another stru
 
 
 @dataclass(frozen=True)
-class Promise:
-    """What more parameters promise: a `gain` in log likelihood, and all parameters by name where it is expected."""
-
-    gain: float
-    theta: Mapping[str, float]
-
-
-@dataclass(frozen=True)
 class PlanarLikelihood:
     """Fits of planar models to `runs`, of which the logs hold what is `observed`; `priors` are parameters that are
     known beforehand, by qualified name."""
@@ -650,13 +661,14 @@ class PlanarLikelihood:
         return problem.parameters.within(starts)
 
     def estimate(
-        self, model: Model, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS
-    ) -> OutputErrorFit:
+        self, model: Model, random: Mapping[str, float] | None = None, iterations: int = ITERATIONS,
+        settled: float = SETTLED_GAIN,
+    ) -> OutputErrorFit:  # fmt: skip
         """The model fitted, from its own values and what is known of the `random` ones; one of few `iterations` leaves
         no run out. Raises FitError where no start leads anywhere."""
         problem = self.problem(model)
         starts, brief = self.starts(problem, random), iterations < ITERATIONS
-        return result_of("", model, fit_innovations(problem, starts, iterations, brief))
+        return result_of("", model, fit_innovations(problem, starts, iterations, brief, settled))
 
     def choose(self, tried: Sequence[OutputErrorFit]) -> tuple[OutputErrorFit, Judgement, str]:
         """The likeliest structure, or the one that predicts runs left out best where it does so by a share of WORTH_IT,
@@ -669,11 +681,14 @@ class PlanarLikelihood:
         def judged(fit: OutputErrorFit) -> tuple[OutputErrorFit, Judgement]:
             return fit, forecasts_of(self.problem(fit.model), fit.mixed)
 
-        chosen, *others = map(judged, tried)
-        rival = min(others, key=lambda pair: pair[1].score, default=chosen)
-        if chosen[1].score - rival[1].score >= WORTH_IT:  # fitted to the end, as the brief fits of a search are not
-            better = judged(self.estimate(rival[0].model, rival[0].mixed.of_chance))
-            chosen, rival = sorted((better, chosen), key=lambda pair: pair[1].score)
+        def finished(fit: OutputErrorFit) -> tuple[OutputErrorFit, Judgement]:
+            return judged(self.estimate(fit.model, fit.mixed.of_chance))
+
+        likeliest, *others = map(judged, tried)
+        rival = min(others, key=lambda pair: pair[1].score, default=likeliest)
+        chosen = finished(likeliest[0])
+        if chosen[1].score - rival[1].score >= WORTH_IT:
+            chosen, rival = sorted((chosen, finished(rival[0])), key=lambda pair: pair[1].score)
         scores = chosen[1].score, rival[1].score
         if not np.isfinite(scores[0]):  # a model whose predictions run away has no known parameters
             chosen = replace(chosen[0], covariance=np.full_like(chosen[0].covariance, np.inf)), chosen[1]

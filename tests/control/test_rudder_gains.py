@@ -107,7 +107,7 @@ def test_a_mirrored_boat_gets_the_same_gains(tmp_path: Path) -> None:
 def test_rover_turns_a_rudder_less_at_speed_and_its_file_says_from_where(tmp_path: Path) -> None:
     """The share is the one by which the model's own crowd answers."""
     problem = set_up(Path(written(tmp_path, Boat().model())), target="ardurover", full=FULL_DEG)
-    gains = {name: 0.1 for name in problem.target.searched}
+    gains = dict.fromkeys(problem.target.searched, 0.1)
     lines = problem.target.text(gains, problem.nominal, []).splitlines()
     assert lines[-1] == f"MOT_SPD_SCA_BASE,{0.8 * SPEED:g}" and scaling_base(3.0) == 1.0
     assert problem.target.steering(SPEED, SPEED) == pytest.approx(0.8)

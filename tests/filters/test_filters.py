@@ -8,7 +8,7 @@ from made_driven import Sea, steered, turned
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from automarine_cli.dofs import YAW
+from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.filters import kalman
 from automarine_cli.filters.course import MIN_APART_S, averaged_over, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, alike, follow, follow_all, predict, shown_channel
@@ -108,6 +108,19 @@ def test_signals_that_are_commanded_come_as_late_as_the_command(late: float) -> 
     courses = make_course([apart], REST, raced.signals), make_course([together], REST)
     first, second = (follow(m, c, m.theta[None], sizes).innovation for m, c in zip((raced, model), courses))
     np.testing.assert_allclose(first, second, atol=1e-12)
+
+
+def test_in_the_plane_only_intervals_in_which_a_command_jumps_are_divided() -> None:
+    """At 5 Hz; a rudder's, too, and the drift of a thrust does not. A motion alone has all of them divided."""
+    time = 0.2 * np.arange(60)
+    held, rudder = np.where(time > 5.0, 2.0, -1.0), np.where(time > 8.0, 0.3, 0.1)
+    alone = noisy(logged(time, np.sin(time), held))
+    zero = 0.0 * time
+    plane = replace(alone, extras={"force_X": 5.0 + 0.1 * time, "force_Y": zero, "rudder": rudder}, moment_unit="N m")
+    course = make_course([plane], REST, ("rudder",), motion=PLANAR, channels=("heading",))
+    shorter = course.time[0, 1:][np.isclose(course.length[0], 0.1)]
+    np.testing.assert_allclose(shorter, [5.1, 5.2, 8.1, 8.2], atol=1e-9)
+    np.testing.assert_allclose(make_course([alone], REST).length, 0.1)
 
 
 def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:

@@ -19,6 +19,7 @@ from automarine_cli.fits import planar_fit
 from automarine_cli.fits.driven import ForecastScore, Judgement
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import (
+    OWN,
     Observed,
     PlanarFit,
     PlanarLikelihood,
@@ -106,13 +107,18 @@ def model_of(runs: Sequence[Run], *added: str) -> Model:
 
 
 class Scripted(PlanarLikelihood):
-    """An estimator without physics: what is named in WORTH explains so much, anything else explains nothing."""
+    """An estimator without physics: what is named in WORTH explains so much, anything else explains nothing. Of drags
+    so much is `left` where others are promised beside them."""
 
-    def estimate(self, model: Model, random: Mapping[str, float] | None = None, iterations: int = 60) -> OutputErrorFit:
+    left = 0.0
+
+    def estimate(
+        self, model: Model, random: Mapping[str, float] | None = None, iterations: int = 60, settled: float = 0.0
+    ) -> OutputErrorFit:
         return result_of("", model, fit_of(model, log_likelihood=self.worth(model.free)))
 
     def promises(self, wide: Model, near: OutputErrorFit, added: Sequence[tuple[str, ...]]) -> list[Promise]:
-        return [Promise(self.worth(names), {}) for names in added]
+        return [Promise(self.worth(names), dict.fromkeys(OWN, self.left)) for names in added]
 
     def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         return model, random
@@ -147,6 +153,15 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     assert criteria == sorted(criteria) and len({*names}) == len(tried)
     because = fit_to(runs, seen, *tried).because
     assert because.startswith(f"Of {len(tried)} structures this one has the best evidence")
+
+
+def test_linear_drag_is_fitted_as_its_promise_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In place of a quadratic one of which nothing would be left, else beside it."""
+    runs = (made(0),)
+    for left, drag in ((0.0, "linear"), (1e9, "linear and quadratic")):
+        monkeypatch.setattr(Scripted, "left", left)
+        names = [structure_of(each.model, observed(runs)) for each in search(Scripted(runs, observed(runs)))]
+        assert {name.split(", ")[0] for name in names} == {"surge drag quadratic", f"surge drag {drag}"}
 
 
 def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
@@ -424,12 +439,12 @@ def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[Ou
     other misses by that when it is fitted to the end."""
     runs = (smoothed_run(0, 5.0, 0.1),)
     seen = observed(runs)
-    tried, missed = [], iter(errors)
+    tried, missed = [], iter((*errors[:2], errors[0], *errors[2:]))
     for model in (model_of(runs, "sway.Y_r"), model_of(runs)):
         tried.append(result_of("", model, fit_of(model)))
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
-    monkeypatch.setattr(PlanarLikelihood, "estimate", lambda *_: tried[1])
+    monkeypatch.setattr(PlanarLikelihood, "estimate", lambda _, model, *__: tried[model is not tried[0].model])
     best, _, because = PlanarLikelihood(runs, seen).choose(tried)
     return best, structure_of(best.model, seen), because
 
