@@ -453,7 +453,8 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
     """Takes what improves the information criterion; `tried` collects what was fitted, by structure.
 
     Those candidates are fitted briefly that promise most by the slope and curvature of the likelihood, the best of
-    them to the end.
+    them to the end. Where none promises enough, linear drags take the place of quadratic ones: a slope tells little of
+    what such an exchange gains.
     """
 
     likelihood: "PlanarLikelihood"
@@ -463,17 +464,21 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
     def look(self, model: OutputErrorFit, number: int) -> Round:
         likelihood, price = self.likelihood, price_of(model)
         self.tried.setdefault(likelihood.structure_of(model.model), model)
-        worth: list[tuple[float, Candidate, Promise]] = []
+        worth, swaps = list[tuple[float, Candidate, Promise]](), list[tuple[float, Candidate, Promise]]()
         for candidate, promise in likelihood.promised(model, likelihood.family):
+            if likelihood.structure_of(candidate.model) in self.tried:
+                continue
             more = len(candidate.model.free) - len(model.model.free)
-            fresh = likelihood.structure_of(candidate.model) not in self.tried
-            if fresh and 2.0 * promise.gain > price * len(candidate.added) and as_promised(candidate, promise, model):
-                worth.append((2.0 * promise.gain - price * more, candidate, promise))
+            entry = 2.0 * promise.gain - price * more, candidate, promise
+            if 2.0 * promise.gain > price * len(candidate.added) and as_promised(candidate, promise, model):
+                worth.append(entry)
+            elif more < len(candidate.added):
+                swaps.append(entry)
         worth.sort(key=lambda entry: -entry[0])
-        brief = [likelihood.tried(candidate, promise, model, BRIEF) for _, candidate, promise in worth[:FULLY]]
+        brief = [likelihood.tried(candidate, promise, model, BRIEF) for _, candidate, promise in worth[:FULLY] or swaps]
         best = min(brief, key=criterion, default=None)
         self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in brief})
-        if best is not None:
+        if best is not None and (worth or criterion(best) < criterion(model)):
             best = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
             self.tried[likelihood.structure_of(best.model)] = best
         return Round(model, best)
