@@ -91,6 +91,7 @@ validation = ["hidden_one/falling.csv", "hidden_one/there_and_back.csv"]
 """
 
 
+@pytest.mark.slow
 def test_the_final_model_is_validated_where_an_effect_was_named(tmp_path: Path, run: Callable[..., Result]) -> None:
     """The swirl hidden in the samples: with it noise and thrust explain the restarted error, without it they do not."""
     shutil.copytree(SAMPLE_RUNS / "hidden_one", tmp_path / "hidden_one")

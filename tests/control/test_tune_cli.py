@@ -235,7 +235,7 @@ def test_refusals(content: dict[str, Any], more: list[str], sentence: str, run: 
     assert sentence in printed.stderr and not out.exists()
 
 
-def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tmp_path: Path) -> None:
+def test_present_gains_are_checked(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model(0.375, 1.5, 30.0, delay=0.01))
     for text, sentence in (
         ("ATC_RAT_YAW_P,0.9\n", "row 1: ATC_RAT_YAW_P is 0.9, outside the range that ArduSub 4.1 to 4.5 documents"),
@@ -245,6 +245,11 @@ def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tm
         (tmp_path / "sub.param").write_text(text)
         found = run("tune", path, "--for", "ardusub", "--full", "30", "--present", str(tmp_path / "sub.param"))
         assert found.exit_code == 1 and sentence in found.stderr
+
+
+@pytest.mark.slow
+def test_present_gains_come_from_the_vehicle_s_file(tmp_path: Path) -> None:
+    path = written(tmp_path, model(0.375, 1.5, 30.0, delay=0.01))
     (tmp_path / "sub.param").write_text("ATC_ANG_YAW_P,5\nATC_ACCEL_Y_MAX,110000\nFOO,3\n")
     result = am.tune(path, target="ardusub", full=30.0, present=tmp_path / "sub.param").to_json()
     assert result["verdict"] == "leave" and result["present"]["settles"] == 1.0

@@ -83,9 +83,13 @@ def test_runs_that_contradict_a_name_take_it_back(diagnosed: Judge) -> None:
     assert found.fitted.gap.after == found.fitted.gap.before and found.why in verdict_sentence(found)
 
 
-def test_runs_that_agree_let_it_stand_and_what_stays_beside_it_is_said(diagnosed: Judge) -> None:
+@pytest.mark.slow
+def test_runs_that_agree_let_it_stand(diagnosed: Judge) -> None:
     found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6])
     assert found.verdict == "named" and found.why == found.remainder == "" and found.extended["effects"]
+
+
+def test_what_stays_beside_a_name_is_said(diagnosed: Judge) -> None:
     found = diagnosed(campaign(NAME), campaign(NAME, seed=2, wave=(1.2, 0.9))[:6])
     assert found.verdict == "named" and "A residual remains" in found.remainder
     assert f"{found.held_out.gap.after / found.held_out.gap.floor:.1f} times" in verdict_sentence(found)
