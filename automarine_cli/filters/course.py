@@ -263,7 +263,7 @@ def make_course(
     quantities = [quantity for _, quantity, _ in sensors]
     spacing = step_of(runs, motion, quantities) if step is None else step
     longest = step or (MAX_STEP_S if motion.turns else max(spacing, MAX_GAP_STEP_S))
-    acting = [[*map(run.command_of, motion.dofs), *(run.extras[name] for name in signals)] for run in runs]
+    acting = [[*map(run.command_of, motion.dofs), *(signals_of([run], name)[0] for name in signals)] for run in runs]
     usual = [float(np.sqrt(np.mean(np.concatenate(column) ** 2))) or 1.0 for column in zip(*acting)]
     layouts = []
     for run, columns in zip(runs, acting):
