@@ -42,6 +42,7 @@ from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Pri
 from automarine_cli.models.store import models_of
 from automarine_cli.quantities import Floats
 from automarine_cli.report import fit_report
+from automarine_cli.report.figures.runs import tracks_figure
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import driven as driven_run
 from automarine_cli.thrusters.map import load_planar
@@ -495,3 +496,13 @@ def test_predictions_that_run_away_are_said_to() -> None:
     assert "predicts the place 5 s ahead without any bound. A constant" in use_of(heading=0.5, place=np.nan).sentence(
         YAW
     )
+
+
+def test_tracks_have_speeds_with_axes_below_each(fit: PlanarFit) -> None:
+    """Also where the runs fill one row; panels without a run have none."""
+    for runs, columns in ((3, 3), (6, 4)):
+        figure = tracks_figure(replace(fit, runs=(fit.runs * 2)[:runs]))
+        axes = np.array(figure.axes).reshape(-1, columns)
+        with_runs = np.arange(axes.size // 2).reshape(-1, columns) < runs
+        assert np.array_equal([[panel.axison for panel in row] for row in axes], np.repeat(with_runs, 2, axis=0))
+        assert axes[0, 0].get_ylabel() == "North [m]" and axes[1, 0].get_ylabel() == "Speed [m/s]"

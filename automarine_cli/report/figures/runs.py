@@ -197,8 +197,8 @@ def tracks_figure(fit: PlanarFit) -> Figure:
         len(parts) * rows, columns, style.PAGE_IN, 0.9 + (2.9 if len(parts) == 2 else 1.5) * rows,
         height_ratios=[heights[part] for part in parts] * rows,
     )  # fmt: skip
-    for ax in axes.flat[len(runs) if rows == 1 else axes.size :]:
-        ax.set_axis_off()
+    for panel in axes[-len(parts) :, len(runs) - columns * (rows - 1) :].flat:
+        panel.set_axis_off()
     for i, free in enumerate(planar_free_runs(fit.best.answering, runs)):
         row, column = len(parts) * (i // columns), i % columns
         run, time, simulated = free.run, free.run.time - free.run.time[0], {} if free.diverged else free.simulated
