@@ -68,8 +68,8 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
 
 def nodes_of(run: Run, step: float, longest: float, jumps: Floats, quantities: Sequence[str]) -> Floats:
     """Clock of the filter's nodes: samples about `step` apart, intervals divided about `longest`, or shorter where
-    what acts `jumps` (N,) by much of its usual size. Where a sensor is slower than the log, the samples of the
-    slowest come first."""
+    a command jumps: `jumps` (N,) are in shares of its usual size. Where a sensor is slower than the log, the samples of
+    the slowest come first."""
     if step == MIN_STEP_S:  # no reading is left out: each counts alone, or in the mean of its node
         step = (averaged_over(run.sample_period) - 0.5) * run.sample_period
     fresh = [fresh_readings(channel) for channel in map(run.channel, quantities) if channel is not None]
@@ -263,7 +263,7 @@ def make_course(
     quantities = [quantity for _, quantity, _ in sensors]
     spacing = step_of(runs, motion, quantities) if step is None else step
     longest = step or (MAX_STEP_S if motion.turns else max(spacing, MAX_GAP_STEP_S))
-    acting = [[*map(run.command_of, motion.dofs), *(signals_of([run], name)[0] for name in signals)] for run in runs]
+    acting = [[*map(run.command_of, motion.dofs), *map(np.asarray, map(run.signal, signals))] for run in runs]
     usual = [float(np.sqrt(np.mean(np.concatenate(column) ** 2))) or 1.0 for column in zip(*acting)]
     layouts = []
     for run, columns in zip(runs, acting):
