@@ -169,11 +169,10 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
         likelihood = self.likelihood
         largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
         promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
-        tried = [
-            self.fitted_candidate(c, likelihood.tried(c, promise, model, LOOK), model)
-            for c, promise in sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
-            if 2.0 * promise.gain > HEAD_START
-        ]
+        leaders = sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
+        leaders = [(candidate, promise) for candidate, promise in leaders if 2.0 * promise.gain > HEAD_START]
+        fits = likelihood.tried(leaders, model, LOOK)
+        tried = [self.fitted_candidate(candidate, fit, model) for candidate, fit in fits]
         model, tried = self._on_the_best_summit(model, tried)
         good = sorted((t for t in tried if t.evident and t.held_out > 0), key=lambda trial: -trial.surplus)
         runs = len(likelihood.runs)

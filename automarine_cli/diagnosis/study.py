@@ -324,13 +324,12 @@ class DiagnosisProblem:
         self, models: Sequence[Model], values: Sequence[Floats], warm_starts: Sequence[Fit], iterations: int
     ) -> list[Fit | None]:
         """The same of several models of driven runs, side by side; None where a start leads nowhere."""
-        problems, phis = [self.driven_problem(model) for model in models], list[Floats]()
-        for problem, theta, start in zip(problems, values, warm_starts):
-            phis.append(problem.parameters.search(starts_near(problem, [theta], start.of_chance))[0])
+        problems = [self.driven_problem(model) for model in models]
+        starts = [starts_near(of, [theta], fit.of_chance) for of, theta, fit in zip(problems, values, warm_starts)]
         keys = [(m, v.tobytes(), s, iterations, LEAST_GAIN) for m, v, s in zip(models, values, warm_starts)]
         new = [i for i, key in enumerate(keys) if key not in self._fits]
         brief, most = iterations < ITERATIONS, min(iterations, ITERATIONS)
-        fits = fits_of([problems[i] for i in new], [phis[i] for i in new], most, brief) if new else []
+        fits = fits_of([problems[i] for i in new], [starts[i] for i in new], most, brief) if new else []
         self._fits.update((keys[i], fit) for i, fit in zip(new, fits) if fit is not None)
         return [self._fits.get(key) for key in keys]
 

@@ -134,13 +134,13 @@ class Vehicle(Subject):
             *map(str, self.left_out), *self.about_lacking(), *notes,
         ))  # fmt: skip
 
-    def matrix_head(self, remainder: str, law: str, inertia: str, *, coupled: bool = True) -> tuple[list[str], ...]:
+    def matrix_head(self, remainder: str, law: str, inertia: str) -> tuple[list[str], ...]:
         """Head and notes of a file with vectors and matrices of all six motions: of several, the `remainder` of M is
         what stands beside their own part; of one, its `law` with {entry} ("mass", or `inertia`), {r} and {force}."""
         if self.several:
             entries = "Entries of motions that are not identified are placeholders: merge with your model, and add its"
             notes = [*self.about_own(f"the rest of M is {remainder}"), f"{entries} buoyancy."]
-            return self.head(*notes, coupled=coupled), notes
+            return self.head(*notes), notes
         axis, entry = self.axis, inertia if self.axis.dof.angular else "mass"
         entries = f"Only {axis.dof.name} is identified: all other entries are placeholders; merge with your model."
         notes = [axis.about_inertia(), entries]

@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
 from automarine_cli.logs.columns import SIGNALS
-from automarine_cli.models.model import Bound, Model, actuators
+from automarine_cli.models.model import Bound, Model, Term, actuators
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.rollout import foreknown, in_body_axes, right_hand_side, rk4
 
 MIN_STATE_SD = 1e-3  # least difference [rad, m, per s] by which a state is moved to see what depends on it
-MIN_GAIN_SD = 0.02  # difference of the log gain, likewise
+LITTLE = 0.01  # standard deviations by which a push and the gain are moved: over a step they act on the velocity alone
 
 
 @dataclass(frozen=True)
@@ -105,17 +105,20 @@ class Step:
         self.water_moves = model.current(theta)
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.uses_position for t in terms)
-        self._followed = placed or model.motion.turns
-        first = 0 if placed else dofs - model.motion.turns
+        self._placed = placed or any(not of.velocity and of.dof < dofs - 1 for of in course.channels)
+        self._followed = self._placed or self.water_moves is not None
+        self._turned = model.motion.turns and not placed  # its heading turns the way of a step, and nothing else
+        first = 0 if placed else dofs - self._turned
         self.columns = slice(first, places.count - len(places.bias))
         self._pushed = slice(places.dynamic, places.gain)
         self._model, self._theta = model, theta
+        self._moving, self._forced = slice(self._turned, places.dynamic - first), slice(places.dynamic - first, None)
         columns = np.arange(places.count)[self.columns]
-        count = len(columns)
-        self._ahead, self._behind = (columns, 1 + np.arange(count)), (columns, 1 + count + np.arange(count))
-        least = np.where(columns == places.gain, MIN_GAIN_SD, MIN_STATE_SD)
-        self._least = least[:, None, None] ** 2
-        self._build(model, theta, 1 + 2 * count, self.origin)
+        moving, forced = columns[self._moving], columns[self._forced]
+        count, last = len(moving), 1 + 2 * len(moving)
+        self._ahead, self._behind = (moving, np.arange(1, 1 + count)), (moving, np.arange(1 + count, last))
+        self._harder = forced, np.arange(last, last + len(forced))
+        self._build(model, theta, last + len(forced), self.origin)
 
     def _bound(self, term: Bound) -> Bound:
         """A term with the coefficients that each run has of its own; these arrays are filled anew in every step."""
@@ -146,7 +149,7 @@ class Step:
         self._slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]
         self._curves = foreknown([t for t in model.forces(theta) if t.effect.needs], self.signals)
         inertia, current = model.inertia_matrix(wide), model.current(wide)
-        self._slope = right_hand_side(model, movers, inertia, current, origin[:, None])
+        self._slope = right_hand_side(model, movers, inertia, current, origin[:, None], self._placed)
 
     def moved(self, m: int, mean: Floats, ramp: Floats) -> Floats:
         """The state (n, P, R) at the end of step m, without derivatives, if it was built for one copy."""
@@ -160,16 +163,37 @@ class Step:
         """The state at the end of step m, (n, P, R), and the derivatives (dynamic, columns, P, R) of its dynamic part
         by the states of `columns`; `ramp` (D, P, R) is the mean of a disturbance over the step as a share of what it
         begins with, and those by disturbances are by such a mean."""
-        places, count = self.places, len(self._least)
+        places, count = self.places, len(self._ahead[0])
         every = np.repeat(mean[:, None], self._copies, axis=1)
         every[self._pushed] *= ramp[:, None]
-        sizes = np.sqrt(np.maximum(np.einsum("iipr->ipr", covariance)[self.columns], self._least))
+        deviations = np.sqrt(np.maximum(np.einsum("iipr->ipr", covariance)[self.columns], MIN_STATE_SD**2))
+        sizes, little = deviations[self._moving], LITTLE * deviations[self._forced]
+        pushed = len(places.pushed)
+        ahead = mean[pushed : 2 * pushed] + self.delivered[m]  # its sign is that of the way, also from rest
+        little[:pushed] = np.copysign(little[:pushed], ahead)  # of a mirrored run the derivatives are mirrored
         every[self._ahead] += sizes
         every[self._behind] -= sizes
+        every[self._harder] += little
         moved = self._moved(m, every).reshape(places.dynamic, self._copies, self.sets, self.runs)
         after = mean.copy()
         after[: places.dynamic] = moved[:, 0]
-        return after, (moved[:, 1 : 1 + count] - moved[:, 1 + count :]) / (2.0 * sizes)
+        slopes = np.empty((places.dynamic, *deviations.shape))
+        slopes[:, self._moving] = (moved[:, 1 : 1 + count] - moved[:, 1 + count : 1 + 2 * count]) / (2.0 * sizes)
+        slopes[:, self._forced] = (moved[:, 1 + 2 * count :] - moved[:, :1]) / little
+        if self._turned:
+            slopes[:, 0] = self._turning(m, mean, after)
+        return after, slopes
+
+    def _turning(self, m: int, mean: Floats, after: Floats) -> Floats:
+        """What another heading makes of the dynamic states (dynamic, P, R) after step m: the way through the water
+        turns with it."""
+        north, east, heading = self.places.position
+        way = after[[north, east]] - mean[[north, east]]
+        if self.water_moves is not None:
+            way -= self.water_moves * self.course.length[:, m]
+        slopes = np.zeros((self.places.dynamic, *way.shape[1:]))
+        slopes[north], slopes[east], slopes[heading] = -way[1], way[0], 1.0
+        return slopes
 
     def _moved(self, m: int, every: Floats) -> Floats:
         """The dynamic states of all copies after step m, (dynamic, copies P, R), by Runge and Kutta's method."""
@@ -305,6 +329,12 @@ class FilterResult:
     states: Floats | None
     places: States
 
+    def of(self, sets: int, run: int) -> "FilterResult":
+        """The result of one run under one parameter set."""
+        p, r = slice(sets, sets + 1), slice(run, run + 1)
+        states = None if self.states is None else self.states[:, p, r]
+        return FilterResult(self.innovation[:, p, r], self.variance[:, p, r], self.gain[p, r], states, self.places)
+
     @cached_property
     @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
     def log_density(self) -> Floats:
@@ -375,20 +405,32 @@ def follow(
 WIDEST = 1000  # parameter sets times runs beyond which one pass for several models is no quicker than one for each
 
 
+def _is_drag(term: Term) -> bool:
+    """Whether a filter may follow a term also for models without it, for which it is off."""
+    return term.effect.power is not None or term.is_cross
+
+
 def alike(models: Sequence[Model], sizes: Sequence[int]) -> list[list[int]]:
-    """Places of models that one filter may follow, for they differ in their actuators alone, in groups that have at
-    most WIDEST of these `sizes` in all."""
+    """Places of models that one filter may follow, for they differ in their actuators and their drag alone, in groups
+    that have at most WIDEST of these `sizes` in all."""
     groups: dict[tuple[object, ...], list[list[int]]] = {}
     for i, (model, size) in enumerate(zip(models, sizes)):
         hull = model.hull
         varying = {t.name for t in model.terms if t.effect.varies(t.values)}
         alone = i if varying - {t.name for t in hull.terms} else None  # what varies from run to run is a state
-        key = (alone, hull.parameter_names, tuple(sorted(varying)), hull.fixed, hull.moment_unit)
-        of_key = groups.setdefault(key, [[]])
+        acting = tuple((t.name, t.dof, t.effect.varies(t.values)) for t in hull.terms if not _is_drag(t))
+        of_key = groups.setdefault((alone, acting, hull.moment_unit, hull.water is None), [[]])
         if of_key[-1] and size + sum(sizes[k] for k in of_key[-1]) > WIDEST:
             of_key.append([])
         of_key[-1].append(i)
     return [group for of_key in groups.values() for group in of_key]
+
+
+def _together(models: Sequence[Model]) -> Model:
+    """What the filter of several models that are alike follows: every term of any of them, with drag that is off."""
+    hulls = [model.hull for model in models]
+    terms = {(t.name, t.dof, t.base): t for hull in hulls for t in hull.terms}
+    return replace(hulls[0], terms=tuple(replace(t, values=t.effect.off) if _is_drag(t) else t for t in terms.values()))
 
 
 def follow_all(
@@ -400,10 +442,14 @@ def follow_all(
         if len(group) == 1:
             results[group[0]] = follow(models[group[0]], course, thetas[group[0]], noises[group[0]])
             continue
-        hull, of_hull, thrusts, end = models[group[0]].hull, [], [], 0
+        hull, of_hull, thrusts, end = _together([models[i] for i in group]), [], [], 0
+        places = {name: place for place, name in enumerate(hull.parameter_names)}
         for i in group:
-            at = [models[i].parameter_names.index(name) for name in hull.parameter_names]
-            of_hull.append(thetas[i][:, at])
+            theta = np.tile(hull.theta, (len(thetas[i]), 1))
+            for name, column in zip(models[i].parameter_names, thetas[i].T):
+                if name in places:
+                    theta[:, places[name]] = column
+            of_hull.append(theta)
             thrusts.append(thrust_of(models[i], course, thetas[i], noises[i].late))
         thrust = [np.concatenate(parts, axis=2) for parts in zip(*thrusts)]
         together = Noises.of_all([noises[i] for i in group])

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -14,7 +15,15 @@ from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
-from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, randomness
+from automarine_cli.fits.innovations import (
+    NO_START,
+    DrivenProblem,
+    Fit,
+    InnovationsFit,
+    fit_innovations,
+    fits_of,
+    randomness,
+)
 from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, STEERED_HORIZONS_S, forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import (
@@ -27,7 +36,8 @@ from automarine_cli.fits.whole_runs import (
     run_dof,
 )
 from automarine_cli.models.model import MAX_DELAY_S, Model, base_roles
-from automarine_cli.models.parameter import NOTHING_KNOWN, Parameters, Priors
+from automarine_cli.models.parameter import Parameters, Priors
+from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.half_turn import segments
 from automarine_cli.runs.run import Run
@@ -186,21 +196,20 @@ class ForecastScore:
         }
 
 
-def fit_driven(
-    course: Course, rough: Model, number: str, with_effects: Sequence[str] = (), priors: Priors = NOTHING_KNOWN
-) -> OutputErrorFit:
-    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag, `priors`
-    what is known beforehand.
+Attempt = tuple[OutputErrorFit | None, str]  # a fit, or why the runs do not carry it
 
-    Raises FitError where the runs leave inertia or drag open, or give them sizes that no vehicle has.
-    """
-    model = rough
-    for name in with_effects:
-        model = model.with_effect(name, start_of(name, course))
-    problem = driven_problem(model, course).informed(priors)
-    fit = fit_innovations(problem, base_starts(problem))
-    _refuse_runaways(model.with_theta(fit.of_model), fit, course)
-    return result_of(number, model, fit)
+
+FITTING, COMPARING = "fitting models", "comparing estimates"
+
+
+def driven_fits(course: Course, numbers: Sequence[str], priors: Priors, roughs: Sequence[Model]) -> list[Attempt]:
+    """Fit several models to driven runs side by side, each from its `rough` values. None where the runs leave inertia
+    or drag open, or give them sizes that no vehicle has."""
+    problems, attempts = [driven_problem(model, course).informed(priors) for model in roughs], list[Attempt]()
+    for number, rough, fit in zip(numbers, roughs, fits_of(problems, [*map(base_starts, problems)])):
+        why = NO_START if fit is None else _runaway(rough.with_theta(fit.of_model), fit, course)
+        attempts.append((None, why) if fit is None or why else (result_of(number, rough, fit), ""))
+    return attempts
 
 
 INNOVATIONS, FORECASTS, MIDDLE = "innovations", "least squares of forecasts", "the middle of both"
@@ -228,8 +237,9 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
     try:
         forecasts = fit_forecasts(problem, innovations.phi, starts)
         plain = with_chance(problem, forecasts)
-        _refuse_runaways(likely.model.with_theta(plain.of_model), plain, course)
     except FitError:
+        return likely
+    if _runaway(likely.model.with_theta(plain.of_model), plain, course):
         return likely
     stderr = np.sqrt(run_covariance(innovations)[0, 0])
     reach = stderr * special.stdtrit(run_dof(innovations, np.eye(len(innovations.phi))[0]), 0.975)
@@ -298,8 +308,8 @@ def start_of(name: str, course: Course, place: int = 0) -> list[float]:
     return [references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest) for p in parameters]
 
 
-def _refuse_runaways(model: Model, fit: Fit, course: Course) -> None:
-    """A fit that ran away is no model. Raises FitError with what the runs lack."""
+def _runaway(model: Model, fit: Fit, course: Course) -> str:
+    """What the runs lack where a fit ran away and is no model; else empty."""
     dof, largest = course.motion.dofs[0], float(np.abs(course.commanded).max())
     linear, quadratic = model.drag()
     slowness = model.fastest(largest)
@@ -312,12 +322,15 @@ def _refuse_runaways(model: Model, fit: Fit, course: Course) -> None:
     elif fit.names[0] not in fit.parameters.priors and (0 in fit.at_bound or not 0.0 < deviation <= np.log(3.0)):
         reason = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
-        return
+        return ""
     says = (
         "They hold too little {moving} that the {force} made; add runs with larger and quicker commands to both sides, "
         "best without a controller in the loop, and check that the logged commands are those of this vehicle"
     )
-    raise FitError(f"these runs do not determine the model: {reason}. {dof.fill(says)}")
+    return f"these runs do not determine the model: {reason}. {dof.fill(says)}"
+
+
+AT_ONCE = 16  # runs that one filter follows by as many fits, of which those without their own run count
 
 
 def left_out_predictions(
@@ -328,13 +341,14 @@ def left_out_predictions(
     States follow all readings, or those that are `thinned`. The model predicts with the disturbance and the gain that
     the filter believes in, or `alone`, as whoever simulates it does.
     """
-    by_run = []
-    for r in range(len(problem.course.names)):
-        phi, course = fit.left_out[r], problem.course.some(np.arange(len(problem.course.names)) == r)
-        theta = problem.parameters.natural(phi)
-        followed = problem.follow(phi[None], True, course if thinned else course.unthinned)
-        model, noises = theta[: len(fit.of_model)], problem.noises(theta[None])
-        by_run.append([predict(problem.model, course, model, noises, c, followed, alone) for c in channels])
+    by_run, runs = [], np.arange(len(problem.course.names))
+    for group in np.split(runs, runs[AT_ONCE::AT_ONCE]):
+        course = problem.course.some(np.isin(runs, group))
+        together = problem.follow(fit.left_out[group], True, course if thinned else course.unthinned)
+        for i, r in enumerate(group):
+            of_run, theta = problem.course.some(runs == r), problem.parameters.natural(fit.left_out[r])
+            model, noises, followed = theta[: len(fit.of_model)], problem.noises(theta[None]), together.of(i, i)
+            by_run.append([predict(problem.model, of_run, model, noises, c, followed, alone) for c in channels])
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
 
@@ -419,19 +433,38 @@ def is_driven(runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[s
         return not mostly_stepped(runs)
 
 
-def fit_driven_model(
-    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...], priors: Priors
-) -> tuple[OutputErrorFit | None, str]:
-    """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
-    batch, two_way = make_batch(runs, MAX_STEPS_S[0]), both_ways(runs)
+def fit_driven_models(
+    models: Sequence[tuple[str, tuple[str, ...]]], runs: Sequence[Run], course: Course, priors: Priors,
+    map_jobs: Each = alone,
+) -> list[Attempt]:  # fmt: skip
+    """Fit models to driven runs, each by its number and what it has beside its drag."""
+    batch, two_way, numbers = make_batch(runs, MAX_STEPS_S[0]), both_ways(runs), [number for number, _ in models]
 
-    def fit(sided: bool) -> OutputErrorFit:
-        return fit_driven(course, rough_model(number, batch, sided), number, with_effects, priors)
+    def rough(number: str, with_effects: Sequence[str], sided: bool) -> Model:
+        model = rough_model(number, batch, sided)
+        for name in with_effects:
+            model = model.with_effect(name, start_of(name, course))
+        return model
 
-    try:
-        return beside_forecasts(course, fit_by_direction(fit, batch.dof, two_way), mostly_stepped(runs)), ""
-    except FitError as error:
-        return None, str(error)
+    ways = (False, True) if batch.dof.directional and two_way else (False,)
+    roughs = [[rough(*number_and_effects, sided) for number_and_effects in models] for sided in ways]
+    fits = map_jobs(partial(driven_fits, course, numbers, priors), roughs, FITTING)
+
+    def fit(i: int, sided: bool) -> OutputErrorFit:
+        of_way, why = fits[sided][i]
+        if of_way is None:
+            raise FitError(why)
+        return of_way
+
+    attempts = list[Attempt]()
+    for i in range(len(models)):
+        try:
+            attempts.append((fit_by_direction(partial(fit, i), batch.dof, two_way), ""))
+        except FitError as error:
+            attempts.append((None, str(error)))
+    better = partial(beside_forecasts, course, is_held=mostly_stepped(runs))
+    chosen = iter(map_jobs(better, [fit for fit, _ in attempts if fit is not None], COMPARING))
+    return [(None, why) if fit is None else (next(chosen), "") for fit, why in attempts]
 
 
 MIN_DRIVEN_GAIN = 0.2  # share of the error of forecasts that innovations have to take off runs of held commands

@@ -266,7 +266,7 @@ def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
     }
 
 
-FITTING, PREDICTING = "fitting models", "predicting runs left out"
+PREDICTING = "predicting runs left out"
 MIN_STEPS = 3
 MIN_DRIVEN = 2  # driven runs from which on each is predicted by the others
 FEWEST_SAMPLES = 20  # of a whole run
@@ -395,12 +395,13 @@ def _fit_whole(
     course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
     asks = bool(with_effects) or steered or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
     by_innovations = partial(_fit_driven, moving, course, map_jobs, with_effects, priors)
+    norrbin: whole_runs.OutputErrorFit | None = None
     by_filter = asks and (bool(with_effects) or steered or not driven.mostly_stepped(moving))
     if by_filter:
-        fits, preference, use, refused = by_innovations()
+        fits, preference, use, refused, norrbin = by_innovations()
     else:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, priors=priors)
-        fits = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
+        fits = dict(zip(MODELS, map_jobs(ask, MODELS, driven.FITTING)))
         ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
         judged = idle if 0 < len(idle) - idle.sum() < MIN_DRIVEN < len(idle) else None
         # what differs between steps from rest is their thrust
@@ -410,7 +411,7 @@ def _fit_whole(
         use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
         if asks and few_steps:
             with suppress(FitError):  # where innovations fit no model
-                rivals, best, judgement, without = by_innovations()
+                rivals, best, judgement, without, _ = by_innovations()
                 if by_filter := driven.predicts_better(course, fit, rivals[best.number]):
                     fits, preference, refused = rivals, best, without
                     use = replace(judgement, large=judgement.large or use.large)
@@ -418,8 +419,6 @@ def _fit_whole(
     how = _by_filter(moving, asked) if by_filter else f"by output error, {reason}"
     words, nomoto = dof.words, None
     if steered and "1" in fits:
-        cubic = (*with_effects, *({"cubic-drag"} - {*with_effects}))
-        norrbin, _ = driven.fit_driven_model("1", moving, course, cubic, priors)
         fastest = float(course.fastest[0])
         nomoto = answer_to_rudder(moving, fits["1"], norrbin, fits[preference.number].model, fastest, length)
     option = "--with" if asked else "--fit-to whole-runs"
@@ -457,16 +456,15 @@ of the rate (Nomoto et al. 1957; Fossen 2021, Handbook of Marine Craft Hydrodyna
 
 
 def _drifting(
-    fits: dict[str, whole_runs.OutputErrorFit], runs: tuple[Run, ...], course: Course, with_effects: tuple[str, ...],
-    priors: Priors,
-) -> dict[str, whole_runs.OutputErrorFit]:  # fmt: skip
-    """Model 2 with the drift of its hull in place of model 2, where it predicts runs left out clearly better than every
-    one of the `fits`, and the factor by which it betters model 2, run by run, is no chance; else nothing."""
-    wider, _ = driven.fit_driven_model("2", runs, course, (*with_effects, DRIFT), priors)
+    fits: dict[str, whole_runs.OutputErrorFit], wider: whole_runs.OutputErrorFit | None, course: Course
+) -> dict[str, whole_runs.OutputErrorFit]:
+    """Model 2 with the drift of its hull, the `wider` fit, in place of model 2, where it predicts runs left out clearly
+    better than every one of the `fits`, and the factor by which it betters model 2, run by run, is no chance; else
+    nothing."""
     if wider is None:
         return {}
     ahead = {number: driven.predictions_of(course, fit) for number, fit in {**fits, DRIFT: wider}.items()}
-    losses = forecast_losses(ahead, len(runs), STEERED_HORIZONS_S)
+    losses = forecast_losses(ahead, len(course.names), STEERED_HORIZONS_S)
     if losses is None:
         return {}
     loss, most = losses[DRIFT], (1.0 - driven.MIN_DRIVEN_GAIN) ** 2
@@ -479,18 +477,23 @@ def _drifting(
 
 def _fit_driven(
     runs: tuple[Run, ...], course: Course, map_jobs: Each, with_effects: tuple[str, ...], priors: Priors
-) -> tuple[dict[str, whole_runs.OutputErrorFit], Preference, driven.Judgement, dict[str, str]]:
+) -> tuple[
+    dict[str, whole_runs.OutputErrorFit], Preference, driven.Judgement, dict[str, str], whole_runs.OutputErrorFit | None
+]:
     """Fit the models that driven runs can carry, prefer one, allow in its intervals for what it lacks, and judge it;
-    last comes why others are not fitted. Raises FitError with the first one's refusal where there is none."""
-    ask = partial(driven.fit_driven_model, runs=runs, course=course, with_effects=with_effects, priors=priors)
-    outcomes = dict(zip(MODELS, map_jobs(ask, MODELS, FITTING)))
-    fits = {number: fit for number, (fit, _) in outcomes.items() if fit is not None}
-    refused = {number: why for number, (fit, why) in outcomes.items() if fit is None}
+    last come why others are not fitted, and Norrbin's model of what is steered. Raises FitError with the first one's
+    refusal where there is none."""
+    steered = course.moment_unit == STEERED
+    further = {"1": "cubic-drag", "2": DRIFT} if steered else {}
+    models = [(number, with_effects) for number in MODELS]
+    models += [(number, (*with_effects, *({name} - {*with_effects}))) for number, name in further.items()]
+    outcomes = driven.fit_driven_models(models, runs, course, priors, map_jobs)
+    fits = {number: fit for number, (fit, _) in zip(MODELS, outcomes) if fit is not None}
+    refused = {number: why for number, (fit, why) in zip(MODELS, outcomes) if fit is None}
     if not fits:
         raise FitError(next(iter(refused.values())))
-    steered = course.moment_unit == STEERED
-    drifts = steered and DRIFT not in with_effects
-    drifting = _drifting(fits, runs, course, with_effects, priors) if drifts else {}
+    norrbin, drifts = (fit for fit, _ in outcomes[len(MODELS) :]) if steered else (None, None)
+    drifting = {} if DRIFT in with_effects else _drifting(fits, drifts, course)
     every, fits, dof = {**fits, **drifting}, drifting or fits, course.motion.dofs[0]
     predict = partial(driven.predictions_of, course, alone=driven.by_model_alone(runs))
     inflate = partial(driven.inflate_for_missing, course)
@@ -504,7 +507,7 @@ def _fit_driven(
     large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
     worth = {dof.position: driven.worth_of(ahead[number])}
     use = driven.Judgement(worth, len(course.names), ahead[number], course, proposed, large)
-    return {**every, number: fit}, preference, use, refused
+    return {**every, number: fit}, preference, use, refused, norrbin
 
 
 def _by_filter(runs: Sequence[Run], with_effects: Sequence[str]) -> str:

@@ -82,8 +82,7 @@ class DrivenProblem:
 
     def value(self, phi: Floats) -> Floats:
         """Log density of all runs with the prior, (P,); minus infinity where a filter diverges."""
-        density = self.follow(phi).log_density.sum(axis=1) + self.prior(phi)
-        return np.where(np.isfinite(density), density, -np.inf)
+        return values_of([self], [phi])[0]
 
     def prior(self, phi: Floats) -> Floats:
         """Log density of phi (..., p) before the data, up to a constant."""
@@ -117,10 +116,20 @@ class DrivenProblem:
 
 def filtered(problems: Sequence[DrivenProblem], phis: Sequence[Floats]) -> list[FilterResult]:
     """Filter the runs, which are the same, under phi (P, p) of each of several problems."""
+    if not problems:
+        return []
     thetas = [problem.parameters.natural(phi) for problem, phi in zip(problems, phis)]
     of_models = [theta[:, problem.parameters.of_model] for problem, theta in zip(problems, thetas)]
     noises = [problem.noises(theta) for problem, theta in zip(problems, thetas)]
     return follow_all([problem.model for problem in problems], problems[0].course, of_models, noises)
+
+
+def values_of(problems: Sequence[DrivenProblem], phis: Sequence[Floats]) -> list[Floats]:
+    """Log density of all runs with the prior under phi (P, p) of each of several problems, (P,); minus infinity where a
+    filter diverges."""
+    followed = zip(problems, phis, filtered(problems, phis))
+    values = [runs.log_density.sum(axis=1) + problem.prior(phi) for problem, phi, runs in followed]
+    return [np.where(np.isfinite(density), density, -np.inf) for density in values]
 
 
 def slopes_of(problems: Sequence[DrivenProblem], phis: Sequence[Floats]) -> list["Slopes"]:
@@ -288,17 +297,7 @@ def fit_innovations(
 
     Raises FitError where no start leads anywhere.
     """
-    phis = np.clip(problem.parameters.search(starts), *problem.parameters.limits.T)
-    if len(phis) > 1:
-        values = problem.value(phis)
-        if not np.isfinite(values).any():
-            raise FitError(NO_START)
-        firsts = dict.fromkeys(phis[np.argsort(-values, kind="stable"), 0])  # distinct inertias, the best one first
-        best = [int(np.argmax(np.where(phis[:, 0] == first, values, -np.inf))) for first in firsts]
-        looks = [phis[k] for k in best[:MAX_INERTIAS] if np.isfinite(values[k])]
-        climbs = _climbed([problem] * len(looks), looks, LOOK_STEPS)
-        phis = max(climbs, key=lambda climb: climb.point.value).point.phi[None]
-    (fit,) = fits_of([problem], [phis[0]], iterations, brief, settled)
+    (fit,) = fits_of([problem], [starts], iterations, brief, settled)
     if fit is None:
         raise FitError(NO_START)
     return fit
@@ -308,48 +307,81 @@ def fits_of(
     problems: Sequence[DrivenProblem], starts: Sequence[Floats], iterations: int = ITERATIONS, brief: bool = False,
     settled: float = SETTLED_GAIN,
 ) -> list[InnovationsFit | None]:  # fmt: skip
-    """Fit several problems on the same runs side by side, each from its phi (p,) as `fit_innovations` does; None where
-    its start leads nowhere."""
-    within = [np.clip(phi, *problem.parameters.limits.T) for phi, problem in zip(starts, problems)]
-    climbs = zip(problems, _climbed(problems, within, iterations, settled))
-    return [_report(of, end, brief) if np.isfinite(end.point.value) else None for of, end in climbs]
+    """Fit several problems on the same runs side by side, each from its starts (S, p) as `fit_innovations` does; None
+    where none leads anywhere."""
+    ends = _climbed(problems, _begins(problems, starts), iterations, settled)
+    fitted = [i for i, end in enumerate(ends) if np.isfinite(end.point.value)]
+    good, reached = [problems[i] for i in fitted], [ends[i] for i in fitted]
+    left_out = zip(fitted, _left_out(good, reached, brief))
+    fits = {i: _report(problems[i], ends[i], without, brief) for i, without in left_out}
+    return [fits.get(i) for i in range(len(ends))]
+
+
+def _begins(problems: Sequence[DrivenProblem], starts: Sequence[Floats]) -> list[Floats]:
+    """Where the search of each problem begins, phi (p,): the only start, or the best after a few steps from each of
+    several inertias."""
+    limits = [problem.parameters.limits.T for problem in problems]
+    phis = [np.clip(of.parameters.search(theta), *within) for of, theta, within in zip(problems, starts, limits)]
+    several = [i for i, of_problem in enumerate(phis) if len(of_problem) > 1]
+    looks: list[tuple[int, Floats]] = []
+    for i, values in zip(several, values_of([problems[i] for i in several], [phis[i] for i in several])):
+        firsts = dict.fromkeys(phis[i][np.argsort(-values, kind="stable"), 0])  # distinct inertias, the best one first
+        best = [int(np.argmax(np.where(phis[i][:, 0] == first, values, -np.inf))) for first in firsts]
+        looks += [(i, phis[i][k]) for k in best[:MAX_INERTIAS] if np.isfinite(values[k])]
+    begins, reached = [of_problem[0] for of_problem in phis], dict[int, float]()
+    for (i, _), climb in zip(looks, _climbed([problems[i] for i, _ in looks], [phi for _, phi in looks], LOOK_STEPS)):
+        if climb.point.value > reached.get(i, -np.inf):
+            begins[i], reached[i] = climb.point.phi, climb.point.value
+    return begins
 
 
 def _climbed(
     problems: Sequence[DrivenProblem], starts: Sequence[Floats], iterations: int, settled: float = SETTLED_GAIN,
-    without_each: bool = False,
+    left_out: Sequence[int] = (),
 ) -> list[Maximum[Slopes]]:  # fmt: skip
-    """Climb from the start (p,) of each problem, without its own run if so asked, by Fisher scoring; what is asked for
-    at a time is filtered together."""
+    """Climb from the start (p,) of each problem by Fisher scoring, without the run that is `left_out` of each, if any
+    is; what is asked for at a time is filtered together."""
 
     def evaluate(phis: Sequence[Floats], searches: Sequence[int]) -> list[Point[Slopes]]:
         of_searches = [problems[i] for i in searches]
         slopes = slopes_of(of_searches, phis)
-        if without_each:
-            slopes = [of_point.without(i) for of_point, i in zip(slopes, searches)]
+        if left_out:
+            slopes = [of_point.without(left_out[i]) for of_point, i in zip(slopes, searches)]
         return [problem.point(phi, of_point) for problem, phi, of_point in zip(of_searches, phis, slopes)]
 
     free, limits = [problem.free for problem in problems], [problem.parameters.limits for problem in problems]
     return maximise(evaluate, starts, free, limits, settled=settled, iterations=iterations)
 
 
-def _report(problem: DrivenProblem, reached: Maximum[Slopes], brief: bool) -> InnovationsFit:
+def _left_out(problems: Sequence[DrivenProblem], ends: Sequence[Maximum[Slopes]], brief: bool) -> list[Floats]:
+    """Where each fit ends without each run, phi (R, p): a step from its own end, or as many as it takes of few runs."""
+    by_problem, again = list[Floats](), list[tuple[int, int]]()
+    for i, (problem, end) in enumerate(zip(problems, ends)):
+        point, slopes, runs = end.point, end.point.data, len(problem.course.names)
+        free, limits = problem.free, problem.parameters.limits
+        at_bound, covariance = point.spread(free, limits)
+        left_out = np.tile(point.phi, (runs, 1))
+        if runs > 1:
+            inside = ~at_bound[free]
+            remaining = (point.curvature - slopes.information)[:, inside][:, :, inside]
+            moved = linear_mixed.solve_scaled(remaining, -slopes.gradient[:, inside])
+            most = 5.0 * np.sqrt(np.maximum(np.diagonal(covariance)[free[inside]], 0.0))
+            left_out[:, free[inside]] += np.clip(moved, -most, most)
+            left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
+        by_problem.append(left_out)
+        if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
+            again += [(i, run) for run in range(runs)]
+    little = 0.02 * SETTLED_GAIN  # a run left out moves a fit by little
+    starts, of = [by_problem[i][run] for i, run in again], [problems[i] for i, _ in again]
+    for (i, run), climb in zip(again, _climbed(of, starts, LOOK_STEPS, little, [run for _, run in again])):
+        by_problem[i][run] = climb.point.phi
+    return by_problem
+
+
+def _report(problem: DrivenProblem, reached: Maximum[Slopes], left_out: Floats, brief: bool) -> InnovationsFit:
     point, slopes = reached.point, reached.point.data
-    phi = point.phi
-    free, limits, runs = problem.free, problem.parameters.limits, len(problem.course.names)
-    at_bound, covariance = point.spread(free, limits)
-    left_out = np.tile(phi, (runs, 1))
-    if runs > 1:
-        inside = ~at_bound[free]
-        remaining = (point.curvature - slopes.information)[:, inside][:, :, inside]
-        moved = linear_mixed.solve_scaled(remaining, -slopes.gradient[:, inside])
-        most = 5.0 * np.sqrt(np.maximum(np.diagonal(covariance)[free[inside]], 0.0))
-        left_out[:, free[inside]] += np.clip(moved, -most, most)
-        left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
-    if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
-        little = 0.02 * SETTLED_GAIN  # a run left out moves a fit by little
-        climbs = _climbed([problem] * runs, list(left_out), LOOK_STEPS, little, without_each=True)
-        left_out = np.array([climb.point.phi for climb in climbs])
+    phi, runs, free = point.phi, len(problem.course.names), problem.free
+    at_bound, covariance = point.spread(free, problem.parameters.limits)
     information = np.zeros((runs, *covariance.shape))
     information[:, free[:, None], free] = slopes.information
     smooth = problem.parameters.smooth

@@ -23,7 +23,15 @@ from automarine_cli.fits.driven import (
     starts_near,
     worth_of,
 )
-from automarine_cli.fits.innovations import ITERATIONS, SETTLED_GAIN, DrivenProblem, Fit, fit_innovations, randomness
+from automarine_cli.fits.innovations import (
+    ITERATIONS,
+    SETTLED_GAIN,
+    DrivenProblem,
+    Fit,
+    fit_innovations,
+    fits_of,
+    randomness,
+)
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import OutputErrorFit, covariance_json, result_of
@@ -475,7 +483,8 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
             elif more < len(candidate.added):
                 swaps.append(entry)
         worth.sort(key=lambda entry: -entry[0])
-        brief = [likelihood.tried(candidate, promise, model, BRIEF) for _, candidate, promise in worth[:FULLY] or swaps]
+        leaders = [(candidate, promise) for _, candidate, promise in worth[:FULLY] or swaps]
+        brief = [fit for _, fit in likelihood.tried(leaders, model, BRIEF)]
         best = min(brief, key=criterion, default=None)
         self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in brief})
         if best is not None and (worth or criterion(best) < criterion(model)):
@@ -733,9 +742,15 @@ class PlanarLikelihood:
         wide = widest(current.model, family)
         return list(zip(every, self.promises(wide, current, [candidate.added for candidate in every])))
 
-    def tried(self, candidate: Candidate, promise: Promise, current: OutputErrorFit, iterations: int) -> OutputErrorFit:
-        """A candidate fitted briefly, from where it promises most."""
-        return self.estimate(*self.toward(candidate.model, current.mixed.of_chance, promise), iterations)
+    def tried(
+        self, promised: Sequence[tuple[Candidate, Promise]], current: OutputErrorFit, iterations: int
+    ) -> list[tuple[Candidate, OutputErrorFit]]:
+        """Candidates fitted briefly side by side, each from where it promises most; those that lead anywhere."""
+        begins = [self.toward(candidate.model, current.mixed.of_chance, promise) for candidate, promise in promised]
+        problems = [self.problem(model) for model, _ in begins]
+        starts = [self.starts(problem, random) for problem, (_, random) in zip(problems, begins)]
+        fits = zip(promised, begins, fits_of(problems, starts, iterations, brief=True))
+        return [(candidate, result_of("", model, fit)) for (candidate, _), (model, _), fit in fits if fit is not None]
 
     def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         """The model, and what is `random`, as promised, where that is likelier than as they are."""

@@ -100,6 +100,8 @@ class CrossDrag(Effect):
             size = size * np.abs(state.flow[self.size])
         return -size * state.flow[self.along]
 
+    off = (0.0,)
+
     def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
         return (False,)
 

@@ -266,9 +266,10 @@ def foreknown(terms: Sequence[Bound], signals: Mapping[str, Floats]) -> dict[str
 
 
 def right_hand_side(
-    model: Model, movers: Sequence[Bound], inertia: Floats, current: Floats | None, origin: Floats
+    model: Model, movers: Sequence[Bound], inertia: Floats, current: Floats | None, origin: Floats, placed: bool = True
 ) -> Slope:
-    """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states."""
+    """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states. In
+    the plane of which nobody reads where a vehicle is (not `placed`), places are sums along its own axes."""
     motion = model.motion
     single, turns = len(motion.dofs) == 1, motion.turns
     if single:
@@ -322,10 +323,10 @@ def right_hand_side(
         if single:
             return (total[0] * inverse)[None], velocity, stirred
         if not turns:
-            return np.stack(accelerated(total)), velocity, stirred
+            return np.array(accelerated(total)), velocity, stirred
         turning = turning_of(momentum(velocity), velocity)
-        moved = in_earth_axes(over_ground, position[2])
-        return np.stack(accelerated([a - b for a, b in zip(total, turning)])), moved, stirred
+        moved = in_earth_axes(over_ground, position[2]) if placed else over_ground
+        return np.array(accelerated([a - b for a, b in zip(total, turning)])), moved, stirred
 
     return slope
 
@@ -384,7 +385,7 @@ def in_earth_axes(velocity: Floats, heading: Floats) -> Floats:
     """Rates of north, east [m/s] and heading [rad/s] of velocities in the vehicle's axes, both (3, P, R)."""
     u, v, r = velocity
     cosine, sine = np.cos(heading), np.sin(heading)
-    return np.stack([cosine * u - sine * v, sine * u + cosine * v, r])
+    return np.array([cosine * u - sine * v, sine * u + cosine * v, r])
 
 
 def in_body_axes(current: Floats, heading: Floats) -> Floats:

@@ -63,7 +63,7 @@ def fitted(item: tuple[float, int]) -> dict[str, Any]:
         log_of(truth, 15.0, None).to_csv(left_out / "z15.csv", index=False)
         runs, others = (tuple(load_runs([each], dof=YAW).runs) for each in (folder, left_out))
     course = make_course(runs, np.array([starts_at_rest(run) for run in runs]))
-    fit, why = driven.fit_driven_model("1", runs, course, (), NOTHING_KNOWN)
+    [(fit, why)] = driven.fit_driven_models([("1", ())], runs, course, NOTHING_KNOWN)
     if fit is None:
         return {"speed_m_s": speed, "seed": seed, "refused": why}
     nomoto = answer_to_rudder(runs, fit, None, fit.model, float(course.fastest[0]))

@@ -300,10 +300,11 @@ def test_effects_that_undo_each_other_are_told(sign: int, monkeypatch: pytest.Mo
 
 
 def test_attempts_on_driven_runs_are_fitted_side_by_side_as_each_alone() -> None:
-    """Those that differ in what acts on commands together; an attempt that leads nowhere keeps no other from it."""
+    """Those that differ in what acts on commands or in drag together; an attempt that leads nowhere keeps no other from
+    it."""
     study = DiagnosisProblem(tuple(steered(3, 1, Sea(delay=0.3), length=12.0)), BASE, True, ())
     base = candidate_fit(study, BASE, (), study.fit(BASE))
-    starts = {"input-delay": (0.2, 0.0, 0.1), "dead-band": (0.05, 0.0, 0.5), "linear-drag": (0.1,)}
+    starts = {"input-delay": (0.2, 0.0, 0.1), "linear-drag": (0.1,), "sensor-lag": (0.1,)}
     attempts = [search.attempt_with(base, (name, np.array(start))) for name, start in starts.items()]
     model, added, values, fit = attempts[0]
     attempts.append((model, added, np.array([np.nan, *values[1:]]), fit))

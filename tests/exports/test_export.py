@@ -106,7 +106,7 @@ def test_odd_drag_is_the_same_in_both_frames_and_asymmetry_changes_sign(tmp_path
     assert enu(0.8, 0.0) != pytest.approx(ned(0.8, 0.0), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["gz-sim", "uuv", "labust", "mjcf", "mss", "python", "card"])
+@pytest.mark.parametrize("name", ["gz-sim", "uuv", "mjcf", "mss", "python", "card"])
 def test_every_file_is_stamped_with_its_frame_its_origin_and_its_unit(tmp_path: Path, name: str) -> None:
     path, target = model_file(tmp_path), targets.get(name)
     for frame, form in product(target.frames, target.forms):
@@ -121,20 +121,18 @@ def test_every_file_is_stamped_with_its_frame_its_origin_and_its_unit(tmp_path: 
 
 def test_normalised_moments_need_their_size_where_the_target_is_in_si(tmp_path: Path) -> None:
     path = model_file(tmp_path, unit="nu")
-    with pytest.raises(
-        SettingError, match=r"^yaw_model\.json: .* labust needs newton metres; give --newton-metres-per"
-    ):
-        export(path, to="labust")
-    scaled = READERS["labust", "model"](export(path, to="labust", newton_metres_per_nu=2.5).text)
+    with pytest.raises(SettingError, match=r"^yaw_model\.json: .* uuv needs newton metres; give --newton-metres-per"):
+        export(path, to="uuv")
+    scaled = READERS["uuv", "urdf"](export(path, to="uuv", newton_metres_per_nu=2.5).text)
     plain = export(path, to="mss").text
     assert scaled(0.4, 2.5 * 0.7) == pytest.approx(READERS["mss", "python"](plain)(0.4, 0.7), rel=1e-7)
     assert "moment nu, rate rad/s, inertia nu s^2" in plain
     with pytest.raises(SettingError, match="is in newton metres already"):
-        export(model_file(tmp_path), to="labust", newton_metres_per_nu=2.5)
+        export(model_file(tmp_path), to="uuv", newton_metres_per_nu=2.5)
 
 
 REFUSALS: list[tuple[dict[str, Any], str]] = [
-    ({"to": "gazebo"}, "--to gazebo: no such target; known are card, gz-sim, labust, mjcf, mss, python, thr"),
+    ({"to": "gazebo"}, "--to gazebo: no such target; known are card, gz-sim, mjcf, mss, python, thr"),
     ({"to": "uuv", "form": "sdf"}, "--form of uuv: found sdf, expected urdf or controller"),
     ({"to": "mss", "frame": "ENU"}, "--frame of mss: found ENU, expected NED"),
     ({"to": "card", "rigid_inertia": 1.0}, "--rigid-inertia means nothing to card; it is for"),
@@ -151,7 +149,7 @@ def test_refusals_say_what_is_wrong_and_what_to_do(tmp_path: Path, settings: dic
         export(model_file(tmp_path), **settings)
 
 
-@pytest.mark.parametrize("target", ["gz-sim", "uuv", "labust", "mjcf"])
+@pytest.mark.parametrize("target", ["gz-sim", "uuv", "mjcf"])
 def test_drag_that_would_drive_the_vehicle_is_refused_by_simulators(tmp_path: Path, target: str) -> None:
     path = model_file(tmp_path, k_r=-0.02)
     with pytest.raises(SettingError, match=r"^yaw_model\.json, model 2: k_r = -0\.02 N m s .* --number 1 or 3"):
@@ -234,5 +232,5 @@ def test_the_command_writes_prints_and_lists(tmp_path: Path, run: Callable[..., 
     data = json.loads(run("export", "--list", "--json").stdout)["targets"]
     assert {target["name"] for target in data} == set(targets.names())
     assert run("export", path).exit_code == 2
-    refused = run("export", path, "--to", "labust", "--symmetrise")
-    assert refused.exit_code == 1 and refused.stderr.startswith("Error: --symmetrise means nothing to labust")
+    refused = run("export", path, "--to", "uuv", "--symmetrise")
+    assert refused.exit_code == 1 and refused.stderr.startswith("Error: --symmetrise means nothing to uuv")

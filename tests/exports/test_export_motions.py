@@ -70,10 +70,6 @@ def test_vectors_have_them_in_their_place(motion: str) -> None:
         assert np.array_equal(np.array(str(model.findtext(tag)).split(), float), expected)
     controller = yaml.safe_load(written(motion, "uuv", "controller").text)
     assert controller["mass"] == OWN and np.array_equal(controller["Ma"], (MASS - OWN) * np.diag(place))
-    labust = yaml.safe_load(written(motion, "labust", "model").text)
-    assert labust["mass"] == OWN and "inertia_matrix" not in labust
-    for key, value in (("added_mass", MASS - OWN), ("linear_damping", LINEAR), ("quadratic_damping", QUADRATIC)):
-        assert np.array_equal(labust[key], value * place)
 
 
 @pytest.mark.parametrize("motion", AXES)

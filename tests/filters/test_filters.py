@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_driven import Sea, steered, turned
+from made_planar import BARE, FULL, campaign
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.filters import kalman
 from automarine_cli.filters.course import MIN_APART_S, averaged_over, make_course
-from automarine_cli.filters.kalman import FilterResult, Noises, alike, follow, follow_all, predict, shown_channel
+from automarine_cli.filters.kalman import FilterResult, Noises, Step, alike, follow, follow_all, predict, shown_channel
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
@@ -267,26 +268,46 @@ def test_constants_by_hand() -> None:
         assert one.rmse(one.constant_rate) == pytest.approx(np.sqrt(np.mean((0.02 * (h**2 + 0.5 * h)) ** 2)))
 
 
-def test_models_alike_but_for_their_actuators_go_through_one_filter_as_each_alone(
+def test_derivatives_of_a_step_are_those_by_small_differences() -> None:
+    """In the plane with a current: by states about their errors, by a heading and by what pushes."""
+    runs = campaign(BARE, 0, 2, 6.0, ("heading", "north", "east"))
+    course = make_course(runs, np.ones(2, dtype=bool), motion=PLANAR, channels=("heading", "north", "east"))
+    model = replace(FULL, water=(0.2, -0.1))
+    theta = np.stack([model.theta, 1.1 * model.theta])
+    step = Step(model, course, theta, np.zeros(2))
+    count, random = step.places.count, np.random.default_rng(0)
+    mean = 0.3 * random.standard_normal((count, 2, 2))
+    covariance = 1e-6 * np.tile(np.eye(count)[..., None, None], (1, 1, 2, 2))
+    ramp, little = np.full((3, 2, 2), 0.9), 1e-5
+    _, slopes = step.advance(5, mean, covariance, ramp)
+    for column, place in enumerate(range(count)[step.columns]):
+        moved = little * (np.arange(count) == place)[:, None, None]
+        ahead, behind = (step.advance(5, mean + side * moved, covariance, ramp)[0] for side in (1, -1))
+        share = 0.9 if place in step.places.pushed else 1.0  # those by a push are by its mean over the step
+        by_hand = (ahead - behind)[: step.places.dynamic] / (2.0 * little)
+        np.testing.assert_allclose(share * slopes[:, column], by_hand, atol=2e-5)
+
+
+def test_models_alike_but_for_actuators_and_drag_go_through_one_filter_as_each_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Also beside others: a delay, a dead band, a sensor that lags, another drag, and what varies from run to run."""
     runs = [steered(seed, 1, Sea(), length=12.0)[0] for seed in (1, 2)]
     course = make_course(runs, np.zeros(2, dtype=bool))
     added = {
-        "input-delay": (0.3, 0.0, 0.1), "dead-band": (0.1, 0.0, 0.5), "sensor-lag": (0.2,), "quadratic-drag": (0.4,),
+        "input-delay": (0.3, 0.0, 0.1), "dead-band": (0.1, 0.0, 0.5), "sensor-lag": (0.2,), "cubic-drag": (0.4,),
         "thruster-lag": (0.4, 1.0, 1.0, 1.0), "periodic-disturbance": (0.1, 0.0, 3.0, 0.0),
     }  # fmt: skip
     models = [MODEL, *(MODEL.with_effect(name, values) for name, values in added.items())]
     sizes = range(1, 1 + len(models))
     thetas = [np.linspace(1.0, 1.1, size)[:, None] * model.theta for size, model in zip(sizes, models)]
     several = [Noises.of_all([noises()] * size) for size in sizes]
-    assert alike(models, sizes) == [[0, 1, 2, 5], [3], [4], [6]]
+    assert alike(models, sizes) == [[0, 1, 2, 4, 5], [3], [6]]
     monkeypatch.setattr(kalman, "WIDEST", 5)
-    assert alike(models, sizes) == [[0, 1], [2], [5], [3], [4], [6]]
+    assert alike(models, sizes) == [[0, 1], [2], [4], [5], [3], [6]]
     monkeypatch.setattr(kalman, "WIDEST", 1000)
     for model, theta, of_each, together in zip(models, thetas, several, follow_all(models, course, thetas, several)):
         alone = follow(model, course, theta, of_each)
-        np.testing.assert_array_equal(together.innovation, alone.innovation)
-        np.testing.assert_array_equal(together.variance, alone.variance)
-        np.testing.assert_array_equal(together.gain, alone.gain)
+        np.testing.assert_allclose(together.innovation, alone.innovation, atol=1e-9)
+        np.testing.assert_allclose(together.variance, alone.variance, atol=1e-9)
+        np.testing.assert_allclose(together.gain, alone.gain, atol=1e-9)

@@ -7,14 +7,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from identified import identify
+from identified import driven_fit, identify
 from made_driven import Sea, steered
 
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, follow, predict, smoothed
 from automarine_cli.fits import driven
-from automarine_cli.fits.driven import base_starts, driven_problem, fit_driven, inflate_for_missing, large_disturbance
+from automarine_cli.fits.driven import base_starts, driven_problem, inflate_for_missing, large_disturbance
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.preference import prefer_driven
@@ -157,7 +157,7 @@ def test_only_the_model_alone_forecasts_under_commands_that_are_held() -> None:
     assert driven.by_model_alone(held) and not driven.by_model_alone(steered(2, 0, Sea(size=0.15), length=30.0))
     assert not driven.by_model_alone([run.with_moment(run.command, "rad") for run in held])
     course = make_course(held, np.ones(3, dtype=bool))
-    fit = fit_driven(course, rough_model("3", make_batch(held, 0.1)), "3")
+    fit = driven_fit(course, rough_model("3", make_batch(held, 0.1)), "3")
     course = course.unthinned
     problem, theta = driven_problem(fit.model, course), fit.mixed.theta.copy()
     theta[[p.name for p in problem.parameters.entries].index("command_delay_s")] = 0.0
@@ -179,7 +179,7 @@ def test_intervals_hold_what_a_missing_dead_band_does_and_else_stay() -> None:
     for seed, band in ((1002, 0.1), (1000, 0.0)):
         runs = [replace(run, moment=run.command + band * np.sign(run.command)) for run in steered(5, seed, length=40.0)]
         course = make_course(runs, np.ones(5, dtype=bool))
-        plain = fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3")
+        plain = driven_fit(course, rough_model("3", make_batch(runs, 0.1)), "3")
         wider, gains = inflate_for_missing(course, plain)
         if not band:
             assert (wider, gains) == (plain, {})
@@ -206,7 +206,7 @@ def test_a_compass_that_is_late_moves_the_delay_alone() -> None:
         runs = steered(5, seed, length=40.0)
         late = [replace(run, position=np.append(run.position[:1], run.position[:-1])) for run in runs]
         course = make_course(late, np.ones(5, dtype=bool))
-        fit = fit_driven(course, rough_model("3", make_batch(late, 0.1)), "3")
+        fit = driven_fit(course, rough_model("3", make_batch(late, 0.1)), "3")
         scores += [(fit.estimates[name].value - truth) / fit.estimates[name].stderr for name, truth in truths.items()]
         assert fit.mixed.of_chance["command_delay_s"] == pytest.approx(runs[0].sample_period, abs=0.05)
     assert np.sqrt(np.mean(np.square(scores))) < 1.5

@@ -1,7 +1,7 @@
 """Likelihood of driven and disturbed runs: its slopes, its limit in a quiet pool, known truths, and what it refuses."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
+from identified import driven_fit
 from made_campaigns import shifted
 from made_driven import Sea, steered, turned
 from made_runs import written
@@ -17,14 +18,22 @@ from made_sequences import model_file
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.fits import driven as driven_fits
-from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, fit_driven, starts_near
+from automarine_cli.fits import driven as driven_module
+from automarine_cli.fits.driven import (
+    base_starts,
+    disturbed,
+    driven_fits,
+    driven_problem,
+    left_out_predictions,
+    starts_near,
+)
 from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.optimise import Point, maximise
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, whole_run_problem
 from automarine_cli.models.model import Model
+from automarine_cli.models.parameter import Priors
 from automarine_cli.report.fit_report import tables, warnings_of
 from automarine_cli.report.sections import sections
 from automarine_cli.runs.run import Run
@@ -145,6 +154,17 @@ def driven(seed: int) -> InnovationsFit:
     return fitted(runs, base().with_effect("input-delay", [0.1]))
 
 
+def test_runs_left_out_are_predicted_alike_however_many_one_filter_follows(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs, fit = steered(RUNS, 0, Sea(delay=0.2), length=40.0), driven(0)
+    problem = driven_problem(base().with_effect("input-delay", [0.1]), make_course(runs, np.zeros(RUNS, dtype=bool)))
+    together = left_out_predictions(problem, fit)[0]
+    monkeypatch.setattr(driven_module, "AT_ONCE", 2)
+    for some, every in zip(left_out_predictions(problem, fit)[0], together):
+        assert set(every.run) == set(range(RUNS))
+        np.testing.assert_allclose(some.error, every.error, atol=1e-12)
+        np.testing.assert_array_equal(some.run, every.run)
+
+
 def test_the_truth_is_found() -> None:
     truth = {"yaw.I_r": 1.0, "yaw.k_rr": 1.2, "input-delay.t_d": 0.2}
     off = []
@@ -184,7 +204,7 @@ def test_commands_that_move_nothing_give_no_model() -> None:
     unrelated = [run.with_moment(other.command, "nu").cut(12, len(run)) for run, other in zip(runs, others)]
     course = make_course(unrelated, np.zeros(3, dtype=bool))
     with pytest.raises(FitError, match=r"these runs do not determine the model: .* add runs with larger and quicker"):
-        fit_driven(course, base(), "3")
+        driven_fit(course, base(), "3")
 
 
 @pytest.mark.slow
@@ -219,12 +239,14 @@ def test_rough_values_faster_than_the_filter_leave_a_start(number: str) -> None:
 
 
 def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refusing(course: Course, rough: Model, number: str, *more: object) -> OutputErrorFit:
-        if number != "1":
-            raise FitError("these runs do not determine the model: it has no end")
-        return fit_driven(course, rough, number)
+    def refusing(
+        course: Course, numbers: Sequence[str], priors: Priors, roughs: Sequence[Model]
+    ) -> list[tuple[OutputErrorFit | None, str]]:
+        attempts = driven_fits(course, numbers, priors, roughs)
+        why = "these runs do not determine the model: it has no end"
+        return [attempt if number == "1" else (None, why) for number, attempt in zip(numbers, attempts)]
 
-    monkeypatch.setattr(driven_fits, "fit_driven", refusing)
+    monkeypatch.setattr(driven_module, "driven_fits", refusing)
     runs = steered(3, 1, length=12.0, period=0.02)
     fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
     assert list(fit.output_error) == ["1"]

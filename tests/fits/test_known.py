@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from identified import driven_fit
 from made_campaigns import PAPER, campaign
 from made_driven import Sea, steered
 from made_planar import BARE
@@ -19,7 +20,6 @@ from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits.driven import fit_driven
 from automarine_cli.fits.known import names_in, parse_known, qualified
 from automarine_cli.fits.planar_fit import OWN, PlanarLikelihood, observed, rough_sizes
 from automarine_cli.fits.steps import data_of_steps
@@ -76,7 +76,7 @@ def fitted(runs: list[Run], kind: str, known: Priors) -> OutputErrorFit:
     if kind == "whole-runs":
         return fit_whole_runs(make_batch(runs, 0.1), "3", rest, priors=known)
     course = make_course(runs, rest)
-    return fit_driven(course, rough_model("3", make_batch(runs, 0.1)), "3", priors=known)
+    return driven_fit(course, rough_model("3", make_batch(runs, 0.1)), "3", known)
 
 
 @pytest.mark.parametrize(("kind", "within"), [("half-turns", 0.03), ("whole-runs", 0.06), ("driven", 0.06)])

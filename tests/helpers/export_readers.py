@@ -75,17 +75,6 @@ def uuv_controller(text: str) -> Slope:
     return fossen(inertial["izz"], mass, linear, quadratic)
 
 
-def labust(text: str) -> Slope:
-    """RBModel, uncoupled: (Io + Ma) r' = tau - (Dlin + Dquad |r|) r."""
-    data = yaml.safe_load(text)
-    io, ma, linear, quadratic = (
-        np.array(data[key], float) for key in ("inertia_matrix", "added_mass", "linear_damping", "quadratic_damping")
-    )
-    assert io.shape == (3,) and ma.shape == linear.shape == quadratic.shape == (6,)
-    assert np.all(io > 0) and data["coupled"] is False
-    return lambda r, tau: (tau - (linear[5] + quadratic[5] * abs(r)) * r) / (io[2] + ma[5])
-
-
 def constants_of(text: str) -> dict[str, float]:
     """`name = number` in each line of Python or MATLAB that is no comment."""
     lines = (re.split("[#%;]", line)[0] for line in text.splitlines())
@@ -123,7 +112,6 @@ READERS: dict[tuple[str, str], Callable[[str], Slope]] = {
     ("gz-sim", "added-mass-derivative"): gz_sim,
     ("uuv", "urdf"): uuv_urdf,
     ("uuv", "controller"): uuv_controller,
-    ("labust", "model"): labust,
     ("mjcf", "joint"): mjcf,
     ("mss", "python"): mss,
     ("mss", "matlab"): mss,
@@ -224,14 +212,6 @@ def controller_vehicle(text: str, nu: Floats) -> Floats:
     return damped(inertia, -linear, -quadratic, nu, True)
 
 
-def labust_vehicle(text: str, nu: Floats) -> Floats:
-    data = yaml.safe_load(text)
-    linear, quadratic = np.array(data["linear_damping"], float), np.array(data["quadratic_damping"], float)
-    added = np.diag(np.array(data["added_mass"], float))
-    inertia = own_and_added(added, data["mass"], data["inertia_matrix"], linear, quadratic)
-    return damped(inertia, linear, quadratic, nu, data["coupled"])
-
-
 def mjcf_vehicle(text: str, nu: Floats) -> Floats:
     root, linear, quadratic, inertia = ET.fromstring(text), np.zeros(6), np.zeros(6), np.zeros((6, 6))
     own = root.find("worldbody/body/inertial")
@@ -256,7 +236,6 @@ VEHICLES: dict[tuple[str, str], Callable[[str, Floats], Floats]] = {
     ("mss", "matlab"): mss_vehicle,
     ("uuv", "urdf"): uuv_vehicle,
     ("uuv", "controller"): controller_vehicle,
-    ("labust", "model"): labust_vehicle,
     ("mjcf", "joint"): mjcf_vehicle,
     ("python", "simulate"): python_vehicle,
 }
