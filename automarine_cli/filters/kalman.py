@@ -6,9 +6,9 @@ gain of the run's thrust, what effects let vary from run to run, and the bias of
 noisy in proportion to its size as well. Actuators act on the logged commands before the filter and know no noise.
 
 Derivatives are central differences over one standard deviation of the state: of a smooth law they are its slope, of a
-kinked one (Coulomb drag) about what statistical linearisation gives. Sources: Särkkä (2013), Bayesian Filtering and
-Smoothing, chapter 5; Nørgaard, Poulsen and Ravn (2000), Automatica 36:1627 (divided differences); Huber (1964), Annals
-of Mathematical Statistics 35:73 (readings far off count linearly).
+kinked one (Coulomb drag) about what statistical linearisation gives; a push is moved little, to one side. Sources:
+Särkkä (2013), Bayesian Filtering and Smoothing, chapter 5; Nørgaard, Poulsen and Ravn (2000), Automatica 36:1627
+(divided differences); Huber (1964), Annals of Mathematical Statistics 35:73 (readings far off count linearly).
 """
 
 from collections.abc import Mapping, Sequence

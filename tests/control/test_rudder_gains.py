@@ -147,6 +147,7 @@ def test_refusals(
     assert printed.exit_code == 1 and refusal in " ".join(printed.stderr.split()), printed.stderr
 
 
+@pytest.mark.slow
 def test_without_a_logged_speed_drag_and_moment_go_as_in_the_prime_system(tmp_path: Path) -> None:
     """Then the margins at half the speed are those of a boat that slows down so."""
     content = Boat().model() | {"effects": [], "nomoto": {"positive_rudder_turns_to": "starboard"}, "preferred": "1"}

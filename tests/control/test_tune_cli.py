@@ -189,6 +189,7 @@ def test_what_a_dead_band_does_after_a_while_is_seen(tmp_path: Path) -> None:
     assert design.verdict == "cannot-promise" and "do not settle for 95 %" in design.why
 
 
+@pytest.mark.slow
 def test_no_gains_keep_a_margin_that_none_can_keep(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model(29.0, 30.0, 40.0, lag=0.2, delay=0.5))
     found = run("tune", path, "--for", "ardurover", "--full", "40")

@@ -99,6 +99,7 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
     assert find_where(*studied(campaign(TRUTH, 5)), 0).regions == ()
 
 
+@pytest.mark.slow
 def test_a_delay_stands_out_after_changes_of_the_command_in_a_loop() -> None:
     found = driven_regions(1, Sea(delay=0.5), 10, 40.0)
     assert "time-since-command-change" in {region.variable for region in found.regions}

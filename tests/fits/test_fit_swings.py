@@ -106,6 +106,7 @@ def test_mirrored_decays_of_pitch_give_the_same(of_known: YawFit) -> None:
     assert {"I_q", "k_q", "k_qq", "restoring"} <= set(pitch.preferred.estimates)
 
 
+@pytest.mark.slow
 def test_a_run_that_starts_moving_and_one_run_alone() -> None:
     fit = fitted([decay(0.1, 3, rate=0.8)])
     swing = fit.swing

@@ -236,6 +236,7 @@ def said(fit: YawFit, *parts: str) -> bool:
     return any(all(part in warning for part in parts) for warning in fit.warnings)
 
 
+@pytest.mark.slow
 def test_one_run_is_judged_by_akaikes_criterion_and_has_no_scatter() -> None:
     fit = identify(moving(2)[0][1:], "whole-runs")
     assert fit.preference.number == "3"
