@@ -163,14 +163,13 @@ class Step:
         """The state at the end of step m, (n, P, R), and the derivatives (dynamic, columns, P, R) of its dynamic part
         by the states of `columns`; `ramp` (D, P, R) is the mean of a disturbance over the step as a share of what it
         begins with, and those by disturbances are by such a mean."""
-        places, count = self.places, len(self._ahead[0])
+        places, count, dofs = self.places, len(self._ahead[0]), len(self.places.position)
         every = np.repeat(mean[:, None], self._copies, axis=1)
         every[self._pushed] *= ramp[:, None]
         deviations = np.sqrt(np.maximum(np.einsum("iipr->ipr", covariance)[self.columns], MIN_STATE_SD**2))
         sizes, little = deviations[self._moving], LITTLE * deviations[self._forced]
-        pushed = len(places.pushed)
-        ahead = mean[pushed : 2 * pushed] + self.delivered[m]  # its sign is that of the way, also from rest
-        little[:pushed] = np.copysign(little[:pushed], ahead)  # of a mirrored run the derivatives are mirrored
+        ahead = mean[dofs : 2 * dofs] + self.delivered[m]  # its sign is that of the way, also from rest
+        little[:dofs] = np.copysign(little[:dofs], ahead)  # of a mirrored run the derivatives are mirrored
         every[self._ahead] += sizes
         every[self._behind] -= sizes
         every[self._harder] += little
@@ -188,11 +187,12 @@ class Step:
         """What another heading makes of the dynamic states (dynamic, P, R) after step m: the way through the water
         turns with it."""
         north, east, heading = self.places.position
-        way = after[[north, east]] - mean[[north, east]]
-        if self.water_moves is not None:
-            way -= self.water_moves * self.course.length[:, m]
-        slopes = np.zeros((self.places.dynamic, *way.shape[1:]))
-        slopes[north], slopes[east], slopes[heading] = -way[1], way[0], 1.0
+        slopes = np.zeros((self.places.dynamic, *mean.shape[1:]))
+        slopes[heading] = 1.0
+        if self._placed:
+            drifted = 0.0 if self.water_moves is None else self.water_moves * self.course.length[:, m]
+            way = after[[north, east]] - mean[[north, east]] - drifted
+            slopes[north], slopes[east] = -way[1], way[0]
         return slopes
 
     def _moved(self, m: int, every: Floats) -> Floats:
@@ -329,11 +329,11 @@ class FilterResult:
     states: Floats | None
     places: States
 
-    def of(self, sets: int, run: int) -> "FilterResult":
-        """The result of one run under one parameter set."""
-        p, r = slice(sets, sets + 1), slice(run, run + 1)
-        states = None if self.states is None else self.states[:, p, r]
-        return FilterResult(self.innovation[:, p, r], self.variance[:, p, r], self.gain[p, r], states, self.places)
+    def of(self, place: int, run: int) -> "FilterResult":
+        """The result of one run under the parameter set in that place."""
+        at = slice(place, place + 1), slice(run, run + 1)
+        states = None if self.states is None else self.states[:, *at]
+        return FilterResult(self.innovation[:, *at], self.variance[:, *at], self.gain[at], states, self.places)
 
     @cached_property
     @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away

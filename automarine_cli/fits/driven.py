@@ -196,16 +196,14 @@ class ForecastScore:
         }
 
 
-Attempt = tuple[OutputErrorFit | None, str]  # a fit, or why the runs do not carry it
-
-
+FitOrReason = tuple[OutputErrorFit | None, str]  # a fit, or why the runs do not carry it
 FITTING, COMPARING = "fitting models", "comparing estimates"
 
 
-def driven_fits(course: Course, numbers: Sequence[str], priors: Priors, roughs: Sequence[Model]) -> list[Attempt]:
+def driven_fits(course: Course, numbers: Sequence[str], priors: Priors, roughs: Sequence[Model]) -> list[FitOrReason]:
     """Fit several models to driven runs side by side, each from its `rough` values. None where the runs leave inertia
     or drag open, or give them sizes that no vehicle has."""
-    problems, attempts = [driven_problem(model, course).informed(priors) for model in roughs], list[Attempt]()
+    problems, attempts = [driven_problem(model, course).informed(priors) for model in roughs], list[FitOrReason]()
     for number, rough, fit in zip(numbers, roughs, fits_of(problems, [*map(base_starts, problems)])):
         why = NO_START if fit is None else _runaway(rough.with_theta(fit.of_model), fit, course)
         attempts.append((None, why) if fit is None or why else (result_of(number, rough, fit), ""))
@@ -330,7 +328,7 @@ def _runaway(model: Model, fit: Fit, course: Course) -> str:
     return f"these runs do not determine the model: {reason}. {dof.fill(says)}"
 
 
-AT_ONCE = 16  # runs that one filter follows by as many fits, of which those without their own run count
+RUNS_A_PASS = 16  # runs that one filter follows by as many fits, of which those without their own run count
 
 
 def left_out_predictions(
@@ -342,7 +340,7 @@ def left_out_predictions(
     the filter believes in, or `alone`, as whoever simulates it does.
     """
     by_run, runs = [], np.arange(len(problem.course.names))
-    for group in np.split(runs, runs[AT_ONCE::AT_ONCE]):
+    for group in np.split(runs, runs[RUNS_A_PASS::RUNS_A_PASS]):
         course = problem.course.some(np.isin(runs, group))
         together = problem.follow(fit.left_out[group], True, course if thinned else course.unthinned)
         for i, r in enumerate(group):
@@ -436,7 +434,7 @@ def is_driven(runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[s
 def fit_driven_models(
     models: Sequence[tuple[str, tuple[str, ...]]], runs: Sequence[Run], course: Course, priors: Priors,
     map_jobs: Each = alone,
-) -> list[Attempt]:  # fmt: skip
+) -> list[FitOrReason]:  # fmt: skip
     """Fit models to driven runs, each by its number and what it has beside its drag."""
     batch, two_way, numbers = make_batch(runs, MAX_STEPS_S[0]), both_ways(runs), [number for number, _ in models]
 
@@ -450,16 +448,16 @@ def fit_driven_models(
     roughs = [[rough(*number_and_effects, sided) for number_and_effects in models] for sided in ways]
     fits = map_jobs(partial(driven_fits, course, numbers, priors), roughs, FITTING)
 
-    def fit(i: int, sided: bool) -> OutputErrorFit:
-        of_way, why = fits[sided][i]
-        if of_way is None:
+    def fit_of(i: int, sided: bool) -> OutputErrorFit:
+        fit, why = fits[sided][i]
+        if fit is None:
             raise FitError(why)
-        return of_way
+        return fit
 
-    attempts = list[Attempt]()
+    attempts = list[FitOrReason]()
     for i in range(len(models)):
         try:
-            attempts.append((fit_by_direction(partial(fit, i), batch.dof, two_way), ""))
+            attempts.append((fit_by_direction(partial(fit_of, i), batch.dof, two_way), ""))
         except FitError as error:
             attempts.append((None, str(error)))
     better = partial(beside_forecasts, course, is_held=mostly_stepped(runs))

@@ -158,7 +158,7 @@ def test_runs_left_out_are_predicted_alike_however_many_one_filter_follows(monke
     runs, fit = steered(RUNS, 0, Sea(delay=0.2), length=40.0), driven(0)
     problem = driven_problem(base().with_effect("input-delay", [0.1]), make_course(runs, np.zeros(RUNS, dtype=bool)))
     together = left_out_predictions(problem, fit)[0]
-    monkeypatch.setattr(driven_module, "AT_ONCE", 2)
+    monkeypatch.setattr(driven_module, "RUNS_A_PASS", 2)
     for some, every in zip(left_out_predictions(problem, fit)[0], together):
         assert set(every.run) == set(range(RUNS))
         np.testing.assert_allclose(some.error, every.error, atol=1e-12)
