@@ -4,6 +4,7 @@ import difflib
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from automarine_cli import effects
 from automarine_cli.errors import SettingError
 
 if TYPE_CHECKING:
-    from automarine_cli.guide.search import Section
+    from automarine_cli.guide.search import Index, Section
 
 FOLDER = Path(__file__).parent
 OPTIONS = "`automarine {command} --help` lists all options."  # gives way to the list itself where a page is shown
@@ -101,13 +102,20 @@ def with_options(command: Page, listed: str) -> Page:
 
 def find(words: str) -> Places:
     """Search all pages for words, their beginnings or their synonyms. Raises SettingError where no page has them."""
-    from automarine_cli.guide.search import Index, alternatives, line_with
+    from automarine_cli.guide.search import alternatives, line_with
 
     terms = alternatives(words)
-    best = Index(list(sections())).ranked(words) if terms[0] else []
+    best = _index().ranked(words) if terms[0] else []
     if not best:
         raise SettingError(f"no page of the guide has {words!r}; try another word, or automarine guide")
     return Places(tuple(terms), tuple(Place(s.page, s.heading, _excerpt(line_with(s, terms), terms)) for s in best))
+
+
+@cache
+def _index() -> "Index":
+    from automarine_cli.guide.search import Index
+
+    return Index(list(sections()))
 
 
 def sections() -> "Iterator[Section]":

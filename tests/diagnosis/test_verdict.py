@@ -46,9 +46,24 @@ def campaign(*names: str, seed: int = 1, wave: tuple[float, float] = (0.0, 0.0))
     return [replace(run, position=run.position + size * np.sin(rate * (run.time - run.time[0]))) for run in runs]
 
 
+SEARCHES = dict[bytes, SearchResult]()
+
+
 @pytest.fixture
-def diagnosed() -> Iterator[Judge]:
-    """Judged against few candidates, to be quick, and without curves, which explain what no law does."""
+def diagnosed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Judge]:
+    """Judged against few candidates, to be quick, and without curves, which explain what no law does; runs that several
+    tests judge are searched once, unless the search itself is another one."""
+    every, compared = search.search, search.compensating
+
+    def once(study: DiagnosisProblem, *how: Any) -> SearchResult:
+        key = b"".join(run.position.tobytes() for run in study.runs)
+        if search.compensating is not compared:
+            return every(study, *how)
+        if key not in SEARCHES:
+            SEARCHES[key] = every(study, *how)
+        return SEARCHES[key]
+
+    monkeypatch.setattr(diagnose, "search", once)
     with few_candidates({NAME, SMALL}, curves=False):
         yield lambda runs, hold_out=(): diagnose_runs(runs, base_for(NAME), hold_out=hold_out)
 

@@ -13,6 +13,7 @@ import pytest
 from click.testing import Result
 from effect_contract import (
     MIRRORED_SIGNS,
+    PERIOD,
     SIZES,
     Floats,
     base_for,
@@ -65,7 +66,7 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plan
 
 
 def headings(model: Model, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1) -> Floats:
-    batch = make_batch(runs, 0.05, sorted({need for term in model.terms for need in term.effect.needs}))
+    batch = make_batch(runs, PERIOD, sorted({need for term in model.terms for need in term.effect.needs}))
     start = Start(position=sign * np.array([STARTS[: len(runs)]]))
     return simulate(model, batch, theta, start).position
 
@@ -162,20 +163,20 @@ def test_says_whether_it_asks_for_the_heading(name: str) -> None:
 
 @EVERY_LAW
 def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
-    """Each parameter set and each run comes out as if it were alone, whatever the company and the padding."""
+    """Each parameter set and each run comes out as if it were alone, whatever the company and the padding; so do runs
+    with parameters of their own."""
     model = with_effect(name)
     effect, law = of_law(name)
     other = [v if p.choices else 1.1 * v for p, v in zip(effect.parameters, sizes_of(effect, law))]
     theta = np.stack([model.theta, with_effect(name, effect.off).theta, with_effect(name, other).theta])
     together = headings(model, theta=theta)
     assert together.shape == (3, len(RUNS), max(len(run) for run in RUNS)) and np.isfinite(together).all()
-    for p, values in enumerate(theta):
-        for r, run in enumerate(RUNS):
-            batch = make_batch([run], 0.05, effect.needs)
-            alone = simulate(model, batch, values, Start(position=np.array([[STARTS[r]]]))).position[0, 0]
-            np.testing.assert_allclose(together[p, r, : len(run)], alone, rtol=0, atol=1e-12)
-    sets, rows = np.tile([2, 0], len(RUNS)), np.repeat(np.arange(len(RUNS)), 2)  # and with parameters of its own
-    batch = make_batch(RUNS, 0.05, effect.needs).of_runs(rows)
+    for i, (values, run) in enumerate(zip(theta, RUNS)):
+        batch = make_batch([run], PERIOD, effect.needs)
+        alone = simulate(model, batch, values, Start(position=np.array([[STARTS[i]]]))).position[0, 0]
+        np.testing.assert_allclose(together[i, i, : len(run)], alone, rtol=0, atol=1e-12)
+    sets, rows = np.tile([2, 0], len(RUNS)), np.repeat(np.arange(len(RUNS)), 2)
+    batch = make_batch(RUNS, PERIOD, effect.needs).of_runs(rows)
     own = simulate(model, batch, theta[sets], Start(position=np.take(STARTS, rows)[None]), own=True).position[0]
     np.testing.assert_allclose(own, together[sets, rows], rtol=0, atol=1e-12)
 
@@ -215,7 +216,7 @@ def test_the_filter_of_driven_runs_knows_each_law(name: str) -> None:
     """One run that starts, turns round, eases off and stops is likelier under the law that made it than without."""
     effect, law = of_law(name)
     truth = base_for(name).with_effect(effect.name, sizes_of(effect, law))
-    plan = [(0.9, 6.0), (-0.5, 5.0), (0.3, 4.0), (0.0, 4.0)]
+    plan = [(0.9, 4.0), (-0.5, 3.0), (0.3, 2.0), (0.0, 2.0)]
     runs = measured(truth, [unmeasured(plan, 0)], seed=1, noise_deg=0.3, gain=0.0)
     density = []
     for model in (truth, base_for(name)):

@@ -38,7 +38,7 @@ for line in open(sys.argv[1], encoding="utf-8").read().splitlines():
 """
 HEADING = 0.7  # rad, of every start
 CLOSE = np.deg2rad(0.2)  # the file's steps are fixed, and a delayed command begins within one of them
-PLAN = [(0.2, 2.0), (1.0, 2.0), (-0.7, 3.0), (0.0, 3.0)]
+PLAN = [(0.2, 1.0), (1.0, 1.5), (-0.7, 2.0), (0.0, 1.5)]
 
 
 def planted(name: str, law: int = 0) -> Model:

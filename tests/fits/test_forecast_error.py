@@ -136,7 +136,8 @@ def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance
     assert sentence.startswith("The disturbance is as large as the commands: yaw moment 2 of ")
 
 
-@pytest.mark.parametrize("better", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("better", [True, False])
 def test_of_too_few_steps_forecasts_choose_the_likelihood(better: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both runs are steps, too few to be fitted as such: the preferred fit of either kind is compared."""
     compared: list[bool] = []

@@ -152,7 +152,7 @@ class Kind:
     good: Callable[[], bytes]
     suffix: str
     judge: Callable[[Path], None]
-    cases: int = 100
+    cases: int = 50
 
 
 KINDS = {
@@ -167,7 +167,7 @@ KINDS = {
     "specification": Kind(SPECIFICATION.encode, ".toml", judge_specification),
     **{  # of vehicles whose libraries are installed, read with the names that their columns have
         f"recording {suffix}": Kind(
-            cache(partial(recorder.write, dive())), suffix, partial(judge_log, columns=recorder.columns), 20
+            cache(partial(recorder.write, dive())), suffix, partial(judge_log, columns=recorder.columns), 12
         )
         for suffix, recorder in RECORDERS.items()
         if find_spec(recorder.package) is not None

@@ -107,6 +107,7 @@ def page(files: dict[str, str]) -> Elements:
     return Elements(files["report.html"])
 
 
+@pytest.mark.slow
 def test_the_same_bytes(folder: Path, files: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(folder, tmp_path / "elsewhere")
     monkeypatch.chdir(tmp_path)
