@@ -14,7 +14,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import DRAG, FIRST_KNOTS, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
 from automarine_cli.effects.learned import GAIN as CURVE_OF_GAIN
 from automarine_cli.errors import FitError
-from automarine_cli.filters.course import Course, make_course
+from automarine_cli.filters.course import SLOW_ANSWER_S, SLOW_STEP_S, Course, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
@@ -35,6 +35,7 @@ SETTLED = 0.02  # of a standard error, within which a fit has settled: its evide
 LEAST_GAIN = 0.3  # in deviance, of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
 HORIZON = 5.0  # seconds ahead over which driven runs show the gap
 
+MOVING_SHARE = 1.0 / 25.0  # of the vehicle's time constant, over which commands that change all the time are averaged
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
 
 # A controller's limit cycle: command and position that swing together, as a loop with a lag or a dead-band does. A wave
@@ -191,8 +192,12 @@ class DiagnosisProblem:
     @cached_property
     def batch(self) -> Batch:
         largest = max(float(np.abs(run.command).max()) for run in self.runs)
-        step = step_for(self.base, largest)
-        return make_batch(self.runs, min(0.1, step), self.signals, channels=self.channels, settled_step=step)
+        answer, step = self.base.fastest(largest), step_for(self.base, largest)
+        usual, settled = (0.2, SLOW_STEP_S) if answer > SLOW_ANSWER_S else (0.1, step)
+        return make_batch(
+            self.runs, min(usual, step), self.signals, channels=self.channels, settled_step=settled,
+            moving_step=min(usual, MOVING_SHARE * answer),
+        )  # fmt: skip
 
     @cached_property
     def time(self) -> Floats:

@@ -1,6 +1,6 @@
 """Runs laid out for the filter: steps between readings, commands held finely, readings thinned to independent ones."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
@@ -18,6 +18,8 @@ from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 MAX_STEP_S, USUAL_STEP_S, MIN_STEP_S = 0.25, 0.1, 0.05
 """Steps of the filter [s]: the longest, where readings hang together; where they are as noisy as sensors are; and the
 shortest, where each tells something new: a controller answers it, and the commands would tell of one left out."""
+SLOW_STEP_S, SLOW_ANSWER_S = 0.5, 3.0
+"""Longest step [s] of a vehicle that answers slowly, and the time from which on an answer is slow."""
 STEP_SHARE = (
     0.05  # of the time in which a rate changes by its own size: the step of a quiet gyro, between the two above
 )
@@ -40,8 +42,11 @@ def least_noise(dof: Dof, velocity: bool) -> float:
 
 
 def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
-    """Choose the step [s] that the readings ask for: the shortest that any of their sensors does."""
-    steps = [MAX_STEP_S]
+    """Choose the step [s] that the readings ask for: the shortest that any of their sensors does; a vehicle that
+    answers slowly has time for SLOW_STEP_S."""
+    answers = [a for dof, place in zip(motion.dofs, motion.positions) for a in _answers(runs, place, dof, quantities)]
+    slow = min(answers, default=0.0) > SLOW_ANSWER_S
+    steps = [SLOW_STEP_S if slow else MAX_STEP_S]
     for dof, position in zip(motion.dofs, motion.positions):
         for quantity in (position, dof.velocity):
             measures = list[tuple[float, float, float]]()
@@ -61,9 +66,25 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
                 steps.append(MIN_STEP_S)
             elif noisy:
                 steps.append(USUAL_STEP_S)
-            elif dof.angular and quantity == dof.velocity:  # a gyro, however quiet
+            elif dof.angular and quantity == dof.velocity and not slow:  # a gyro, however quiet
                 steps.append(max(USUAL_STEP_S, STEP_SHARE * swing))
     return min(steps)
+
+
+def _answers(runs: Sequence[Run], position: str, dof: Dof, quantities: Sequence[str]) -> Iterator[float]:
+    """Give the time [s] in which each reading's velocity at most changes by half of its range in these runs, told from
+    differences over SLOW_STEP_S."""
+    for quantity in {position, dof.velocity} & {*quantities}:
+        speeds, swings = list[Floats](), list[Floats]()
+        for run in runs:
+            readings, clock = run.channel(quantity), np.arange(run.time[0], run.time[-1], SLOW_STEP_S)
+            if readings is not None and np.isfinite(readings).any() and len(clock) > 2:
+                values = np.interp(clock, run.time, filled(run.time, readings))
+                speed = values if quantity == dof.velocity else np.diff(values) / SLOW_STEP_S
+                speeds.append(speed)
+                swings.append(np.diff(speed) / SLOW_STEP_S)
+        if speeds and (largest := max(float(np.abs(swing).max()) for swing in swings)) > 0.0:
+            yield 0.5 * float(np.ptp(np.concatenate(speeds))) / largest
 
 
 def nodes_of(run: Run, step: float, longest: float, jumps: Floats, quantities: Sequence[str]) -> Floats:
@@ -262,7 +283,7 @@ def make_course(
     ]
     quantities = [quantity for _, quantity, _ in sensors]
     spacing = step_of(runs, motion, quantities) if step is None else step
-    longest = step or (MAX_STEP_S if motion.turns else max(spacing, MAX_GAP_STEP_S))
+    longest = step or max(spacing, MAX_STEP_S if motion.turns else MAX_GAP_STEP_S)
     acting = [[*map(run.command_of, motion.dofs), *map(np.asarray, map(run.signal, signals))] for run in runs]
     usual = [float(np.sqrt(np.mean(np.concatenate(column) ** 2))) or 1.0 for column in zip(*acting)]
     layouts = []

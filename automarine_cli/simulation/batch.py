@@ -175,14 +175,15 @@ def steps_of(length: Floats) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class _Grid:
-    """Steps of one run. `held` (M,) is the sample whose command is held over each step, and the first of the `taken`
-    (M,) sample intervals in it; `node` (N,) the step that begins at or before each sample, `inside` (N,) which of the
-    `inner` (M, K - 1) of that step it is, 0 for its begin."""
+    """Steps of one run. `held` (M,) is the sample whose command is held over each step, or those that are `moving` have
+    the mean of, and the first of the `taken` (M,) sample intervals in it; `node` (N,) the step that begins at or before
+    each sample, `inside` (N,) which of the `inner` (M, K - 1) of that step it is, 0 for its begin."""
 
     length: Floats
     stretch: Floats
     switch: NDArray[np.int64]
     held: NDArray[np.int64]
+    moving: NDArray[np.bool_]
     taken: NDArray[np.int64]
     node: NDArray[np.int64]
     inside: NDArray[np.int64]
@@ -195,23 +196,33 @@ class _Grid:
         mean = (total[self.held + self.taken] - total[self.held]) / self.taken
         return np.where(self.taken == 1, signal[self.held], mean)
 
+    def commanded(self, force: Floats) -> Floats:
+        """What is held over each step (M,) of a command (N,), which changes in the middle of a sample interval."""
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]))])
+        mean = (total[self.held + self.taken * self.moving] - total[self.held]) / self.taken
+        return np.where(self.moving, mean, force[self.held])
+
 
 def make_batch(
     runs: Sequence[Run], max_step: float, signals: Sequence[str] = (), hold: bool = True, *,
     motion: Motion | None = None, channels: Sequence[str] | None = None, settled_step: float = 0.0,
+    moving_step: float = 0.0,
 ) -> Batch:  # fmt: skip
     """Lay `runs` out for simulation with steps of at most `max_step` [s]. `motion` is by default that of the runs' one
     degree of freedom. `channels` names the quantities measured that are to be followed, by default the positions of the
-    runs alone; `signals` the columns of `Run.extras` that effects need; without `hold` nobody holds a vehicle. Where no
-    command has changed for a while a step may take `settled_step` [s] and hold samples inside. Raises
-    RunError for no runs, a run without a moment, runs with moments in different units, or a missing signal."""
+    runs alone; `signals` the columns of `Run.extras` that effects need; without `hold` nobody holds a vehicle. If
+    `settled_step` [s] is given, steps hold samples inside: they take that long where no command has changed for a
+    while, before that `max_step`, and `moving_step` [s] where one changes all the time: what they hold is then its
+    mean, which moves the vehicle aside by moving_step²/12 times what the acceleration rises by. Raises RunError for no
+    runs, a run without a moment, runs with moments in different units, or a missing signal."""
     unit = unit_of(runs, signals)
     motion = motion or alone(runs[0].dof)
     commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
-    settled_step = 0.0 if motion.turns else settled_step  # a position whose slope is no velocity has no such cubic
+    # a position whose slope is no velocity has no such cubic
+    joined = (0.0,) * 4 if motion.turns or not settled_step else (0.0, max_step, settled_step, moving_step)
     thrusters = [signals_of(runs, name) for name in signals if name in PARTS]
     logs = zip(runs, commanded, zip(*thrusters) if thrusters else [()] * len(runs))
-    grids = [_grid(run.time, force, np.vstack([force, *each]), max_step, settled_step) for run, force, each in logs]
+    grids = [_grid(run.time, force, np.vstack([force, *each]), max_step, joined) for run, force, each in logs]
     if hold and any(dof.has_constant for dof in motion.dofs):
         loose = [grid.held >= released(run) for run, grid in zip(runs, grids)]
         grids = [replace(g, length=g.length * on, stretch=g.stretch * on) for g, on in zip(grids, loose)]
@@ -222,7 +233,7 @@ def make_batch(
     inner = np.zeros((len(runs), steps, each - 1))
     for row, grid in zip(inner, grids):
         row[: len(grid.inner), : grid.inner.shape[1]] = grid.inner
-    forces = [force[:, g.held] for force, g in zip(commanded, grids)]
+    forces = [[g.commanded(row) for row in force] for force, g in zip(commanded, grids)]
     return Batch(
         motion=motion, names=tuple(run.name for run in runs), length=lengths,
         stretch=padded([g.stretch for g in grids], steps), switch=padded([g.switch for g in grids], steps),
@@ -294,21 +305,25 @@ def _channels(runs: Sequence[Run], motion: Motion, samples: int, quantities: Seq
             yield Channel(quantity, d, quantity == dof.velocity, filled, mask, counts=counts)
 
 
-def _grid(time: Floats, force: Floats, inputs: Floats, max_step: float, settled_step: float) -> _Grid:
+def _grid(time: Floats, force: Floats, inputs: Floats, max_step: float, joined_steps: Sequence[float]) -> _Grid:
     """Steps between the samples of one run; one in which a command, of `force` (D, N), changes is halved there. All
-    that is commanded, each thruster too, is in the `inputs` (J, N)."""
+    that is commanded, each thruster too, is in the `inputs` (J, N); intervals of each kind are joined to steps of at
+    most so long."""
     intervals = np.diff(time)
     changed = np.any(np.diff(force, axis=1) != 0, axis=0)
     count = np.maximum(np.ceil(intervals / max_step - 1e-9).astype(int), 1)
+    kind = _kinds(time, np.any(np.diff(inputs, axis=1) != 0, axis=0), count > 1)
+    first, taken = _joined(time, kind, joined_steps)
+    moving = (kind[first] == CHANGING) & (taken > 1)
+    width = intervals[changed]
+    changed &= ~np.repeat(moving, taken)
     count = np.where(changed, count + count % 2, count)
-    first, taken = _joined(time, np.any(np.diff(inputs, axis=1) != 0, axis=0), count, settled_step)
     interval, count = np.add.reduceat(intervals, first), count[first]
     which = np.repeat(np.arange(len(first)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     changed_here = changed[first]
     late = changed_here[which] & (order >= count[which] // 2)
     switch = np.cumsum(changed_here)[which] - 1
-    width = intervals[changed]
     if len(width) > MAX_SWITCHES:
         switch, width = np.zeros_like(switch), np.array([np.median(width)])
     moves = np.where(late, -2.0, 2.0) / count[which]
@@ -321,22 +336,35 @@ def _grid(time: Floats, force: Floats, inputs: Floats, max_step: float, settled_
     inner[begins[of[within]], inside[within] - 1] = (time[1:] - time[first[of]])[within] / interval[of[within]]
     return _Grid(
         length=(interval / count)[which], stretch=np.where(changed_here[which], moves, 0.0),
-        switch=np.where(changed_here[which], switch, 0), held=first[which] + late, taken=taken[which],
+        switch=np.where(changed_here[which], switch, 0), held=first[which] + late, moving=moving[which],
+        taken=taken[which],
         node=np.concatenate([[0], np.where(inside > 0, begins[of], (begins + count)[of])]),
         inside=np.concatenate([[0], inside]), inner=inner, interval=width,
     )  # fmt: skip
 
 
+ISOLATED, RESTING, STEADY, CHANGING = range(4)
+"""Sample intervals that are a step or more each; such without a change of command, shortly after one or for longer; and
+neighbours in which commands change, of runs whose changes have no instants of their own."""
+
+
+def _kinds(time: Floats, changed: NDArray[np.bool_], is_long: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The kind of each sample interval (N - 1,) by what is commanded and whether it `is_long`, more than a step."""
+    last = np.maximum.accumulate(np.where(changed, np.arange(1, len(time)), 0))  # sample after the latest change
+    settled = (time[:-1] - time[last] >= SETTLED_S - 1e-9) | (last == 0)
+    beside = np.append(False, changed[:-1]) | np.append(changed[1:], False)
+    moving = changed & beside & (changed.sum() > MAX_SWITCHES)
+    kind = np.where(changed, np.where(moving, CHANGING, ISOLATED), np.where(settled, STEADY, RESTING))
+    return np.where(is_long, ISOLATED, kind)
+
+
 def _joined(
-    time: Floats, changed: NDArray[np.bool_], count: NDArray[np.int64], settled_step: float
+    time: Floats, kind: NDArray[np.int64], joined_steps: Sequence[float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The first of each group of sample intervals that one step takes together, and how many there are: as many as
-    `settled_step` holds of the longest where no command has changed for `SETTLED_S`, else one."""
-    at = np.arange(len(changed))
-    together = max(int(settled_step / float(np.diff(time).max()) + 1e-9), 1)
-    last = np.maximum.accumulate(np.where(changed, at + 1, 0))  # sample after the latest change
-    quiet = (time[:-1] - time[last] >= SETTLED_S - 1e-9) | (last == 0)
-    quiet &= ~changed & (count == 1)
-    begin = np.maximum.accumulate(np.where(quiet & ~np.append(False, quiet[:-1]), at, 0))  # of the quiet stretch
-    first = np.flatnonzero(~quiet | ((at - begin) % together == 0))
+    """The first of each group of neighbours of one `kind` (N - 1,) that one step takes together, and how many there
+    are: as many as `joined_steps` [s] of that kind hold of the longest."""
+    longest, at = float(np.diff(time).max()), np.arange(len(kind))
+    together = np.array([max(int(step / longest + 1e-9), 1) for step in joined_steps])[kind]
+    begin = np.maximum.accumulate(np.where(np.diff(kind, prepend=-1) != 0, at, 0))
+    first = np.flatnonzero((at - begin) % together == 0)
     return first, np.diff(np.append(first, len(at)))

@@ -156,6 +156,19 @@ def test_filtered_readings_tell_little_new_at_their_full_pace() -> None:
     np.testing.assert_allclose(paces, [0.05, 0.1], atol=1e-9)
 
 
+@pytest.mark.parametrize(("period", "pace"), [(4.0, 0.25), (40.0, 0.5)])
+def test_a_quiet_log_of_a_vehicle_that_answers_slowly_has_longer_steps(period: float, pace: float) -> None:
+    """A swing takes its period over 2 pi to change its rate by half of its range; noise says nothing of the vehicle."""
+    time, turn = np.arange(0.0, 120.0, 0.05), 2.0 * np.pi / period
+    run = logged(time, np.sin(turn * time), np.cos(turn * time), yaw_rate=turn * np.cos(turn * time))
+    for channels in (("heading",), ("heading", "yaw_rate")):
+        gaps = np.diff(make_course([run], REST, channels=channels).time[0])
+        assert np.median(gaps) <= pace + 1e-9 and (np.median(gaps) == pytest.approx(pace)) == (
+            len(channels) == 1 or pace == 0.5
+        )
+    assert np.median(np.diff(make_course([noisy(run)], REST).time[0])) == pytest.approx(0.05)
+
+
 def textbook(run: Run, of: Noises, swift: float) -> tuple[Floats, Floats]:
     """Innovations and variances at the samples, by a Kalman filter of (heading, rate, disturbance) whose transition and
     noise over each half of an interval are exact (Van Loan 1978)."""

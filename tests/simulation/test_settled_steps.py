@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from effect_contract import base_for, law_names, long_plans, of_law, sizes_of, unmeasured
 
+from automarine_cli import effects
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.simulation.batch import SETTLED_S, make_batch
 from automarine_cli.simulation.rollout import simulate
@@ -49,3 +50,25 @@ def test_steps_grow_only_where_commands_have_settled_and_hold_what_they_may() ->
         weighed = float(batch.signals["surge"][0] @ batch.length[0]) / float(log.time[-1] - log.time[0])
         held = float(log.extras["surge"][:-1] @ np.diff(log.time)) / float(log.time[-1] - log.time[0])
         assert weighed == pytest.approx(held, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", ["", "thruster-lag", "input-delay", "rudder-rate", "saturation", "water-swirl"])
+def test_commands_that_change_all_the_time_are_averaged_over_steps_of_fast_logs(name: str) -> None:
+    """A command that goes over steadily, as a rudder does, and rests."""
+    time = np.arange(0.0, 24.0, 0.02)
+    command = np.clip(1.5 * np.sin(0.7 * time), -0.8, 0.8)
+    extras = {name: np.interp(time, RUNS[0].time, column) for name, column in RUNS[0].extras.items()}
+    run = replace(RUNS[0], time=time, position=0.0 * time, moment=command, extras=extras)
+    model = base_for("").with_effect(name, sizes_of(effects.get(name))) if name else base_for("")
+    short = make_batch([run], 0.02, model.signals)
+    joined = make_batch([run], 0.1, model.signals, settled_step=0.2, moving_step=0.05)
+    assert 3 * joined.length.shape[1] < short.length.shape[1] < 2 * len(time)
+    assert float((joined.force[0] * joined.length).sum()) == pytest.approx(
+        float((short.force[0] * short.length).sum()), abs=1e-9
+    )
+    np.testing.assert_allclose(joined.time, short.time, atol=1e-9)
+    apart = simulate(model, joined).position - simulate(model, short).position
+    # what is late is felt where the command rests, in longer steps; and a gear that keeps up comes half a step late
+    assert np.degrees(np.abs(apart).max()) < {"thruster-lag": 0.05, "input-delay": 0.05, "rudder-rate": 0.8}.get(
+        name, 0.02
+    )
