@@ -26,8 +26,8 @@ Run = Callable[..., Result]
 
 def smaller(patch: pytest.MonkeyPatch) -> None:
     """Fewer vehicles than a user gets: the verdicts here are clear ones."""
-    patch.setattr(designing, "CROWD_VEHICLES", 48)
-    patch.setattr(designing, "FEW_VEHICLES", 8)
+    patch.setattr(designing, "CROWD_VEHICLES", 72)
+    patch.setattr(designing, "FEW_VEHICLES", 16)
 
 
 @pytest.fixture(autouse=True)
