@@ -3,12 +3,12 @@
 import signal
 import sys
 
-SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+STOP_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def main() -> None:
     """Run the console script: from here on Ctrl-C, SIGTERM and a hang-up end it in order, also while it loads."""
-    for number in SIGNALS:
+    for number in STOP_SIGNALS:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):  # not what nohup ignores
             signal.signal(number, _interrupt)
     try:
@@ -21,7 +21,7 @@ def main() -> None:
 
 
 def _interrupt(number: int, frame: object) -> None:
-    for each in SIGNALS:  # the end has begun; impatience must not cut it short
+    for each in STOP_SIGNALS:  # the end has begun; impatience must not cut it short
         signal.signal(each, signal.SIG_IGN)
     raise KeyboardInterrupt
 

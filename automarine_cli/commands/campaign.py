@@ -40,7 +40,7 @@ KEYS = {
     "tune": ("thrusters",),
 }
 """The keys of each section that are no settings of its command."""
-COMMANDS = {"thrusters": "fit-thrusters", "tune": "tune", **{name: f"fit-{name}" for name in (*DOFS, PLANAR.name)}}
+COMMAND_OF = {"thrusters": "fit-thrusters", "tune": "tune", **{name: f"fit-{name}" for name in (*DOFS, PLANAR.name)}}
 """The command of each section that has settings of it."""
 GIVEN = {"logs", "hold_out", "model", "extended", "columns", "thrusters", "thrusters_per_test", "arm", "strict", "seed",
          "check", "reference"}  # fmt: skip
@@ -187,7 +187,7 @@ def _read(section: str, table: object, home: Path) -> Iterable[tuple[str, Any]]:
     """The keys of a section with converted values. Raises SettingError with the key's path."""
     if not isinstance(table, Mapping):
         raise SettingError(f"{section}: found {format_value(table)}, expected a table")
-    work = load(COMMANDS[section]) if section in COMMANDS else None
+    work = load(COMMAND_OF[section]) if section in COMMAND_OF else None
     keys = [*KEYS[section], *(work.names - GIVEN if work else ()), *(() if section else (key for key in KEYS if key))]
     for key, value in table.items():
         where = f"{section}.{key}".removeprefix(".")

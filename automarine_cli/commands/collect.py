@@ -85,16 +85,16 @@ def collect(
 def _analysed(folder: Path, logs: Iterable[str], overwrite: bool, jobs: int, progress: Progress) -> Any:
     """What `run` makes of the logs. Raises SettingError for a campaign file that leaves some of them out."""
     from automarine_cli.commands.campaign import read_campaign
-    from automarine_cli.commands.init import NAME, init
+    from automarine_cli.commands.init import CAMPAIGN_FILE, init
     from automarine_cli.commands.run import run_campaign
 
-    file = folder / NAME
+    file = folder / CAMPAIGN_FILE
     if not file.exists():
         init(folder, out=file, jobs=jobs, progress=progress)
     if left_out := sorted(set(logs) - {log.path.name for log in read_campaign(file).every_log()}):
         raise SettingError(
-            f"{NAME} in {folder} leaves out {len(left_out)} of {len(set(logs))} logs, such as {left_out[0]}; add them, "
-            "or move the file away, and it is written anew"
+            f"{CAMPAIGN_FILE} in {folder} leaves out {len(left_out)} of {len(set(logs))} logs, such as {left_out[0]}; "
+            "add them, or move the file away, and it is written anew"
         )
     return run_campaign(file, out=folder / ANALYSIS, overwrite=overwrite, jobs=jobs, progress=progress)
 

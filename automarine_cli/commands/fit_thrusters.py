@@ -12,20 +12,20 @@ from automarine_cli.pipeline.parallel import Progress
 if TYPE_CHECKING:
     from automarine_cli.thrusters.result import ThrusterFit
 
-AUTO = "auto"
+AUTO_FORM = "auto"
 
 
 def _forms() -> tuple[str, ...]:
     from automarine_cli.thrusters.curves import FORMS
 
-    return (AUTO, *FORMS)
+    return (AUTO_FORM, *FORMS)
 
 
 class _Form(options.OneOf):
     """A thrust curve; None for auto."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return None if value == AUTO else super().convert(value, param, ctx)
+        return None if value == AUTO_FORM else super().convert(value, param, ctx)
 
 
 @command(
@@ -39,7 +39,7 @@ class _Form(options.OneOf):
     help="Number of equal thrusters that pulled together.  [default: the --columns file's, else 1]",
 )  # fmt: skip
 @option(
-    "--form", type=_Form(_forms), default=AUTO, show_default=True, metavar="FORM",
+    "--form", type=_Form(_forms), default=AUTO_FORM, show_default=True, metavar="FORM",
     help="Thrust curve of the map, such as square, dead-band-power or spline. auto chooses by cross-validation.",
 )  # fmt: skip
 @options.ending(options.strict, options.jobs)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from automarine_cli.pipeline.parallel import Progress
     from automarine_cli.report.campaign_file import NewCampaign
 
-NAME = "campaign.toml"
+CAMPAIGN_FILE = "campaign.toml"
 MAKE_LOGS = ("simulate", "slice")
 
 
@@ -56,7 +56,7 @@ def init(
     from automarine_cli.runs.load import has_bytes, require_usable
     from automarine_cli.runs.look import survey
 
-    place = folder / NAME if out is None else out
+    place = folder / CAMPAIGN_FILE if out is None else out
     refuse_existing(place, overwrite=overwrite)
     files = [file for file in find_logs([folder]) if not _is_result(file.path, folder)]
     if not files:

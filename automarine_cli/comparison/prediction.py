@@ -249,7 +249,7 @@ def predict_runs(
     )
 
 
-NOT_LOGGED = "no {position} in the commands"
+NOT_IN_COMMANDS = "no {position} in the commands"
 
 
 def _start(model: Model, run: Run, position: float | None, rate: float | None) -> tuple[StartState, Floats]:
@@ -270,7 +270,7 @@ def _start(model: Model, run: Run, position: float | None, rate: float | None) -
         state = StartState(start[:3].copy(), start[3:].copy(), "read" if logged else "")
     else:
         state = start_states(model, [run])[0] if logged else StartState(0.0, 0.0)
-    how.append(state.how if logged else run.dof.fill(f"{NOT_LOGGED}: it starts at 0"))
+    how.append(state.how if logged else run.dof.fill(f"{NOT_IN_COMMANDS}: it starts at 0"))
     for k, (value, name) in enumerate(((position, "position"), (rate, "rate"))):
         if value is not None:
             sure[k] = 0.0
@@ -296,7 +296,7 @@ def _predicted(
     of_line = np.array([[1.0, 0.0], [-(0.75**0.5), 0.5]])  # how position and rate at the end of a line go together
     off = sure[:, None] * (of_line @ rng.standard_normal((2, count)))
     log_gain[0], off[:, 0] = 0.0, 0.0
-    sampled = not doubt.disturbed and run.dof.fill(NOT_LOGGED) not in start.how
+    sampled = not doubt.disturbed and run.dof.fill(NOT_IN_COMMANDS) not in start.how
     pushed = _pushes(model, doubt, batch, theta, rng) if doubt.disturbed else None
     late = rng.uniform(-0.5, 0.5, (count, *batch.interval.shape)) * batch.interval if sampled else None
     if late is not None:  # a command changed anywhere between two samples; a delay holds the mean

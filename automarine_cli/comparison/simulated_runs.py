@@ -77,7 +77,7 @@ NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
 START_STEP = 1.5e-8  # share of a start, or of one, by which it is moved for derivatives that search it
 START_ROUNDS = 4
 MAX_WEIGHT = 100.0  # of a reading of a velocity [s]
-MIN_GAIN = 0.1  # of what a sensor shows of a small move
+MIN_SENSITIVITY = 0.1  # of what a sensor shows of a small move
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def aligned(model: Model, runs: Sequence[Run], states: Sequence[StartState]) -> 
         tried = position + NUDGE * np.array([[0.0], [1.0], [-1.0]])
         readings = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
         gain = (readings[1] - readings[2]) / (2 * NUDGE)
-        gain = np.where(np.isfinite(gain) & (np.abs(gain) > MIN_GAIN), gain, 1.0)
+        gain = np.where(np.isfinite(gain) & (np.abs(gain) > MIN_SENSITIVITY), gain, 1.0)
         position = position + np.nan_to_num((targets - readings[0]) / gain, posinf=0.0, neginf=0.0)
     return [StartState(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 

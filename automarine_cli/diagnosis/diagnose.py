@@ -39,7 +39,7 @@ from automarine_cli.diagnosis.search import (
     variants,
     without,
 )
-from automarine_cli.diagnosis.study import HORIZON, DiagnosisProblem, LimitCycle, log_density, study_of
+from automarine_cli.diagnosis.study import GAP_HORIZON_S, DiagnosisProblem, LimitCycle, log_density, study_of
 from automarine_cli.dofs import YAW, Dof, Motion
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import TooFewRunsError
@@ -63,7 +63,7 @@ from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
-EVEN = 0.5  # weight against its rivals below which an effect is a tie and no name
+TIE_WEIGHT = 0.5  # weight against its rivals below which an effect is a tie and no name
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ForecastGain:
 
     @property
     def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
-        return next((pair for pair in self.ahead if pair[0].horizon == HORIZON), None)
+        return next((pair for pair in self.ahead if pair[0].horizon == GAP_HORIZON_S), None)
 
     @property
     def longest(self) -> tuple[ForecastScore, ForecastScore]:
@@ -531,7 +531,7 @@ def _no_name(result: SearchResult, judged: JudgedRuns | None) -> str:
         return next(iter(result.compensating.values()))
     for name in result.final.counted:
         weight = 1.0 / (1.0 + sum((odds := result.odds(name)).values()))
-        if weight < EVEN:
+        if weight < TIE_WEIGHT:
             return f"A tie: the runs do not tell {name} ({100 * weight:.0f} %) from {' or '.join(odds)}."
     return ""
 

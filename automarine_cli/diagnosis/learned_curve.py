@@ -12,8 +12,8 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.residual_regions import is_autocorrelated
 from automarine_cli.diagnosis.scores import DRAWS, CandidateShape, penalty, project, score_information
 from automarine_cli.diagnosis.search import (
+    CLAIM_LEVEL,
     FORETELLS,
-    LEVEL,
     MAX_EFFECTS,
     RIVAL_RANGE,
     SEARCH_BRIEF,
@@ -35,7 +35,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import (
     DRAG,
     FIRST_KNOTS,
-    GAIN,
+    GAIN_CURVE,
     KINDS,
     KNOTS,
     MOMENT,
@@ -57,7 +57,7 @@ from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of
 
 TRIED = 0.02  # value at which each knot is tried, a share of the largest moment or of the thrust
-MIN_RUNS = 10  # runs from which their gains may be compared with a column
+MIN_RUNS_COMPARED = 10  # runs from which their gains may be compared with a column
 STANDS_FOR = 0.9  # correlation with the campaign's clock from which a column only stands for time
 FOLLOWS = 0.01  # chance below which the gains of runs follow a column
 POWERS = (1, 3, 6, 9)  # highest powers of a column by which gains are then explained: from a line to two waves
@@ -142,7 +142,7 @@ def ranges(study: DiagnosisProblem) -> dict[str, tuple[float, float]]:
     clock = np.concatenate(signals_of(study.runs, CLOCK))
     for name in (CLOCK, SINCE, *_columns(study.runs, dof)):
         values = np.concatenate(signals_of(study.runs, name))
-        if len(study.runs) >= MIN_RUNS or not _alike(values, clock):
+        if len(study.runs) >= MIN_RUNS_COMPARED or not _alike(values, clock):
             intervals[name] = (float(values.min()), float(values.max()))
     return {name: (low, high) for name, (low, high) in intervals.items() if high - low > 1e-9 * max(abs(high), 1e-9)}
 
@@ -176,7 +176,7 @@ def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str
     Its mean in each run counts: least squares of the gains on its powers up to each of POWERS, the best of all columns
     by Fisher's test, compared with that of runs dealt in another order (`seed`)."""
     gains, runs = trial.fit.effects_of(linear_mixed.GAIN)[:, 0], study.runs
-    if len(runs) < MIN_RUNS or np.ptp(gains) < 1e-9:
+    if len(runs) < MIN_RUNS_COMPARED or np.ptp(gains) < 1e-9:
         return ""
     random, follows = np.random.default_rng(seed), ""
     dealt = np.array([gains, *(random.permutation(gains) for _ in range(DEALS))]) - gains.mean()
@@ -196,11 +196,12 @@ def gains_follow(study: DiagnosisProblem, trial: CandidateFit, seed: int) -> str
     return follows if (best[1:] <= best[0]).mean() < FOLLOWS else ""
 
 
-LEADERS, MAX_LEADERS, BEHIND = 4, 6, 0.5  # so many curves are fitted, or more whose score is this share of the best
-FAR = 0.2  # share of the best gain by which brief fits may be behind that are taken further
-AS_WELL = 0.02  # of the gain of one effect, within which it does as well as a curve: its law may be off
+CURVES_FITTED = 4
+MAX_CURVES_FITTED, MIN_SCORE_SHARE = 6, 0.5  # where more have this share of the best score
+BRIEF_GAIN_SHARE = 0.2  # share of the best gain by which brief fits may be behind that are taken further
+EFFECT_GAIN_SHARE = 0.02  # of the gain of one effect, within which it does as well as a curve: its law may be off
 AT_ONCE = 2.0  # times what any effect gains, by which a curve ends a search after its first look
-SETTLES = 2  # how often the spread is chosen again after a fit
+SPREAD_ROUNDS = 2  # how often the spread is chosen again after a fit
 SAME_SPREAD = 0.1  # difference of the logarithm of two spreads that is none
 
 
@@ -246,7 +247,7 @@ def learn(
     if enough and count:  # a library that does as well wins
         bases = bases if study.driven or follows else bases[:1]
         gained = result.base.evidence - result.final.evidence
-        most = result.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
+        most = result.final.evidence - max(TIE, EFFECT_GAIN_SHARE * gained * (count == 1))
     tied: Rivals = {}
     for base in bases:
         best = _best(wide, result, base, follows, most, seed, map_fn) if base.count < MAX_EFFECTS else None
@@ -276,7 +277,7 @@ def _as_good(result: SearchResult, base: CandidateFit, curve: CandidateFit) -> l
 def _shows(study: DiagnosisProblem, base: CandidateFit, seed: int) -> bool:
     """Whether a curve beside what was found would gain more than chance by its score."""
     curves, chance = scored(study, base, seed)
-    return bool(curves) and curves[0][0] > max(chance.threshold(LEVEL), 0.0)
+    return bool(curves) and curves[0][0] > max(chance.threshold(CLAIM_LEVEL), 0.0)
 
 
 def _best(
@@ -287,20 +288,20 @@ def _best(
     the runs' own gains follow is tried whatever its score, in which their scatter stays as large as it is without. What
     a score, of driven runs, or a brief fit leaves too far above an evidence of `most` is not fitted to its end."""
     curves, chance = scored(study, base, seed + len(base.added), map_fn)
-    bar = max(chance.threshold(LEVEL), 0.0)
-    least = max(BEHIND * curves[0][0], 0.0) if curves else 0.0
+    bar = max(chance.threshold(CLAIM_LEVEL), 0.0)
+    least = max(MIN_SCORE_SHARE * curves[0][0], 0.0) if curves else 0.0
     reach = (base.evidence - most - RIVAL_RANGE) / FORETELLS if study.driven else -np.inf
     leading = [
         model for i, (gain, model) in enumerate(curves)
-        if (gain > reach and (i < LEADERS or (i < MAX_LEADERS and gain > least)))
-        or ((term := model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN)
+        if (gain > reach and (i < CURVES_FITTED or (i < MAX_CURVES_FITTED and gain > least)))
+        or ((term := model.terms[-1]).name == PREFIX + follows and kind_of(term.values) == GAIN_CURVE)
     ]  # fmt: skip
     starts = [(model.terms[-1].name, np.array(model.terms[-1].values)) for model in leading]
     attempts = [attempt_with(base, start) for start in starts]
     tried = all_refitted(study, attempts, SEARCH_BRIEF, map_fn, "trying curves")
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
-    needed = max(gained, base.evidence - most) - max(RIVAL_RANGE, FAR * gained)
+    needed = max(gained, base.evidence - most) - max(RIVAL_RANGE, BRIEF_GAIN_SHARE * gained)
     running = [trial for gain, trial in gains if gain > needed and may_explain(study, trial)]
     tried = map_fn(partial(_further, study), running, "learning curves")
     trials = sorted((trial for trial in tried if trial is not None), key=lambda trial: trial.evidence)
@@ -333,7 +334,7 @@ def may_explain(study: DiagnosisProblem, trial: CandidateFit) -> bool:
 
 def _further(study: DiagnosisProblem, trial: CandidateFit) -> CandidateFit | None:
     """The same taken to the end; the spread is chosen again by each fit."""
-    for _ in range(1 + SETTLES):
+    for _ in range(1 + SPREAD_ROUNDS):
         spread, _ = smoothed(trial.fit, trial.model)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
         again = refitted(study, model, trial.added, model.theta, trial.fit)
@@ -376,7 +377,7 @@ def curve_of(trial: CandidateFit) -> LearnedCurve | None:
     assert isinstance(effect, Learned)
     low, high = term.values[:2]
     kind, variable, scale = kind_of(term.values), effect.variable, scale_of(term.values)
-    y_unit = {MOMENT: "{force}", GAIN: "1", DRAG: "{force} s{/x}"}[kind]
+    y_unit = {MOMENT: "{force}", GAIN_CURVE: "1", DRAG: "{force} s{/x}"}[kind]
     at = places(model)
     covariance, values = trial.fit.covariance[np.ix_(at, at)], trial.fit.theta[at]
     x = np.linspace(low, high, POINTS)
@@ -391,10 +392,10 @@ def curve_of(trial: CandidateFit) -> LearnedCurve | None:
 
 def sentence(curve: LearnedCurve, result: SearchResult) -> str:
     words = result.final.model.dof.words
-    size = f"{100 * np.ptp(curve.y):.2g} %" if curve.kind == GAIN else f"{np.ptp(curve.y):.2g} {curve.y_unit}"
+    size = f"{100 * np.ptp(curve.y):.2g} %" if curve.kind == GAIN_CURVE else f"{np.ptp(curve.y):.2g} {curve.y_unit}"
     cause, which = {
         MOMENT: (f"A {words.force}", "it differs"),
-        GAIN: ("The thrust", "it differs"),
+        GAIN_CURVE: ("The thrust", "it differs"),
         DRAG: ("The drag", f"what it has in proportion to the {words.rate} differs"),
     }[curve.kind]
     return f"{cause} depends on {curve.variable}: {which} by {size} over its range; no effect of the library does this."

@@ -36,7 +36,7 @@ from automarine_cli.diagnosis.residual_regions import (
 )
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
-from automarine_cli.diagnosis.study import HORIZON
+from automarine_cli.diagnosis.study import GAP_HORIZON_S
 from automarine_cli.dofs import PLANAR, SWAY, YAW
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
@@ -57,7 +57,7 @@ from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
-SMALL = 0.02  # share of its usual size at which an actuator effect is as good as none
+NEGLIGIBLE_SHARE = 0.02  # share of its usual size at which an actuator effect is as good as none
 OF_YAW = ("input-delay", "thruster-lag", "dead-band")
 SAYS = {
     "cross-coupling": "One motion drives another",
@@ -108,7 +108,7 @@ def suspects(model: Model, observed: Observed, largest: float) -> Iterator[Candi
     for name in OF_YAW:
         if (yaw, name) not in [(term.dof, term.name) for term in model.terms]:
             parameters = effects.get(name).parameters
-            values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in parameters)
+            values = tuple(p.off + (not p.held) * NEGLIGIBLE_SHARE * p.scaled(p.start, largest) for p in parameters)
             yield Candidate.of_term(model, Term(name, values, dof=yaw))
 
 
@@ -120,8 +120,9 @@ def run_to_split(candidate: Candidate) -> str:
 MIN_TO_SPLIT = 4  # runs of which one is held out: those of motion in the plane are few and long
 HEAD_START = 10.0  # deviance beyond the penalty that an effect has to gain
 MIN_STDERRS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
-FULLY, LOOK = 4, 6  # candidates of a round that are fitted at most, those that promise most; iterations of each
-MOST = 3  # effects that are named at most
+MAX_CANDIDATES_FITTED = 4  # in a round: those that promise most
+LOOK_ITERATIONS = 6  # of each
+MAX_EFFECTS_NAMED = 3  # effects that are named at most
 
 
 @dataclass(frozen=True)
@@ -163,15 +164,15 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
 
     likelihood: PlanarLikelihood
     other: PlanarLikelihood
-    most = MOST
+    most = MAX_EFFECTS_NAMED
 
     def look(self, model: OutputErrorFit, number: int) -> PlanarStep:
         likelihood = self.likelihood
         largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
         promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
-        leaders = sorted(promised, key=lambda pair: -pair[1].gain)[:FULLY]
+        leaders = sorted(promised, key=lambda pair: -pair[1].gain)[:MAX_CANDIDATES_FITTED]
         leaders = [(candidate, promise) for candidate, promise in leaders if 2.0 * promise.gain > HEAD_START]
-        fits = likelihood.tried(leaders, model, LOOK)
+        fits = likelihood.tried(leaders, model, LOOK_ITERATIONS)
         tried = [self.fitted_candidate(candidate, fit, model) for candidate, fit in fits]
         model, tried = self._on_the_best_summit(model, tried)
         good = sorted((t for t in tried if t.evident and t.held_out > 0), key=lambda trial: -trial.surplus)
@@ -204,7 +205,7 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
         estimate = max(tried, key=lambda trial: trial.surplus).estimate
         values = current.model.values | {name: estimate.model.values[name] for name in current.model.free}
         model = current.model.with_theta([*values.values()])
-        again = self.likelihood.estimate(model, estimate.mixed.of_chance, LOOK)
+        again = self.likelihood.estimate(model, estimate.mixed.of_chance, LOOK_ITERATIONS)
         if again.mixed.log_likelihood <= current.mixed.log_likelihood:
             return current, tried
         again = self.likelihood.estimate(again.model, again.mixed.of_chance)
@@ -363,7 +364,7 @@ def find_planar_where(every: PlanarLikelihood, before: OutputErrorFit, seed: int
 
 def judged(predictions: Sequence[Predicted]) -> Predicted:
     """The predictions over the horizon that shows the gap, or the longest below it that any run is long enough for."""
-    some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= HORIZON]
+    some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= GAP_HORIZON_S]
     return max(some or predictions[:1], key=lambda prediction: prediction.horizon)
 
 

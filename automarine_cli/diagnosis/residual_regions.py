@@ -487,7 +487,7 @@ def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted
 
 def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
     """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
-    runs measured less predicted ones, HORIZON seconds ahead from the filtered state."""
+    runs measured less predicted ones, GAP_HORIZON_S ahead from the filtered state."""
     if trial.fit.driven:
         return missed(study, trial.model, trial.fit)
     return study.residual(trial.fit.fitted if fitted else study.responses_of(trial.model, trial.fit)[0])

@@ -116,9 +116,9 @@ def drag_drives(model: Model, fastest: float) -> bool:
 
 
 DRAWS = 2000
-NEAR = 0.5  # share of an effect's best score from which another of its laws is worth a fit
+LAW_SCORE_SHARE = 0.5  # share of an effect's best score from which another of its laws is worth a fit
 ROUNDING = 1e-10  # share of a column's information below which what is left is rounding
-SMALL = 0.03  # size at which a parameter without a start of its own is tried
+TRIAL_SIZE = 0.03  # size at which a parameter without a start of its own is tried
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def candidate_shapes(study: DiagnosisProblem, name: str) -> list[CandidateShape]
             at = [v if s is None else p.scaled(s, study.largest) for p, v, s in zip(parameters, fixed, shape)]
             rows = []
             for i in sized:
-                start = parameters[i].start if parameters[i].start != parameters[i].off else SMALL
+                start = parameters[i].start if parameters[i].start != parameters[i].off else TRIAL_SIZE
                 rows.append([*at[:i], parameters[i].scaled(start, study.largest), *at[i + 1 :]])
             shapes.append(CandidateShape(name, np.array(rows or [at]), sized, one_sided))
     return shapes
@@ -245,7 +245,7 @@ def _by_effect(scores: Sequence[Score]) -> tuple[Score, ...]:
     for law in sorted(scores, key=lambda s: -s.penalised):
         laws.setdefault(law.effect, []).append(law)
     return tuple(
-        replace(first, other_starts=tuple(law.start for law in rest if law.drop > NEAR * first.drop))
+        replace(first, other_starts=tuple(law.start for law in rest if law.drop > LAW_SCORE_SHARE * first.drop))
         for first, *rest in laws.values()
     )
 

@@ -2,8 +2,8 @@
 
 Every judgement compares simulations of whole runs with everything refitted together (`DiagnosisProblem.fit`); the
 scores of one linearisation only say where fits start and what chance reaches. Evidence is the marginal likelihood with
-Schwarz's penalty, the run as the unit; the threshold is what the best of all candidates reaches in a share LEVEL of
-campaigns in which nothing is missing; runs predicted from the others have a veto.
+Schwarz's penalty, the run as the unit; the threshold is what the best of all candidates reaches in a share
+CLAIM_LEVEL of campaigns in which nothing is missing; runs predicted from the others have a veto.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from automarine_cli.diagnosis.scores import (
     penalty,
     score,
 )
-from automarine_cli.diagnosis.study import ITERATIONS, LEAST_GAIN, DiagnosisProblem, Fit, smoothed
+from automarine_cli.diagnosis.study import FIT_ROUNDS, MIN_STEP_DEVIANCE, DiagnosisProblem, Fit, smoothed
 from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -39,13 +39,13 @@ from automarine_cli.models.model import BASE_TERMS, Model, Term
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import Floats
 
-LEVEL = 0.005  # share of campaigns with nothing missing in which something may still be claimed
+CLAIM_LEVEL = 0.005  # share of campaigns with nothing missing in which something may still be claimed
 WEAK = 0.05  # the same of what is suspected
 CLEAR = 2.0  # standard errors over runs by which runs have to gain in the mean
 MAX_EFFECTS = 3
 STANDS = 1.3  # times the floor above which a remainder is said, and correlated residuals are unexplained
 
-DRAG = BASE_TERMS["2"]  # effects that put the drag of the base right
+BASE_DRAG = BASE_TERMS["2"]  # effects that put the drag of the base right
 CURVE = ("dead-band", "thrust-exponent")  # together the curve of the thrust, which counts as one effect
 
 
@@ -61,7 +61,7 @@ class CandidateFit:
     @property
     def counted(self) -> tuple[str, ...]:
         """The effects added, without what puts the drag of the base right beside others."""
-        return tuple(name for name in self.added if name not in DRAG) or self.added
+        return tuple(name for name in self.added if name not in BASE_DRAG) or self.added
 
     @property
     def count(self) -> int:
@@ -165,7 +165,7 @@ def attempt_on(trial: CandidateFit, model: Model | None = None) -> Attempt:
 
 def refitted(
     study: DiagnosisProblem, model: Model, added: tuple[str, ...], values: Floats, warm_start: Fit,
-    iterations: int = ITERATIONS, least_gain: float = LEAST_GAIN,
+    iterations: int = FIT_ROUNDS, least_gain: float = MIN_STEP_DEVIANCE,
 ) -> CandidateFit | None:  # fmt: skip
     try:
         return candidate_fit(study, model, added, study.fit(model, values, warm_start, iterations, least_gain))
@@ -175,7 +175,7 @@ def refitted(
 
 def all_refitted(
     study: DiagnosisProblem, attempts: Sequence[Attempt], iterations: int, map_fn: Each, stage: str,
-    least_gain: float = LEAST_GAIN,
+    least_gain: float = MIN_STEP_DEVIANCE,
 ) -> list[CandidateFit | None]:  # fmt: skip
     """Fit each attempt as `refitted` does; those of driven runs side by side that one filter may follow."""
     sizes = [(1 + len(fit.theta)) * len(study.runs) for *_, fit in attempts]
@@ -226,13 +226,13 @@ def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[Model]:
 def without(study: DiagnosisProblem, trial: CandidateFit, *out: str) -> CandidateFit | None:
     base, model = len(study.base.terms), trial.model
     remaining = [term for term in model.terms[base:] if term.name not in out]
-    drag = [b if set(out) & set(DRAG) and t.values == (0.0,) else t for b, t in zip(study.base.terms, model.terms)]
+    drag = [b if set(out) & set(BASE_DRAG) and t.values == (0.0,) else t for b, t in zip(study.base.terms, model.terms)]
     model = replace(model, terms=(*drag, *remaining))
     return refitted(study, model, tuple(term.name for term in remaining), model.theta, trial.fit)
 
 
-AS_WELL = 10.0  # evidence (in deviance) by which several effects have to be better than one
-BRIEF = 6  # iterations that tell whether a fit comes near the several effects
+PAIR_LEAD = 10.0  # evidence (in deviance) by which several effects have to be better than one
+LAW_ITERATIONS = 6  # iterations that tell whether a fit comes near the several effects
 WITHIN = 0.3  # share of what the several gain that such a brief fit may lack to be taken to its end
 OPPOSED = 0.8  # correlation of sizes from which two effects count as of opposite pull
 USELESS = 0.5  # share of a pair's gain below which either alone is useless: two of their own gain at least half
@@ -256,7 +256,7 @@ def single_effect_alternative(
     evidences = {trial.law: trial.evidence for trial in trials}
     laws = [law_of(term.name, term.values) for term in current.model.terms if term.name in current.counted]
     lone = min((evidences[law] for law in laws if law in evidences), default=np.inf)
-    needed = base.evidence - current.evidence - AS_WELL if study.driven else -np.inf  # innovations cost seconds
+    needed = base.evidence - current.evidence - PAIR_LEAD if study.driven else -np.inf  # innovations cost seconds
     can = [s.effect for s in first.scores.ranked if FORETELLS * s.drop > needed]
     tried = {trial.added[-1] for trial in first.trials}
     suspects = dict.fromkeys([*current.counted, *(name for name in can[:6] if name in tried)])
@@ -267,15 +267,15 @@ def single_effect_alternative(
             for probe in candidate_shapes(study, name):
                 shapes.setdefault(law_of(name, probe.values[-1]), []).append((name, probe.values[-1]))
     work = [of_law[len(of_law) // 2] for law, of_law in shapes.items() if law not in evidences]
-    brief = all_refitted(study, [attempt_with(base, start) for start in work], BRIEF, map_fn, "trying laws")
+    brief = all_refitted(study, [attempt_with(base, start) for start in work], LAW_ITERATIONS, map_fn, "trying laws")
     limit = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
-    close = [t for t in (*trials, *brief) if t is not None and t.evidence < max(limit, current.evidence + AS_WELL)]
+    close = [t for t in (*trials, *brief) if t is not None and t.evidence < max(limit, current.evidence + PAIR_LEAD)]
     unsettled = [t for t in close if not t.fit.converged]
     onward = [attempt_on(trial) for trial in unsettled]
-    settled = all_refitted(study, onward, ITERATIONS, map_fn, "fitting one instead of several")
+    settled = all_refitted(study, onward, FIT_ROUNDS, map_fn, "fitting one instead of several")
     admissible = [
         t for t in (*(t for t in close if t.fit.converged), *settled)
-        if t is not None and t.evidence <= current.evidence + AS_WELL and t.evidence < lone
+        if t is not None and t.evidence <= current.evidence + PAIR_LEAD and t.evidence < lone
         and not obstacle(study, t, base)
     ]  # fmt: skip
     return min(admissible, key=lambda trial: trial.evidence, default=current)
@@ -322,7 +322,7 @@ def _correlation(final: CandidateFit, covariance: Floats, pair: tuple[str, str])
 
 MIN_GAIN_SCATTER = 0.1  # from which the scatter of the runs' gains is no trifle
 MIN_GAIN_EXPONENT, MIN_GAIN_EXPONENT_STDERRS = 0.2, 5.0  # by which gains go with the size of the command, beyond chance
-SETTLES = 1.0 / 3.0  # share of the scatter that may stay where something explains it
+MAX_SCATTER_SHARE = 1.0 / 3.0  # share of the scatter that may stay where something explains it
 WIDTHS = (0.1, 0.5)  # dead-bands that fits begin with, in shares of the smallest command
 
 
@@ -368,19 +368,19 @@ def curved(study: DiagnosisProblem, base: CandidateFit) -> CandidateFit | None:
 
 def settles(trial: CandidateFit, base: CandidateFit) -> bool:
     """Whether a trial explains most of what the gains of the base scatter by."""
-    return trial.fit.factor(GAIN) < SETTLES * base.fit.factor(GAIN)
+    return trial.fit.factor(GAIN) < MAX_SCATTER_SHARE * base.fit.factor(GAIN)
 
 
 TIE = 10.0  # difference of evidence (in deviance) below which two explanations count as tied
 LEADERS = 6  # candidates that are fitted in every case: the first by their scores
-ALWAYS = 2  # of these those that are fitted whatever their scores, and tell what the others have to reach
+ALWAYS_FITTED = 2  # of these those that are fitted whatever their scores, and tell what the others have to reach
 FORETELLS = 4.0  # times its score that a fit gains at most, but for look-alikes; of driven runs twice at most
 LIKELY = 0.1  # share of the best score from which the others are fitted
 SEARCH_BRIEF = 4  # iterations that every candidate's fit gets; only those in the running are fitted to the end
-RUNNING = ((0.5, 6), (0.9, ITERATIONS))
+RUNNING = ((0.5, 6), (0.9, FIT_ROUNDS))
 """Who is fitted further, and how far: candidates with this share of the best gain, or within RIVAL_RANGE of it; fits
 that far behind never catch up."""
-LAWS = 0.1  # share of what an effect gains by its best law that another of its laws may lack to be fitted further
+LAW_GAIN_SHARE = 0.1  # of what an effect gains by its best law, that another of its laws may lack to be fitted on
 MIN_EXTRA_SHARE = 0.1  # of all evidence gained, by an effect beyond MAX_EFFECTS: runs are then unexplained
 MIN_RELATIVE_GAIN = 1e-3  # of the evidence gained; nothing is added for less: laws and logs are no better
 MINOR_EFFECT_SHARE = 0.05  # of all evidence gained; less, and one of MAX_EFFECTS mends the form of another
@@ -391,9 +391,9 @@ PERIODIC, PERIOD = "periodic-disturbance", 2  # the effect that a limit cycle im
 VALLEY = 1000.0
 """Gain of the best candidate from which, if it leaves more than STANDS times the noise, its laws are fitted from many
 starts: in so large a gap a fit may stop in a valley far from the truth."""
-STARTS = 6  # shapes of each law from which it is fitted: periods are many, and the score has looked at each
+STARTS_OF_LAW = 6  # shapes of each law from which it is fitted: periods are many, and the score has looked at each
 CLIMBERS = 4  # fits from many starts that are taken to their end
-TRIFLE = 2.0  # deviance that a fit may gain beyond twice what its equations promise
+SURPLUS = 2.0  # deviance that a fit may gain beyond twice what its equations promise
 RIVAL_RANGE = 60.0  # candidates this far behind the best by a full fit are no rivals of it
 
 Fits = dict[tuple[object, ...], CandidateFit]
@@ -421,7 +421,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         study, current = self.study, settled(self.study, drag_right(self.study, model), FINE)
         names = candidates(study, current.model)
         scores = score(study, current.model, current.fit, names, self.seed + number, self.map_fn)
-        chance = max(scores.threshold(LEVEL), 0.0)
+        chance = max(scores.threshold(CLAIM_LEVEL), 0.0)
         fits = self._leaders(current, self._put_back(current), scores, chance, first_step=number == 0)
         bar = max(scores.threshold(WEAK), 0.0) if number == 0 else chance
         for share, iterations in RUNNING:
@@ -445,7 +445,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         admissible = [t for t in look.trials if look.gain(t) > least and not obstacle(self.study, t, current)]
         admissible.sort(key=lambda trial: trial.evidence)
         if admissible and not self.study.driven and not self.reaches_noise(admissible[0], TO_THE_NOISE):
-            admissible.sort(key=lambda trial: trial.added[-1] not in DRAG)
+            admissible.sort(key=lambda trial: trial.added[-1] not in BASE_DRAG)
         if look is first and not (admissible and settles(admissible[0], current)):
             curve, hidden = curved(self.study, current), self.reaches_noise(current, STANDS)
             if curve is not None and (hidden or not admissible or curve.evidence < admissible[0].evidence):
@@ -484,7 +484,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         best = min((*admissible, current), key=lambda trial: trial.evidence)
         if reduced.evidence - best.evidence <= max(look.threshold, MIN_RELATIVE_GAIN * first.gain(reduced)):
             return reduced
-        return best if best.evidence < current.evidence - 2.0 * LEAST_GAIN else current
+        return best if best.evidence < current.evidence - 2.0 * MIN_STEP_DEVIANCE else current
 
     def _put_back(self, current: CandidateFit) -> Fits:
         """The fit with the effect that was taken out to come to `current`, which the others have to reach."""
@@ -513,7 +513,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
                 return False
             return FORETELLS * of.drop > (RUNNING[0][0] if first_step else 1.0) * gained - RIVAL_RANGE
 
-        ranked, tried = first[:ALWAYS], set[str]()
+        ranked, tried = first[:ALWAYS_FITTED], set[str]()
         while ranked:
             starts = ((s.effect, start) for s in ranked for start in (s.start, *s.other_starts))
             work = [(name, start) for name, start in starts if law_of(name, start) not in fits]
@@ -538,11 +538,11 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         needed = current.evidence - (min(chance, gained - TIE) if gained > chance else chance)
         running = []
         for first in _best_law(fits.values()).values():
-            behind = first.evidence + max(RIVAL_RANGE, LAWS * (current.evidence - first.evidence))
+            behind = first.evidence + max(RIVAL_RANGE, LAW_GAIN_SHARE * (current.evidence - first.evidence))
             laws = [trial for trial in fits.values() if trial.added[-1] == first.added[-1] and not trial.fit.converged]
             running += [
                 trial for trial in laws
-                if trial.evidence < min(least, behind) and trial.evidence - 2.0 * promises[trial.law] - TRIFLE < needed
+                if trial.evidence < min(least, behind) and trial.evidence - 2.0 * promises[trial.law] - SURPLUS < needed
             ]  # fmt: skip
         onward = [attempt_on(trial) for trial in running]
         again = all_refitted(self.study, onward, iterations, self.map_fn, "fitting")
@@ -559,7 +559,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         by_law: dict[tuple[object, ...], list[Floats]] = {}
         for probe in candidate_shapes(study, name):
             by_law.setdefault(law_of(name, probe.values[-1]), []).append(probe.values[-1])
-        shapes = [shape for some in by_law.values() for shape in some[:: -(-len(some) // STARTS)]]
+        shapes = [shape for some in by_law.values() for shape in some[:: -(-len(some) // STARTS_OF_LAW)]]
         of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
         models = [with_values(best.model, term, np.where(of_law, some[-1], term.values)) for some in by_law.values()]
         attempts = [attempt_with(current, (name, shape)) for shape in shapes]
@@ -580,7 +580,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         leading the base out of a valley in which its own fit had stopped."""
         size, trials = len(current.model.theta), trials if self.study.driven else trials[:1]
         attempts = [(current.model, current.added, trial.fit.of_model[:size], trial.fit) for trial in trials]
-        for again in all_refitted(self.study, attempts, ITERATIONS, alone, "", FINE):
+        for again in all_refitted(self.study, attempts, FIT_ROUNDS, alone, "", FINE):
             if again is not None and again.evidence < current.evidence - SETTLED_EVIDENCE:
                 current = again
         return current
@@ -612,7 +612,7 @@ def search(study: DiagnosisProblem, seed: int, map_fn: Each, goes_on: Callable[[
         current, more, around = single, False, {single.counted[0]: rounds[0]}
         p_values[current.counted[0]] = rounds[0].p_value(current)
     current = settled(study, current, 0.0) if current.added else current
-    names = {name: p_values.get(name, LEVEL) for name in current.added}
+    names = {name: p_values.get(name, CLAIM_LEVEL) for name in current.added}
     result = SearchResult(
         study, base, without_idle_drag(study, current), rounds, names, _rivals(current, around), more,
         compensating=compensating(study, base, current),
@@ -623,10 +623,10 @@ def search(study: DiagnosisProblem, seed: int, map_fn: Each, goes_on: Callable[[
 def drag_right(study: DiagnosisProblem, current: CandidateFit) -> CandidateFit:
     """A model of effects with the drag of its base put right: a term that they ask for is added, one that nothing asks
     for any more is taken out."""
-    if current.counted == current.added and (not current.added or current.added[0] in DRAG):
+    if current.counted == current.added and (not current.added or current.added[0] in BASE_DRAG):
         return current
     have = {term.name for term in study.base.terms}
-    for name in [name for name in DRAG if name not in have]:
+    for name in [name for name in BASE_DRAG if name not in have]:
         if name in current.added:
             other = without(study, current, name)
             if other is not None and other.evidence - current.evidence < TIE:
@@ -640,10 +640,10 @@ def drag_right(study: DiagnosisProblem, current: CandidateFit) -> CandidateFit:
 
 def without_idle_drag(study: DiagnosisProblem, current: CandidateFit) -> CandidateFit:
     """The model with a drag term of the base held at nothing, where the drag put right leaves it nothing to do."""
-    if study.driven or not set(DRAG) & set(current.added):
+    if study.driven or not set(BASE_DRAG) & set(current.added):
         return current
     cost = penalty(1, len(study.runs))
-    for term in [term for term in current.model.terms if term.base and term.name in DRAG]:
+    for term in [term for term in current.model.terms if term.base and term.name in BASE_DRAG]:
         idle = refitted(study, *attempt_on(current, with_values(current.model, term, [0.0])))
         current = current if idle is None or idle.evidence > current.evidence + cost else idle
     return current
@@ -668,7 +668,7 @@ def _next_gain(study: DiagnosisProblem, current: CandidateFit, seed: int) -> flo
     except FitError:
         return 0.0
     best = scores.ranked[0].penalised if scores.ranked else 0.0
-    return best if best > max(scores.threshold(LEVEL), 0.0) else 0.0
+    return best if best > max(scores.threshold(CLAIM_LEVEL), 0.0) else 0.0
 
 
 def _best_law(trials: Iterable[CandidateFit]) -> dict[str, CandidateFit]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import DRAG, FIRST_KNOTS, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
-from automarine_cli.effects.learned import GAIN as CURVE_OF_GAIN
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import SLOW_ANSWER_S, SLOW_STEP_S, Course, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
@@ -30,10 +29,10 @@ from automarine_cli.runs.run import Run, position_noise
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
-ITERATIONS = 25
-SETTLED = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
-LEAST_GAIN = 0.3  # in deviance, of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
-HORIZON = 5.0  # seconds ahead over which driven runs show the gap
+FIT_ROUNDS = 25
+SETTLED_SHARE = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
+MIN_STEP_DEVIANCE = 0.3  # of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
+GAP_HORIZON_S = 5.0  # seconds ahead over which driven runs show the gap
 
 MOVING_SHARE = 1.0 / 25.0  # of the vehicle's time constant, over which commands that change all the time are averaged
 HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirred the water
@@ -43,8 +42,8 @@ HALF_WAY = 3.0  # way [m] after which a vehicle that goes along a line has stirr
 # two cannot be distinguished by their period, so that there a periodic disturbance is the last thing to believe.
 SPECTRUM_STEP_S, SEGMENT = 0.25, 30.0  # of the spectra [s]
 SLOWEST, QUICKEST = 15.0, 1.0  # periods [s] at which loops of small vehicles swing
-MOST = 0.4  # share of the command's variance that one period has to hold, and of coherence between command and position
-NEAR = 0.25  # share by which another period may differ from that of a cycle and still be the same
+MIN_CYCLE_SHARE = 0.4  # of the command's variance that one period has to hold, and coherence of command and position
+PERIOD_TOLERANCE = 0.25  # share by which another period may differ from that of a cycle and still be the same
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class LimitCycle:
     phase: float
 
     def holds(self, period: float) -> bool:
-        return abs(period / self.period - 1.0) < NEAR
+        return abs(period / self.period - 1.0) < PERIOD_TOLERANCE
 
     def to_json(self) -> dict[str, float]:
         return {
@@ -96,11 +95,11 @@ def limit_cycle(runs: Sequence[Run]) -> LimitCycle | None:
         return None
     may = (frequency >= 1.0 / SLOWEST) & (frequency <= 1.0 / QUICKEST)
     peak = int(np.argmax(np.where(may, power, -1.0)))
-    in_peak = np.abs(frequency / frequency[peak] - 1.0) < NEAR
+    in_peak = np.abs(frequency / frequency[peak] - 1.0) < PERIOD_TOLERANCE
     share = float(power[in_peak].sum() / power.sum())
     coherence = float(np.abs(cross[peak]) ** 2 / max(power[peak] * positions[peak], 1e-300))
     inside = 0 < peak < len(power) - 1 and power[peak] > 2.0 * np.median(power[may])
-    if not inside or share < MOST or coherence < MOST:
+    if not inside or share < MIN_CYCLE_SHARE or coherence < MIN_CYCLE_SHARE:
         return None
     return LimitCycle(float(1.0 / frequency[peak]), share, coherence, float(-np.angle(cross[peak])) % (2.0 * np.pi))
 
@@ -142,7 +141,7 @@ def elsewhere(model: Model, term: Term) -> Floats:
     kind, sized = kind_of(term.values), effect.variable.sized
     present, at, rows = {other.name for other in model.terms}, np.linspace(0.0, 1.0, KNOTS), []
     level = {DRAG: "linear-drag", MOMENT: "bias-moment"}
-    if kind == CURVE_OF_GAIN or (not sized and level[kind] in present):
+    if kind not in level or (not sized and level[kind] in present):
         rows.append(np.ones(KNOTS))
     elif sized:
         powers = {"linear-drag": 1, "quadratic-drag": 2, "cubic-drag": 3}
@@ -312,8 +311,8 @@ class DiagnosisProblem:
         return replace(problem, parameters=smoothed_curve(model, problem.parameters))
 
     def fit(
-        self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = ITERATIONS,
-        least_gain: float = LEAST_GAIN,
+        self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = FIT_ROUNDS,
+        least_gain: float = MIN_STEP_DEVIANCE,
     ) -> Fit:  # fmt: skip
         """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own; once.
 
@@ -331,9 +330,9 @@ class DiagnosisProblem:
         """The same of several models of driven runs, side by side; None where a start leads nowhere."""
         problems = [self.driven_problem(model) for model in models]
         starts = [starts_near(of, [theta], fit.of_chance) for of, theta, fit in zip(problems, values, warm_starts)]
-        keys = [(m, v.tobytes(), s, iterations, LEAST_GAIN) for m, v, s in zip(models, values, warm_starts)]
+        keys = [(m, v.tobytes(), s, iterations, MIN_STEP_DEVIANCE) for m, v, s in zip(models, values, warm_starts)]
         new = [i for i, key in enumerate(keys) if key not in self._fits]
-        brief, most = iterations < ITERATIONS, min(iterations, ITERATIONS)
+        brief, most = iterations < FIT_ROUNDS, min(iterations, FIT_ROUNDS)
         fits = fits_of([problems[i] for i in new], [starts[i] for i in new], most, brief) if new else []
         self._fits.update((keys[i], fit) for i, fit in zip(new, fits) if fit is not None)
         return [self._fits.get(key) for key in keys]
@@ -343,11 +342,11 @@ class DiagnosisProblem:
             driven = self.driven_problem(model)
             if warm_start is not None:
                 starts = starts_near(driven, [values], warm_start.of_chance)
-                return fit_innovations(driven, starts, min(iterations, ITERATIONS), iterations < ITERATIONS)
+                return fit_innovations(driven, starts, min(iterations, FIT_ROUNDS), iterations < FIT_ROUNDS)
             return fit_innovations(driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})]))
         problem = self.problem(model)
         delay, begin = 0.0, {GAIN: 0.03, SWITCHES: 0.7}
-        settings: dict[str, Any] = {"noise": max(2 * self.sensor_floor, 1e-4), "iterations": ITERATIONS}
+        settings: dict[str, Any] = {"noise": max(2 * self.sensor_floor, 1e-4), "iterations": FIT_ROUNDS}
         if warm_start is not None and not warm_start.driven:
             delay = warm_start.value(COMMAND_DELAY)
             begin |= dict(zip(warm_start.effects.factor_names, warm_start.factors))
@@ -355,7 +354,7 @@ class DiagnosisProblem:
             settings = {"noise": warm_start.noises, "iterations": iterations, "run_effects": run_effects}
             settings["least_gain"] = least_gain
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
-        return fit_mixed(problem, np.append(values, delay), factors=factors, settled=SETTLED, **settings)
+        return fit_mixed(problem, np.append(values, delay), factors=factors, settled=SETTLED_SHARE, **settings)
 
     @cached_property
     def _fits(self) -> dict[tuple[object, ...], Fit]:
@@ -428,13 +427,13 @@ def study_of(
 
 
 def missed(study: DiagnosisProblem, model: Model, fit: InnovationsFit, begun: bool = False) -> Floats:
-    """Measured less predicted positions (R, N) of driven runs, HORIZON seconds ahead, zero where none; or over the
+    """Measured less predicted positions (R, N) of driven runs, GAP_HORIZON_S ahead, zero where none; or over the
     shortest horizon that readings allow, at the times when predictions have `begun`.
 
     What a controller commands and the vehicle does in between answer what made an error: by chance only what was before
     is independent of it."""
     predictions = study.predictions(model, fit)
-    prediction = shortest(predictions) if begun else next(p for p in predictions if p.horizon == HORIZON)
+    prediction = shortest(predictions) if begun else next(p for p in predictions if p.horizon == GAP_HORIZON_S)
     out = np.zeros(study.batch.seen.shape)
     for r, (row, run) in enumerate(zip(out, study.runs)):
         of_run = prediction.run == r

@@ -20,12 +20,12 @@ from automarine_cli.thrusters.curves import EFFECT_PARAMETERS, FORMS
 from automarine_cli.thrusters.fit import ASYMMETRY, SAG, VOLTAGE, BollardData, MapFit, Shape
 from automarine_cli.thrusters.map import SIDES, ThrusterMap
 
-MIN_NOISE_RATIO = 1.5
+MIN_FLOOR_RATIO = 1.5
 """Residual over the noise level from which a map may lack something; the floor itself is known to some 20 %."""
 MATERIAL = 0.005  # share of full scale below which what remains is not worth a verdict: bollard tests repeat no better
 STRUCTURED, THROWS = 0.01, 999
 SWEEP = 0.98  # correlation of run order and command from which they are the same variable
-SAYS = {
+THRUST_SAYS = {
     "dead-band": "The thruster gives nothing below a smallest command",
     "thrust-exponent": "Thrust grows with another power of the command than the map's",
     "saturation": "Thrust stops rising above a largest command",
@@ -33,7 +33,7 @@ SAYS = {
     VOLTAGE: "Thrust at the same command follows the supply voltage",
     SAG: "Thrust falls from the first reading to the last, as with a battery that empties",
 }
-SPLIT_BY = {
+THRUST_SPLIT_BY = {
     SAG: "the first command repeated last: a sag shows as less thrust at the same command",
     VOLTAGE: "three commands repeated at another voltage",
     ASYMMETRY: "pulls at the same commands forward and backward, five times each",
@@ -187,7 +187,7 @@ def _verdict(
     scale, fit = base.data.full_scale, final.fit
     floor = max(floor, 1e-9 * scale)
     before, after = (max((fit.rmse / floor) ** 2 - 1.0, 0.0) for fit in (base, fit))
-    well_above = fit.rmse > max(MIN_NOISE_RATIO * floor, MATERIAL * scale)
+    well_above = fit.rmse > max(MIN_FLOOR_RATIO * floor, MATERIAL * scale)
     names = " and ".join(final.added)
     if well_above and after > rules.LEFT_OVER * before and _neighbours_p_value(fit, seed) <= STRUCTURED:
         best = "No effect of the library gains more than chance."
@@ -202,7 +202,7 @@ def _verdict(
         return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}."
     if not names:
         return rules.NOTHING, ""
-    tied = next((effect for effect in effects if effect.confidence < rules.EVEN), None)
+    tied = next((effect for effect in effects if effect.confidence < rules.TIE_WEIGHT), None)
     if tied is not None:
         alternatives = " or ".join(rival.name for rival in tied.rivals)
         share = f"{100 * tied.confidence:.0f} %"
@@ -229,15 +229,15 @@ def _named_effects(search: selection.MapSearch, floor: float) -> tuple[NamedEffe
         ]
         weight, rivals = rules.listed_rivals(odds, 1.0 - p_value)
         values = effect_parameters(search.final.fit, name, search.looks[0].before.fit)
-        effects.append(NamedEffect(name, "", f"{SAYS[name]}.", values, weight, p_value, rivals))
+        effects.append(NamedEffect(name, "", f"{THRUST_SAYS[name]}.", values, weight, p_value, rivals))
     return tuple(effects)
 
 
 def _split_by(fit: MapFit, effect: str, rival: selection.MapTrial, floor: float) -> str:
     """The pull that tells the named effect from its rival: where both fitted curves differ most."""
     for name in (rival.effect, effect):
-        if name in SPLIT_BY:
-            return SPLIT_BY[name]
+        if name in THRUST_SPLIT_BY:
+            return THRUST_SPLIT_BY[name]
     n = fit.data.n
     along = np.linspace(min(float(n.min()), 0.0), max(float(n.max()), 0.0), 801)
     mine, other = (np.nan_to_num(curves.along(along)) for curves in (fit, rival.fit))

@@ -21,10 +21,10 @@ KNOTS = 10
 FIRST_KNOTS = 4
 """Place of the curve's first value among the parameters; what stands before them is not fitted."""
 TIME = "time-in-run"
-KINDS = MOMENT, GAIN, DRAG = ("moment", "gain", "drag")
+KINDS = MOMENT, GAIN_CURVE, DRAG = ("moment", "gain", "drag")
 """What a curve may be: a moment (or force) of its own, a relative gain on the thrust delivered, or a coefficient of
 linear drag. The last two make a product of two variables, thrust or speed times what the curve runs over."""
-MIN_SLOPE_SHARE, LEVEL = 0.1, 0.01
+MIN_SLOPE_SHARE, LEVEL_WEIGHT = 0.1, 0.01
 """How much a slope and a level count beside the curvature in `roughness`."""
 
 Read = Callable[[State], Floats]
@@ -61,16 +61,16 @@ def variable_of(name: str) -> Variable:
         return Variable(name, "s", lambda state: state.time, code="state.time")
     column = Variable(name, "", lambda state: state.signals[name], needs=(name,))
     if name in (CLOCK, SINCE):
-        return replace(column, unit="s", kinds=(GAIN,) if name == SINCE else KINDS)
+        return replace(column, unit="s", kinds=(GAIN_CURVE,) if name == SINCE else KINDS)
 
     def motions(word: str) -> tuple[str, ...]:
         return tuple(dof.name for dof in DOFS.values() if hyphened(getattr(dof.words, word)) == name)
 
     if dofs := motions("rate"):
-        return Variable(name, "{x}/s", lambda state: state.relative, (MOMENT, GAIN), sized=True, motions=dofs,
+        return Variable(name, "{x}/s", lambda state: state.relative, (MOMENT, GAIN_CURVE), sized=True, motions=dofs,
                         code="state.relative")  # fmt: skip
     if dofs := motions("force"):
-        return Variable(name, "{force}", lambda state: state.delivered, (GAIN,), sized=True, motions=dofs,
+        return Variable(name, "{force}", lambda state: state.delivered, (GAIN_CURVE,), sized=True, motions=dofs,
                         code="state.delivered")  # fmt: skip
     if dofs := motions("travelled"):
         return Variable(name, "{x}", lambda state: state.travelled, uses_position=True, motions=dofs,
@@ -121,7 +121,7 @@ def kind_of(values: Sequence[float]) -> str:
 
 def scale_of(values: Sequence[float]) -> float:
     """What the values of a curve are told in: the size, or one where it is a gain."""
-    return 1.0 if kind_of(values) == GAIN else values[2]
+    return 1.0 if kind_of(values) == GAIN_CURVE else values[2]
 
 
 def spline(x: Floats, low: Floats, high: Floats, values: Sequence[Floats], *, closed: bool) -> Floats:
@@ -180,7 +180,7 @@ def roughness(closed: bool) -> Floats:
     curve = after - 2.0 * np.eye(KNOTS) + after.T
     if not closed:
         slope, curve = slope[:-1], curve[1:-1]
-    return curve.T @ curve + MIN_SLOPE_SHARE * slope.T @ slope + LEVEL * np.eye(KNOTS)
+    return curve.T @ curve + MIN_SLOPE_SHARE * slope.T @ slope + LEVEL_WEIGHT * np.eye(KNOTS)
 
 
 def learned(name: str) -> Effect:

@@ -95,7 +95,7 @@ def _(result: Exported) -> Sections:
     if result.place is None:
         return Sections(())  # the text itself is printed
     summary = f"{result.target}, form {result.form}, frame {result.frame}: {listed(result.carried)}."
-    lacking = [f"Not identified: {', '.join(result.not_identified)}."] * (len(result.origins) > 1)
+    lacking = [f"Not identified: {', '.join(result.not_identified)}."] if len(result.origins) > 1 else []
     return Sections((summary, *map(str, result.left_out), *lacking, *result.written.notes))
 
 
@@ -129,7 +129,8 @@ def _(result: Targets) -> Sections:
 
 
 def _motions(target: Target) -> list[str]:
-    return [*target.motions, *[PLANAR.name] * (target.several is not None and target.several.couples)]
+    in_plane = target.several is not None and target.several.couples
+    return [*target.motions, PLANAR.name] if in_plane else list(target.motions)
 
 
 def export_targets() -> Targets:
@@ -313,7 +314,7 @@ def _vehicle(
         axes[i] = replace(axis, settings=each, left_out=tuple(called), model=replace(model, terms=terms))
     if refused and not settings.allow_partial:
         missing = "; ".join(f"{effect.name} ({effect.why})" for effect in refused)
-        hint = ", or take --to python, which has nearly every effect" * (target.name != "python" and not several)
+        hint = "" if target.name == "python" or several else ", or take --to python, which has nearly every effect"
         where = listed(file.origin.file for file in fitted)
         remedy = f"give --allow-partial to write the file without{hint}"
         raise SettingError(f"{where}: {target.name} cannot represent {missing}; {remedy}")
@@ -362,7 +363,7 @@ def in_unit(target: Target, model: Model, settings: Options, origin: ModelOrigin
         needs = "a vehicle of several motions" if several else target.name
         raise SettingError(
             f"{origin.file}: its {force}s are {theirs} and {needs} needs {full}; give "
-            f"--newton-metres-per-nu{f' {dof.name}=VALUE' * several} with the {force} [{unit}] that one "
+            f"--newton-metres-per-nu{f' {dof.name}=VALUE' if several else ''} with the {force} [{unit}] that one "
             f"{model.moment_unit} stands for, as a bollard test "
             f"{'and the thrusters' + chr(39) + ' arm tell' if dof.levered else 'tells'} it"
         )
@@ -384,7 +385,8 @@ def _why_not(target: Target, term: Term, dof: Dof) -> str:
     if term.name.startswith(PREFIX) and PREFIX in target.carries:
         return ""
     if term.name in target.carries:
-        return "the target has no counterpart for its law" * ((term.name, effect.law(term.values)) in target.lacks)
+        lacks = (term.name, effect.law(term.values)) in target.lacks
+        return "the target has no counterpart for its law" if lacks else ""
     if dof.has_constant and term.name == "bias-moment":
         return "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
     if term.name == RESTORING:

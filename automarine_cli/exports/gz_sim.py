@@ -19,7 +19,7 @@ from automarine_cli.exports.base import DRAGS, Several, Target, Written, comment
 from automarine_cli.exports.vehicle import MOTIONS, SPEED_LETTERS, Vehicle
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
-AXIS_LETTERS, FORCE_LETTERS = "xyzpqr", "xyzkmn"
+GZ_AXES, GZ_FORCES = "xyzpqr", "xyzkmn"
 RIGID_ENTRIES = ("mass", "mass", "mass", "ixx", "iyy", "izz")
 """Of the six motions: the letters of the fluid's entries and of the forces, and where their own inertia stands."""
 ENGINE = "the rest of M is fluid_added_mass, which needs the DART engine"
@@ -29,8 +29,8 @@ def write(subject: Vehicle) -> Written:
     """The SDF text. Raises SettingError where the added inertia would make the simulation unstable."""
     added, derivatives = subject.added, dict[str, float]()
     for drag in subject.drags:
-        size = "abs" * drag.factor.startswith("abs") + drag.factor.strip("abs()").upper()
-        derivatives[f"{FORCE_LETTERS[drag.places[0]]}{SPEED_LETTERS[drag.places[-1]].upper()}{size}"] = -drag.value
+        size = ("abs" if drag.factor.startswith("abs") else "") + drag.factor.strip("abs()").upper()
+        derivatives[f"{GZ_FORCES[drag.places[0]]}{SPEED_LETTERS[drag.places[-1]].upper()}{size}"] = -drag.value
     off = {"disable_added_mass": "true"}
     if subject.several:
         lacking = [dof.name for dof in MOTIONS if dof.number not in subject.places]
@@ -41,7 +41,7 @@ def write(subject: Vehicle) -> Written:
     else:
         axis = subject.axis
         i, v = axis.dof.number, axis.dof.symbols.velocity
-        linear, dot, entry = f"{FORCE_LETTERS[i]}{v.upper()}", f"{FORCE_LETTERS[i]}Dot{v.upper()}", 2 * AXIS_LETTERS[i]
+        linear, dot, entry = f"{GZ_FORCES[i]}{v.upper()}", f"{GZ_FORCES[i]}Dot{v.upper()}", 2 * GZ_AXES[i]
         absolute, square = f"{linear}abs{v.upper()}", f"{linear}{v.upper()}"
         derivatives = {linear: 0.0, absolute: 0.0} | derivatives
         if subject.form == DERIVATIVE and added[i, i]:
@@ -60,13 +60,13 @@ def write(subject: Vehicle) -> Written:
         )
         forces = f"{linear} {v} + {absolute} |{v}| {v} + {square} {v}^2 + {dot} {v}'"
         lines = head(axis, f"({RIGID_ENTRIES[i]} + {entry}) {v}' = {axis.force} + {forces}", notes)
-    tags = {AXIS_LETTERS[i] + AXIS_LETTERS[j]: added[i, j] for i in range(6) for j in range(i, 6) if added[i, j]}
+    tags = {GZ_AXES[i] + GZ_AXES[j]: added[i, j] for i in range(6) for j in range(i, 6) if added[i, j]}
     entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in tags.items())
     settings = off | {tag: number(value) for tag, value in derivatives.items()}
     fields = {
         "head": comment(lines), "mass": number(subject.mass),
         **dict(zip(("ixx", "iyy", "izz"), map(number, subject.moments))),
-        "added": f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" * bool(tags),
+        "added": f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" if tags else "",
         "told": "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in settings.items()),
     }  # fmt: skip
     return Written(filled("gz-sim", fields), notes)

@@ -24,7 +24,7 @@ VERSION = "Needs MuJoCo 3.7 or newer, which reads damping and stiffness of highe
 FREE_NOTE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
 STICKY = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
 UPRIGHT = "Stiffness is the restoring moment as G (x - x^3/6): within 0.4 % of G sin(x) up to 45 degrees."
-FIXED = (
+AXES_STAY = (
     "Joints along the axes do not turn with the hull, and added mass makes no Coriolis or Munk force: exact for one "
     "motion at a time, near enough for small angles."
 )
@@ -44,13 +44,16 @@ LACKS = {
 
 def write(subject: Vehicle) -> base.Written:
     axes, joints = subject.axes, [_joint(axis) for axis in subject.axes]
-    warnings = [STICKY] * any("frictionloss" in joint for joint in joints)
     slides = sum(not axis.dof.angular for axis in axes)
-    warnings += [HEAVY] * bool(slides) + [UPRIGHT] * bool(subject.diagonal(RESTORING).any())
+    doubts = {
+        STICKY: any("frictionloss" in joint for joint in joints),
+        HEAVY: slides > 0, UPRIGHT: subject.diagonal(RESTORING).any(),
+    }  # fmt: skip
+    warnings = [doubt for doubt, applies in doubts.items() if applies]
     ordered = joints[:slides] + joints[slides:][::-1]  # yaw turns what pitches and rolls
     if subject.several:
-        notes = [*subject.about_own("the rest of M is armature"), FIXED, HELD, VERSION, *warnings]
-        notes += [THRUSTS] * bool(subject.thrusters)
+        notes = [*subject.about_own("the rest of M is armature"), AXES_STAY, HELD, VERSION, *warnings]
+        notes += [THRUSTS] if subject.thrusters else []
         lines = subject.head(*notes, coupled=False)
     else:
         axis = subject.axis

@@ -61,7 +61,7 @@ def _function(subject: Vehicle) -> base.Written:
     lines = []
     for drag in subject.drags:
         entry = f"D({places.index(drag.places[0]) + 1},{places.index(drag.places[-1]) + 1})"
-        size = f" * {drag.factor}" * bool(drag.factor)
+        size = f" * {drag.factor}" if drag.factor else ""
         meaning = "positive where it resists" if drag.rank < 2 else drag.meaning
         lines.append(f"{entry} = {entry} + {base.number(drag.value)}{size};  % {drag.name}, {meaning}\n")
     text = {

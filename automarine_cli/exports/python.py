@@ -17,6 +17,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import HEAVE, PLANAR
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
+from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.exports import base
 from automarine_cli.exports.thrusters import largest_signal, table
 from automarine_cli.exports.vehicle import MATRIX_EFFECTS, SPEED_LETTERS, Vehicle
@@ -28,7 +29,7 @@ METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember",
 """What of an effect acts; all else describes it."""
 _LIBRARY = map(effects.get, effects.built_in())
 STEERING = frozenset({"rudder", "rudder-drag", "rudder-inflow", "cross-coupling"})
-RACE = "rudder-race"
+RACE = RudderRace.name
 PYTHON_EFFECTS = [effect.name for effect in _LIBRARY if not (effect.columns or effect.reads_force)]
 """Effects that need no logged column."""
 RUDDER = " `rudder` is its angle as logged{0} [rad]."
@@ -159,7 +160,7 @@ def _vehicle(subject: Vehicle) -> base.Written:
     forces: list[list[str]] = [[] for _ in range(6)]
     constants = []
     for drag in subject.drags:
-        size = f" * {drag.factor}" * bool(drag.factor)
+        size = f" * {drag.factor}" if drag.factor else ""
         forces[drag.places[0]].append(f"{drag.name.upper()}{size} * {SPEED_LETTERS[drag.places[-1]]}")
         constants.append(f"{drag.name.upper()} = {base.number(drag.value)}  # {drag.meaning}")
     for i, value in enumerate(subject.diagonal(CONSTANT).tolist()):
@@ -184,15 +185,18 @@ def _vehicle(subject: Vehicle) -> base.Written:
         n, thrust = table(subject.thrusters.map, largest_signal(subject.thrusters))
         columns: dict[str, Floats] = {"n": n, "thrust": thrust, "places": np.array(subject.thrusters.places)}
         thrusters = base.filled("python_thrusters", {name: base.row(x, ", ") for name, x in columns.items()})
+    steered = {
+        "column": ", rudder", "unpacked": "        force, rudder = force[:3], force[3]\n", "arguments": ", rudder=0.0",
+        "more": RUDDER.format(" with the other sign" if enu else ""),
+    }  # fmt: skip
     text = {
         "thrusters": thrusters, "inertia": (", " if in_plane else ",\n    ").join(lines),
         "current": f"({base.row(water, ', ')})",
-        "constants": "\n".join(constants) + "\n" * bool(constants),
+        "constants": "".join(f"{line}\n" for line in constants),
         "drags": "\n".join(f"            {' + '.join(forces[i]).replace('+ - ', '- ') or '0.0'}," for i in places),
         "step": base.number(MAX_EXPORT_STEP_S), "axes": AXIS_SENSES[subject.frame], "water": WATER[subject.frame],
         "moved": MOVED[subject.frame], "places": subject.places,
-        "column": ", rudder" * rudder, "unpacked": "        force, rudder = force[:3], force[3]\n" * rudder,
-        "arguments": ", rudder=0.0" * rudder, "more": RUDDER.format(" with the other sign" * enu) * rudder,
+        **(steered if rudder else dict.fromkeys(steered, "")),
         "weight": f"{base.FORCE_LETTERS[HEAVE.number]}_0" if subject.diagonal(CONSTANT)[HEAVE.number] else "0.0",
         "head": base.comment(subject.head(), "#"),
     }  # fmt: skip
@@ -205,7 +209,8 @@ def _steering(axis: base.MotionSubject, thrust: str) -> Iterator[tuple[str, floa
     squared, size = "u * abs(u)", axis.settings.newton_metres_per_nu
     if axis.file is not None and axis.file.force_unit == STEERED and size is not None:
         race, usual = values.get("rudder-inflow", (1.0, 1.0))
-        inflow = f" * ({base.number(race)} + {base.number((1.0 - race) / usual**2)} * {squared})" * (race != 1.0)
+        mixed = f" * ({base.number(race)} + {base.number((1.0 - race) / usual**2)} * {squared})"
+        inflow = mixed if race != 1.0 else ""
         yield f"{force}_DELTA", size, f"rudder{inflow}", "by the angle of the rudder"
     if "rudder" in values:
         value, law, race = values["rudder"]

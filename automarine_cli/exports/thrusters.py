@@ -90,7 +90,7 @@ def _text(subject: MapSubject, notes: list[str], values: Mapping[str, str], n_ma
     fields = {
         **values, "limit": number(n_max), "minus": number(-n_max), "density": number(DENSITY),
         "diameter": number(DIAMETER), "uuv_lag": uuv, "T_n": constant,
-        "head": comment(head(subject, EQUATIONS[subject.form], notes), "#" if subject.form == "constants" else ""),
+        "head": comment(head(subject, FORM_LAWS[subject.form], notes), "#" if subject.form == "constants" else ""),
     }  # fmt: skip
     return Written(filled(f"thrusters_{subject.form}", fields), tuple(notes))
 
@@ -147,7 +147,7 @@ def deviation(map_: ThrusterMap, law: Callable[[Floats], Floats], n_max: float) 
     return float(np.max(np.abs(law(n) - force))), float(np.max(np.abs(force)))
 
 
-EQUATIONS = {
+FORM_LAWS = {
     "constants": "F = k_pos n |n| ahead, k_neg n |n| astern",
     "uuv-table": "F by straight lines between the points",
     "gz-thruster": "F = thrust_coefficient fluid_density propeller_diameter^4 n |n|",
@@ -156,6 +156,6 @@ EQUATIONS = {
 TARGET = Target(
     name="thrusters",
     says="a thruster map: constants, uuv_simulator or Gazebo",
-    forms={form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in EQUATIONS},
+    forms={form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in FORM_LAWS},
     carries=frozenset(), si=False, uses=frozenset({"symmetrise", "n_max", "lag"}), motions=(), write=write,
 )  # fmt: skip

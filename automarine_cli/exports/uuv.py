@@ -18,7 +18,7 @@ def write(subject: Vehicle) -> Written:
     if subject.form == "controller":
         slides = any(not axis.dof.angular for axis in subject.axes)
         fields |= {
-            "head": comment(lines, "#") + f"mass: {number(subject.mass)}\n" * slides,
+            "head": comment(lines, "#") + (f"mass: {number(subject.mass)}\n" if slides else ""),
             "entries": "".join(f"- [{row(line, ', ')}]\n" for line in subject.added),
             "linear": row(linear, ", "), "quadratic": row(quadratic, ", "),
         }  # fmt: skip
@@ -30,9 +30,9 @@ def write(subject: Vehicle) -> Written:
     return Written(filled(f"uuv_{subject.form}", fields), tuple(notes))
 
 
-FORMS = {"urdf": ".urdf", "controller": ".yaml"}
+EXTENSIONS = {"urdf": ".urdf", "controller": ".yaml"}
 TARGET = Target(
     name="uuv",
     says="uuv_simulator and its forks: URDF for the plugin, YAML for the controllers",
-    forms=FORMS, frames=("ENU", "NED"), write=write, several=Several(FORMS),
+    forms=EXTENSIONS, frames=("ENU", "NED"), write=write, several=Several(EXTENSIONS),
 )  # fmt: skip

@@ -120,17 +120,18 @@ class Vehicle(Subject):
     def not_identified(self) -> list[str]:
         """Motions that none of the models is of; COUPLINGS without a planar model."""
         lacking = [dof.name for dof in MOTIONS if dof.number not in self.places]
-        return [*lacking, *[COUPLINGS] * (self.couplings is None)]
+        return [*lacking, COUPLINGS] if self.couplings is None else lacking
 
     def head(self, *notes: str, coupled: bool = True) -> list[str]:
         """What the file of several motions begins with; `coupled` where the target has C."""
         letters = ", ".join(axis.dof.symbols.velocity for axis in self.axes)
-        c_nu, g = " + C(nu) nu" * coupled, " + g" * bool(self.diagonal(RESTORING).any())
+        munk = "; C follows from it, the Munk moment among it" if coupled else ""
+        c_nu, g = " + C(nu) nu" if coupled else "", " + g" if self.diagonal(RESTORING).any() else ""
         return self.headed((
             f"Equation: M nu'{c_nu} + D(nu) nu{g} = tau, nu = ({letters}) through the water: "
             f"{', '.join(axis.dof.name for axis in self.axes)}.",
             f"Frame: {FRAME_AXES[self.frame]}. Units: N, N m, m/s, rad/s, kg, kg m, kg m^2.",
-            f"M is rigid and added inertia together{'; C follows from it, the Munk moment among it' * coupled}.",
+            f"M is rigid and added inertia together{munk}.",
             *map(str, self.left_out), *self.about_lacking(), *notes,
         ))  # fmt: skip
 
@@ -153,7 +154,7 @@ class Vehicle(Subject):
 
     def about_own(self, remainder: str) -> tuple[str, ...]:
         """Sentences on what of M is the vehicle's own, and where the `remainder` of it stands."""
-        stated = [f"{number(self.mass)} kg"] * any(not axis.dof.angular for axis in self.axes)
+        stated = [] if all(axis.dof.angular for axis in self.axes) else [f"{number(self.mass)} kg"]
         turns = [axis for axis in self.axes if axis.dof.angular]
         rigid = [axis for axis in turns if axis.settings.rigid_inertia is not None]
         stated += [f"{axis.dof.name} inertia {number(axis.inertias[0])} kg m^2" for axis in rigid]

@@ -31,7 +31,7 @@ from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate
 
-DIFFERENCE = 1e-4  # by which a parameter is moved, as a share of itself
+PARAMETER_STEP = 1e-4  # by which a parameter is moved, as a share of itself
 
 
 def derived(fit: OutputErrorFit, of: Callable[[Model], float], unit: str, log: bool = True) -> Estimate:
@@ -39,7 +39,7 @@ def derived(fit: OutputErrorFit, of: Callable[[Model], float], unit: str, log: b
     mixed, count = fit.mixed, len(fit.model.theta)
     value, slope = of(fit.model), np.zeros(len(mixed.phi))
     for i in np.flatnonzero(np.diagonal(fit.covariance)[:count] > 0):
-        step = DIFFERENCE * (1.0 if mixed.parameters.log[i] else max(abs(mixed.phi[i]), 1e-6))
+        step = PARAMETER_STEP * (1.0 if mixed.parameters.log[i] else max(abs(mixed.phi[i]), 1e-6))
         moved = mixed.phi + np.outer([step, -step], np.arange(len(mixed.phi)) == i)
         ahead, behind = (of(fit.model.with_theta(theta[:count])) for theta in mixed.parameters.natural(moved))
         slope[i] = (ahead - behind) / (2.0 * step)
@@ -53,7 +53,7 @@ def derived(fit: OutputErrorFit, of: Callable[[Model], float], unit: str, log: b
 GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 AMPLITUDE_DEG = 10.0  # at which linear and quadratic damping are summed up
 AT_AMPLITUDE = f"damping_ratio_at_{AMPLITUDE_DEG:g}_deg"
-MAX_DAMPING = 0.99  # damping ratio from which on nothing swings
+MAX_DAMPING_RATIO = 0.99  # damping ratio from which on nothing swings
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def swing_of(fit: OutputErrorFit, mass: float | None) -> Swing:
     return {
         "natural_period_s": derived(fit, period, "s"),
         "damped_period_s": derived(fit, lambda m: period(m) / math.sqrt(1.0 - damping(m) ** 2), "s")
-        if abs(damping(fit.model)) < MAX_DAMPING else None,
+        if abs(damping(fit.model)) < MAX_DAMPING_RATIO else None,
         "damping_ratio": derived(fit, damping, "1", log=False) if "linear" in fit.roles else None,
         "quadratic_damping_per_rad": derived(fit, lambda m: m.drag()[1] / m.inertia, "1/rad")
         if "quadratic" in fit.roles else None,

@@ -16,7 +16,7 @@ from automarine_cli.filters.course import Course, averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
 from automarine_cli.fits.characteristics import Buoyancy, Nomoto, Swing, answer_to_rudder, swing_of
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
-from automarine_cli.fits.paper import MIN_A_WAY, MODELS, VelocityErrorFit, fit_velocity_error, nested_test
+from automarine_cli.fits.paper import MIN_A_WAY, MODEL_NUMBERS, VelocityErrorFit, fit_velocity_error, nested_test
 from automarine_cli.fits.preference import (
     COMPARISON_HORIZONS_S,
     STEERED_HORIZONS_S,
@@ -323,7 +323,7 @@ def _fit_steps(
     few = starting(half)
     rough = fit_velocity_error(few, np.zeros(len(few.moment)), models=("1", "3"))
     two_way = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= MIN_A_WAY)
-    starts = {number: _rough_start(rough, dof, number) for number in MODELS}
+    starts = {number: _rough_start(rough, dof, number) for number in MODEL_NUMBERS}
     if fit_to == "half-turns":
         answer = fit_halves(half, starts, priors, two_way, map_jobs)
     else:
@@ -401,7 +401,7 @@ def _fit_whole(
         fits, preference, use, refused, norrbin = by_innovations()
     else:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, priors=priors)
-        fits = dict(zip(MODELS, map_jobs(ask, MODELS, driven.FITTING)))
+        fits = dict(zip(MODEL_NUMBERS, map_jobs(ask, MODEL_NUMBERS, driven.FITTING)))
         ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
         judged = idle if 0 < len(idle) - idle.sum() < MIN_DRIVEN < len(idle) else None
         # what differs between steps from rest is their thrust
@@ -485,14 +485,14 @@ def _fit_driven(
     refusal where there is none."""
     steered = course.moment_unit == STEERED
     further = {"1": "cubic-drag", "2": DRIFT} if steered else {}
-    models = [(number, with_effects) for number in MODELS]
+    models = [(number, with_effects) for number in MODEL_NUMBERS]
     models += [(number, (*with_effects, *({name} - {*with_effects}))) for number, name in further.items()]
     outcomes = driven.fit_driven_models(models, runs, course, priors, map_jobs)
-    fits = {number: fit for number, (fit, _) in zip(MODELS, outcomes) if fit is not None}
-    refused = {number: why for number, (fit, why) in zip(MODELS, outcomes) if fit is None}
+    fits = {number: fit for number, (fit, _) in zip(MODEL_NUMBERS, outcomes) if fit is not None}
+    refused = {number: why for number, (fit, why) in zip(MODEL_NUMBERS, outcomes) if fit is None}
     if not fits:
         raise FitError(next(iter(refused.values())))
-    norrbin, drifts = (fit for fit, _ in outcomes[len(MODELS) :]) if steered else (None, None)
+    norrbin, drifts = (fit for fit, _ in outcomes[len(MODEL_NUMBERS) :]) if steered else (None, None)
     drifting = {} if DRIFT in with_effects else _drifting(fits, drifts, course)
     every, fits, dof = {**fits, **drifting}, drifting or fits, course.motion.dofs[0]
     predict = partial(driven.predictions_of, course, alone=driven.by_model_alone(runs))

@@ -33,7 +33,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import ChannelChoice
 from automarine_cli.runs.run import Run, position_noise
 
-DIFFERENCE = 1e-5  # share of a parameter by which it is moved for its derivative
+DERIVATIVE_STEP = 1e-5  # share of a parameter by which it is moved for its derivative
 MIN_SIZE = 1e-4  # smallest disturbance, as a share of the acceleration that the largest command gives
 
 
@@ -92,7 +92,7 @@ class DrivenProblem:
     def steps(self, phi: Floats) -> Floats:
         """By how much each free parameter is moved for its derivative, (f,)."""
         size = np.where(self.parameters.log, 1.0, np.maximum(np.abs(phi), self.parameters.steps))
-        return DIFFERENCE * size[self.free]
+        return DERIVATIVE_STEP * size[self.free]
 
     def moved(self, phi: Floats) -> Floats:
         """phi (p,) itself and with each free parameter moved by its step, (1 + f, p)."""
@@ -437,7 +437,7 @@ def channel_noises(fit: Fit, dof: Dof) -> dict[str, Estimate]:
     noises = {}
     for name, noise in fit.noise_of.items():
         count = max(float(fit.readings[name]) - len(fit.theta), 1.0)
-        unit = dof.units.shown + "/s" * (name == dof.velocity)
+        unit = f"{dof.units.shown}/s" if name == dof.velocity else dof.units.shown
         estimate = Estimate.from_log(float(dof.shown(noise)), 1.0 / np.sqrt(2.0 * count), count, unit)
         bound = f"noise.{name}" in fit.names and fit.names.index(f"noise.{name}") in fit.at_bound
         noises[name] = replace(estimate, at_bound=bound)
@@ -457,7 +457,7 @@ def measured_noises(runs: Sequence[Run], dof: Dof) -> dict[str, Estimate]:
             squares += float(good.sum()) * position_noise(run.time[good], readings[good]) ** 2
             count += int(good.sum())
         if count:
-            unit = dof.units.shown + "/s" * (name == dof.velocity)
+            unit = f"{dof.units.shown}/s" if name == dof.velocity else dof.units.shown
             error = ROBUST / np.sqrt(2.0 * count)
             noises[name] = Estimate.from_log(float(dof.shown(np.sqrt(squares / count))), error, count, unit)
     return noises

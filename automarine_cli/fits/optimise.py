@@ -13,7 +13,7 @@ from automarine_cli.quantities import Floats
 
 MIN_DAMPING, MAX_DAMPING = 1e-4, 1e3  # shares of the curvature that are added to it
 EASED, RAISED = 0.1, 30.0  # factors of the damping after a step that was taken at once, and after one that led nowhere
-LEAST_GAIN = 0.1  # that a step has to make, as a share of the gain at which a search has converged
+MIN_STEP_SHARE = 0.1  # that a step has to make, as a share of the gain at which a search has converged
 NEARLY_GAIN = 1.0  # gain still to be expected below which a search that is stuck counts as converged
 
 Data = TypeVar("Data")
@@ -72,7 +72,7 @@ def maximise(
         if not tried:
             break
         for i, reached in zip(tried, evaluate([*tried.values()], [*tried])):
-            if reached.value > points[i].value + LEAST_GAIN * settled:
+            if reached.value > points[i].value + MIN_STEP_SHARE * settled:
                 points[i], steps[i] = reached, steps[i] + 1
                 damping[i] = max(damping[i] * (EASED if at_once[i] else 1.0), MIN_DAMPING)
                 at_once[i] = True

@@ -34,7 +34,7 @@ from automarine_cli.models.model import (
 )
 from automarine_cli.quantities import Floats
 
-MODELS: tuple[str, ...] = ("1", "2", "3")
+MODEL_NUMBERS: tuple[str, ...] = ("1", "2", "3")
 MIN_A_WAY = 3  # runs each way from which on it is asked whether drag differs
 MAX_DILUTED = 0.5  # share of a sum that is taken off as noise at most: where more is noise, what is left says little
 
@@ -366,7 +366,7 @@ class Reference:
 
 
 def reference(
-    moment: Floats, tails: TailLines, variance: Floats | float, dof: Dof, models: Sequence[str] = MODELS
+    moment: Floats, tails: TailLines, variance: Floats | float, dof: Dof, models: Sequence[str] = MODEL_NUMBERS
 ) -> Reference:
     """That of the models of Table 1 that explains both rates and velocity errors best for its number of terms.
 
@@ -534,7 +534,7 @@ class VelocityErrorFit:
 
 
 def fit_velocity_error(
-    data: StepData, start_heading: Floats, delay: float = 0.0, models: Sequence[str] = MODELS,
+    data: StepData, start_heading: Floats, delay: float = 0.0, models: Sequence[str] = MODEL_NUMBERS,
     tail: float | None = None,
 ) -> VelocityErrorFit:  # fmt: skip
     """Run the paper's method on half-turns, for some of the readings of Table 1.
@@ -572,7 +572,7 @@ def _settled(
     tails = tail_lines(time, data.heading, start_heading, observed & (time >= 0.7 * ends), dof)
     model = reference(data.moment, tails, 0.0, dof)
     far = np.abs(np.where(observed, data.heading, 0.0)).max(axis=1)
-    places, kinds = TAIL_SHARES * (dof.limits.trim if np.isfinite(dof.limits.trim) else far.min()), MODELS
+    places, kinds = TAIL_SHARES * (dof.limits.trim if np.isfinite(dof.limits.trim) else far.min()), MODEL_NUMBERS
     if tail is not None:
         if far.min() <= tail:
             raise FitError(

@@ -10,6 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from automarine_cli import effects
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
+from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
@@ -43,9 +44,9 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ExcludedRun, Run, filled, runs_json
 
 CHANNELS = ("heading", "yaw_rate", "surge", "sway", "north", "east")
-PLACES = ("north", "east")
-LAWS = ("linear-drag", "quadratic-drag")
-COUPLINGS = ("Y_r", "N_v", "N_ur", "Y_uv")
+NORTH_EAST = ("north", "east")
+PLANE_DRAG_LAWS = ("linear-drag", "quadratic-drag")
+CROSS_DRAGS = ("Y_r", "N_v", "N_ur", "Y_uv")
 """Forces by the velocities of others that a hull alike on both sides has: sway force by turning, moment by drifting,
 turns that are damped by the speed ahead, and the lift of a hull at an angle (Fossen 2021, chapter 6)."""
 STEERED_BY = ("N_uv", "N_ur")  # a hull that its rudder alone turns has both: else drifting would turn it about
@@ -55,9 +56,8 @@ inertia in yaw can be told from Munk's moment."""
 OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
 """Qualified names of inertias and drags, which are above zero."""
 SKEW = "planar.m_vr"
-RACE = "rudder-race"
-SETTLES = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
-WINDOW = 1.0  # s over which velocities are told from positions
+DECAY_S = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
+SLOPE_WINDOW_S = 1.0  # s over which velocities are told from positions
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Observed:
     @property
     def over_ground(self) -> bool:
         """Whether places are measured: velocities alone may be those through the water."""
-        return set(PLACES) <= set(self.channels)
+        return set(NORTH_EAST) <= set(self.channels)
 
     @property
     def unread(self) -> list[tuple[Dof, Dof]]:
@@ -97,7 +97,7 @@ class Observed:
     @property
     def ties(self) -> tuple[tuple[str, str, float], ...]:
         """What the logs do not tell, and which parameter stands for it times which factor."""
-        factors = {"inertia": 1.0, "linear": 1.0 / SETTLES}
+        factors = {"inertia": 1.0, "linear": 1.0 / DECAY_S}
         return tuple(
             (dof.parameter(role), other.parameter("inertia"), factor)
             for dof, other in self.unread
@@ -109,9 +109,9 @@ class Observed:
         lacking: list[Assumption] = []
         for dof, other in self.unread:
             why = f"the logs hold no {dof.name} speed and no position on the water"
-            its, dies_out = other.parameter("inertia"), f"{dof.name} is taken to die out in {SETTLES:g} s"
+            its, dies_out = other.parameter("inertia"), f"{dof.name} is taken to die out in {DECAY_S:g} s"
             lacking.append(Assumption(dof.parameter("inertia"), its, why))
-            lacking.append(Assumption(dof.parameter("linear"), f"{its} / {SETTLES:g} s", dies_out))
+            lacking.append(Assumption(dof.parameter("linear"), f"{its} / {DECAY_S:g} s", dies_out))
         if SKEW in model.fixed:
             lacking.append(Assumption(SKEW, "0", "sway and yaw are taken about the centre of both masses"))
         for name, source, factor in model.ties:
@@ -194,21 +194,21 @@ def candidates(model: Model, observed: Observed, rough: Mapping[str, float] | No
     No m_vr where a rudder alone steers: as long as motions are small any m_vr answers the rudder alike, with other
     derivatives, and it would take whatever else the model lacks."""
     have = {(term.dof, term.name) for term in model.terms}
-    for term in map(Term.cross, WITH_WAY_ON if observed.rudder_alone else COUPLINGS):
+    for term in map(Term.cross, WITH_WAY_ON if observed.rudder_alone else CROSS_DRAGS):
         if (term.dof, term.name) not in have and (SWAY in observed.dofs or term.name == "N_ur"):
             yield Candidate.of_term(model, term)
     if SWAY in observed.dofs and SKEW in model.fixed and not observed.rudder_alone:
         fixed = tuple(name for name in model.fixed if name != SKEW)
         yield Candidate("cross-coupling", (SKEW,), replace(model, fixed=fixed))
-    steering = [term.dof for term in model.terms if term.name == "rudder" and (term.dof, RACE) not in have]
+    steering = [term.dof for term in model.terms if term.name == "rudder" and (term.dof, RudderRace.name) not in have]
     if steering:
         raced = model
         for place in steering:
-            raced = raced.with_term(Term(RACE, (0.0,), dof=place))
+            raced = raced.with_term(Term(RudderRace.name, (0.0,), dof=place))
         added = tuple(name for name in raced.parameter_names if name not in model.parameter_names)
-        yield Candidate(RACE, added, raced)
+        yield Candidate(RudderRace.name, added, raced)
     for dof in observed.dofs:
-        lacking = [law for law in LAWS if (PLANAR.index(dof), law) not in have]
+        lacking = [law for law in PLANE_DRAG_LAWS if (PLANAR.index(dof), law) not in have]
         for law in lacking:
             yield Candidate.of_term(model, Term(law, (0.0,), True, PLANAR.index(dof)))
         if rough is not None and lacking == ["linear-drag"]:
@@ -245,7 +245,7 @@ def structure_of(model: Model, observed: Observed) -> str:
     """Say which drags, couplings and current a model has."""
     have, parts = {(term.dof, term.name) for term in model.terms}, list[str]()
     for dof in observed.dofs:
-        laws = [law.removesuffix("-drag") for law in LAWS if (PLANAR.index(dof), law) in have]
+        laws = [law.removesuffix("-drag") for law in PLANE_DRAG_LAWS if (PLANAR.index(dof), law) in have]
         parts.append(f"{dof.name} drag {' and '.join(laws)}")
     parts += [term.name for term in model.terms if term.is_cross]
     parts += dict.fromkeys(term.name for term in model.terms if not term.base)
@@ -255,12 +255,12 @@ def structure_of(model: Model, observed: Observed) -> str:
 
 def rough_velocities(run: Run) -> dict[str, Floats]:
     """Surge, sway [m/s] and yaw rate [rad/s] of a run, each (N,): as read, else from places and heading over
-    `WINDOW`; NaN where neither tells."""
+    `SLOPE_WINDOW_S`; NaN where neither tells."""
     velocities: dict[str, Floats] = {}
     if _read(run, YAW.position):
         velocities[YAW.velocity] = _slope(run.time, run.position)
-    if all(_read(run, name) for name in PLACES):
-        north, east = (_slope(run.time, np.asarray(run.channel(name))) for name in PLACES)
+    if all(_read(run, name) for name in NORTH_EAST):
+        north, east = (_slope(run.time, np.asarray(run.channel(name))) for name in NORTH_EAST)
         cosine, sine = np.cos(run.position), np.sin(run.position)
         velocities[SURGE.velocity] = cosine * north + sine * east
         velocities[SWAY.velocity] = cosine * east - sine * north
@@ -271,9 +271,9 @@ def rough_velocities(run: Run) -> dict[str, Floats]:
 
 
 def _slope(time: Floats, values: Floats) -> Floats:
-    """Central difference over `WINDOW`, (N,)."""
+    """Central difference over `SLOPE_WINDOW_S`, (N,)."""
     finite = np.isfinite(values)
-    ahead, behind = (np.clip(time + side * WINDOW / 2, time[0], time[-1]) for side in (1, -1))
+    ahead, behind = (np.clip(time + side * SLOPE_WINDOW_S / 2, time[0], time[-1]) for side in (1, -1))
     there, back = (np.interp(at, time[finite], values[finite]) for at in (ahead, behind))
     return np.asarray((there - back) / np.maximum(ahead - behind, 1e-9))
 
@@ -283,7 +283,7 @@ RUDDER_ARM_M = 0.1  # m
 
 def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
     """Orders of size from which fits start, by qualified name: drag that balances the usual force at the usual
-    velocity, and an inertia that takes `SETTLES` to get there; `by_momentum` is nearer where velocities are known."""
+    velocity, and an inertia that takes `DECAY_S` to get there; `by_momentum` is nearer where velocities are known."""
     sizes: dict[str, float] = {}
     for dof in PLANAR.dofs:
         forces = np.concatenate([run.command_of(dof) for run in runs])
@@ -298,7 +298,7 @@ def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
         sizes |= {
             dof.parameter("linear"): linear,
             dof.parameter("quadratic"): linear / speed,
-            dof.parameter("inertia"): linear * SETTLES,
+            dof.parameter("inertia"): linear * DECAY_S,
         }
     for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
         if not any(run.command_of(dof).any() for run in runs):  # moved by the others alone
@@ -378,8 +378,8 @@ def momentum_balance(run: Run) -> dict[str, dict[str, Floats]]:
 def forecasts_of(problem: DrivenProblem, fit: Fit) -> Judgement:
     """Predictions of each run by the parameters that the other runs give, of all that is judged."""
     at = {channel.quantity: c for c, channel in enumerate(problem.course.channels)}
-    placed = set(PLACES) <= at.keys()
-    names = [YAW.position, *(PLACES if placed else [n for n in (SURGE.velocity, SWAY.velocity) if n in at])]
+    placed = set(NORTH_EAST) <= at.keys()
+    names = [YAW.position, *(NORTH_EAST if placed else [n for n in (SURGE.velocity, SWAY.velocity) if n in at])]
     heading, *remaining = left_out_predictions(problem, fit, [at[name] for name in names], thinned=True)
     with np.errstate(over="ignore", invalid="ignore"):  # where predictions run away
         worth = {name: worth_of(predicted) for name, predicted in zip(names[1:], remaining)}
@@ -404,7 +404,7 @@ def _distances(by_axis: Sequence[tuple[ForecastScore, ...]]) -> tuple[ForecastSc
     )
 
 
-FULLY = 2  # neighbours of a structure that are fitted, at most
+MAX_NEIGHBOURS_FITTED = 2  # neighbours of a structure that are fitted, at most
 ROUGHLY = 0.3  # gain in log likelihood to be expected below which a search goes on; what is chosen is fitted to its end
 HOW = "by the innovations of a filter"
 
@@ -483,8 +483,8 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
             elif more < len(candidate.added):
                 swaps.append(entry)
         worth.sort(key=lambda entry: -entry[0])
-        leaders = [(candidate, promise) for _, candidate, promise in worth[:FULLY] or swaps]
-        brief = [fit for _, fit in likelihood.tried(leaders, model, BRIEF)]
+        leaders = [(candidate, promise) for _, candidate, promise in worth[:MAX_NEIGHBOURS_FITTED] or swaps]
+        brief = [fit for _, fit in likelihood.tried(leaders, model, NEIGHBOUR_ITERATIONS)]
         best = min(brief, key=criterion, default=None)
         self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in brief})
         if best is not None and (worth or criterion(best) < criterion(model)):
@@ -604,7 +604,7 @@ class PlanarFit(Shown):
 
 INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit starts
 SIZES = (0.02, 0.2)  # disturbances, as shares of the acceleration of the largest command, to start from
-BRIEF = 4  # iterations of a brief fit
+NEIGHBOUR_ITERATIONS = 4  # iterations of a brief fit
 WORTH_IT = 0.02  # share of the errors of predictions that is worth another structure
 
 
@@ -649,7 +649,7 @@ class PlanarLikelihood:
     def course(self) -> Course:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
         columns = {*self.signals, *(need for name in self.with_effects for need in effects.get(name).needs)}
-        columns |= {*effects.get(RACE).needs} if "rudder" in columns else set()
+        columns |= {*RudderRace.needs} if "rudder" in columns else set()
         signals = sorted(columns - {dof.velocity for dof in PLANAR.dofs})
         return make_course(self.runs, moving, signals, motion=PLANAR, channels=self.observed.channels)
 

@@ -130,7 +130,7 @@ def _about(problem: Problem, phi: Floats, b: Floats) -> Grams:
     return problem.gram(by_phi, by_run, fitted, b, phi)
 
 
-MAX_Z = 2.5  # of the instant that all switches share: 99 % of a sample interval
+MAX_SWITCH_Z = 2.5  # of the instant that all switches share: 99 % of a sample interval
 AGAINST = 0.2  # share of the impulses that a balance with everything negative must explain to show that a sign is wrong
 
 
@@ -191,7 +191,7 @@ def whole_run_problem(
 
     ends = (-batch.half_interval, MAX_DELAY_S if batch.half_interval else 0.0)
     if confined:
-        ends = (-MAX_Z, MAX_Z)
+        ends = (-MAX_SWITCH_Z, MAX_SWITCH_Z)
     delay = Parameter(COMMAND_DELAY, 0.0, *ends, role=NUISANCE, unit="s")
     searched = Parameters((*parameters, delay), priors={COMMAND_DELAY: Prior(0.0, 1.0)} if confined else {})
     measured, observed = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in batch.channels)))
@@ -280,7 +280,7 @@ def rough_model(number: str, batch: Batch, sided: bool = False, inertia: float =
         sides.append(push)
     x, y = np.concatenate(rows), np.concatenate(sides)
     of_base = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number]
-    keep = of_base + [3] * dof.biased + [4] * dof.restoring
+    keep = [*of_base, *([3] if dof.biased else []), *([4] if dof.restoring else [])]
     if not np.any(batch.force):
         return _rough_decay(number, batch, x[:, keep], rates, inertia, sided)
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
@@ -300,7 +300,8 @@ def rough_model(number: str, batch: Batch, sided: bool = False, inertia: float =
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
     if dof.restoring:
         constant[1] = constant[1] if constant[1] > 0.0 else values[0] * float(np.median(rates)) ** 2
-    return Model.base(number, values[0], [*values[1:], *constant, *[0.0] * sided], batch.moment_unit, batch.dof)
+    asymmetry = [0.0] if sided else []
+    return Model.base(number, values[0], [*values[1:], *constant, *asymmetry], batch.moment_unit, batch.dof)
 
 
 def _rough_decay(number: str, batch: Batch, x: Floats, rates: Sequence[float], inertia: float, sided: bool) -> Model:
@@ -310,8 +311,11 @@ def _rough_decay(number: str, batch: Batch, x: Floats, rates: Sequence[float], i
     usual = [2.0 * ROUGH_DAMPING * rate, ROUGH_DAMPING]  # linear drag, quadratic drag
     least = usual[:1] if number == "1" else usual[::-1][: 1 + (number == "2")]
     drag = [value if value > small else small for value, small in zip(values, least)]
-    remaining = [*values[len(drag) : len(drag) + batch.dof.biased], *([rate**2] if rates else []), *[0.0] * sided]
-    return Model.base(number, inertia, inertia * np.array([*drag, *remaining]), batch.moment_unit, batch.dof)
+    remaining = [*values[len(drag) : len(drag) + batch.dof.biased], *([rate**2] if rates else [])]
+    asymmetry = [0.0] if sided else []
+    return Model.base(
+        number, inertia, inertia * np.array([*drag, *remaining, *asymmetry]), batch.moment_unit, batch.dof
+    )
 
 
 MAX_P_WAYS = 0.05  # p-value below which the two ways are told apart

@@ -74,7 +74,8 @@ def groups() -> dict[str, list[str]]:
     """Topics of pages that are no commands, by the headings of the contents, which come first."""
     headings = re.split(r"^## ", page("contents").markdown, flags=re.MULTILINE)[1:]
     listed = {part.partition("\n")[0]: re.findall(r"\]\(([a-z0-9-]+)\.md\)", part) for part in headings}
-    return {heading: ["contents"] * (heading == "Start") + topics for heading, topics in listed.items() if topics}
+    listed["Start"] = ["contents", *listed["Start"]]
+    return {heading: topics for heading, topics in listed.items() if topics}
 
 
 def title(topic: str) -> str:

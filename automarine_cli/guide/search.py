@@ -21,11 +21,11 @@ SYNONYMS = {
 }  # fmt: skip
 """Words of other fields, and those that the guide has for them."""
 SYNONYM_SHARE, BEGINNING_SHARE = 0.6, 0.5  # of a word's worth, where a synonym or only its beginning is there
-NAME, HEADING = 10.0, 6.0  # mentions in the text that a page's name and a heading of this word alone are worth
+OF_NAME, OF_HEADING = 10.0, 6.0  # mentions in the text that a page's name and a heading of this word alone are worth
 # k1 and b of BM25: Robertson & Zaragoza 2009, The Probabilistic Relevance Framework
 SATURATION, LENGTH_SHARE = 1.5, 0.6
 PHRASE_FACTOR = 1.6  # of a section that has all words next to each other
-REST, REST_SHARE = 5, 0.02  # sections of a page that make its worth, and the share of all but the best
+COUNTED_SECTIONS, REST_SHARE = 5, 0.02  # sections of a page that make its worth, and the share of all but the best
 WORD = re.compile(r"\w+")
 
 
@@ -69,7 +69,7 @@ class Index:
             times = {word: many / length for word, many in count.items()}
             topic = section.page.rpartition("/")[2].replace("-", " ")
             name, titled = topic * (section.page != titled), section.page
-            for words, worth in (({*stems(section.subject or section.heading)}, HEADING), ({*stems(name)}, NAME)):
+            for words, worth in (({*stems(section.subject or section.heading)}, OF_HEADING), ({*stems(name)}, OF_NAME)):
                 times |= {word: times.get(word, 0.0) + worth / math.sqrt(len(words)) for word in words}
             mentions.append(times)
         frequency = Counter(word for words in mentions for word in words)
@@ -88,7 +88,7 @@ class Index:
                 worths[number] = max(worths.get(number, 0.0), share * worth)
         for number, worth in sorted(worths.items()):
             pages.setdefault(self.sections[number].page, []).append((worth, -number))
-        best = {page: sorted(weights, reverse=True)[:REST] for page, weights in pages.items()}
+        best = {page: sorted(weights, reverse=True)[:COUNTED_SECTIONS] for page, weights in pages.items()}
         order = {page: top[0][0] + REST_SHARE * sum(worth for worth, _ in top[1:]) for page, top in best.items()}
         return [self.sections[-best[page][0][1]] for page in sorted(order, key=lambda page: (-order[page], page))]
 
@@ -118,7 +118,7 @@ class Index:
             "sections": [[s.page, s.heading, s.text, s.anchor] for s in self.sections],
             "worths": {word: [*chain.from_iterable(weights.items())] for word, weights in self.worths.items()},
             "synonyms": SYNONYMS, "synonymShare": SYNONYM_SHARE, "beginningShare": BEGINNING_SHARE,
-            "phraseFactor": PHRASE_FACTOR, "rest": REST, "restShare": REST_SHARE,
+            "phraseFactor": PHRASE_FACTOR, "rest": COUNTED_SECTIONS, "restShare": REST_SHARE,
         }  # fmt: skip
 
 

@@ -76,7 +76,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 MAX_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, in which one may be guessed
 # control signals keep the file's own unit
-COMMANDS = ("n", *dict.fromkeys(name for dof in DOFS.values() for name in dof.thrusters))
+THRUSTERS = ("n", *dict.fromkeys(name for dof in DOFS.values() for name in dof.thrusters))
 
 # Units of control signals, and the words in names of columns that tell them
 SIGNAL_UNITS = {
@@ -105,7 +105,7 @@ class Canonical:
 
     def factor(self, unit: str | None = None) -> float:
         """What a value is multiplied by to be in SI units (a control signal: 1)."""
-        unitless = self.quantity in COMMANDS or self.unit == NORMALISED
+        unitless = self.quantity in THRUSTERS or self.unit == NORMALISED
         return 1.0 if unitless else UNITS[self.quantity][unit or self.unit]
 
     def units(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, YAW
-from automarine_cli.logs.columns import COMMANDS, NORMALISED, ColumnMap, quantities_of
+from automarine_cli.logs.columns import NORMALISED, THRUSTERS, ColumnMap, quantities_of
 from automarine_cli.logs.formats import LOGGED, CommandOrigin
 from automarine_cli.logs.streams import Recording, Stream, taken
 from automarine_cli.quantities import Floats
@@ -95,7 +95,7 @@ class Part:
 
 def is_commanded_by(columns: ColumnMap) -> bool:
     """Whether a column map names a command itself, so that none is worked back from outputs."""
-    return not quantities_of(columns.columns).isdisjoint(quantities_of(CONTROL_AXES) | {*COMMANDS} - {"n"})
+    return not quantities_of(columns.columns).isdisjoint(quantities_of(CONTROL_AXES) | {*THRUSTERS} - {"n"})
 
 
 def worked_back(
@@ -134,7 +134,7 @@ def meaning(names: Sequence[str] | Mapping[str, Floats]) -> str:
 def refuse_lacking(source: str, lacking: Sequence[str]) -> None:
     if lacking:
         raise Unclear(
-            f"{source} would tell it, but the log does not hold the parameter{'s' * (len(lacking) > 1)} "
+            f"{source} would tell it, but the log does not hold the parameter{'s' if len(lacking) > 1 else ''} "
             f"{listed(lacking)}; {FETCH}"
         )
 

@@ -18,7 +18,7 @@ import pyarrow as pa
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import columns as naming
-from automarine_cli.logs.columns import CANONICAL, COMMANDS, LABELS, PULSES, UNITS, ColumnMap, ColumnRule, ColumnsOf
+from automarine_cli.logs.columns import CANONICAL, LABELS, PULSES, THRUSTERS, UNITS, ColumnMap, ColumnRule, ColumnsOf
 from automarine_cli.logs.find import stem_of, whole_logs
 from automarine_cli.logs.formats import LogFile, RawLog, read_stamps
 from automarine_cli.logs.mixing import CONTROL_AXES
@@ -189,7 +189,7 @@ def _named_exactly(quantity: str, source: str) -> bool:
     words = words_of(source)
     if quantity == "voltage" and len(words) > 1 and words[-1] in ("v", "mv", "volt", "volts"):
         return True
-    aside = UNIT_WORDS | (THRUSTER_WORDS if quantity in COMMANDS and quantity != "n" else set())
+    aside = UNIT_WORDS | (THRUSTER_WORDS if quantity in THRUSTERS and quantity != "n" else set())
     bare = "_".join(word for word in words if word not in aside or len(words) == 1)
     names = {*EXACT.get(quantity, ()), *(name.lower() for name in naming.names_of(quantity))}
     return bool({bare, "_".join(words)} & names)
@@ -317,7 +317,7 @@ _JUDGES = {
     "force": _force,
     "voltage": _voltage,
     **dict.fromkeys(naming.VELOCITIES, _speed),
-    **dict.fromkeys(COMMANDS, _signal),
+    **dict.fromkeys(THRUSTERS, _signal),
     **dict.fromkeys((dof.position for dof in naming.ROTATIONS), _angle),
     **dict.fromkeys((dof.command for dof in naming.ROTATIONS), _moment),
 }
@@ -556,8 +556,8 @@ def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, u
         members = [file for layout in group for file in layout.files]
         places = places_of([inner[file] for file in members], list(inner.values()))
         stray = [any(file not in members and naming.matches(file.path, place) for file in files) for place in places]
-        above = folder.resolve().name
-        named.append((tuple(f"{above}/" * far + place for place, far in zip(places, stray)), tuple(group)))
+        above = f"{folder.resolve().name}/"
+        named.append((tuple(above + place if far else place for place, far in zip(places, stray)), tuple(group)))
     return Maps(tuple(groups[0]), tuple(named), user_map)
 
 

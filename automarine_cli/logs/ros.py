@@ -200,7 +200,7 @@ def _usual(kind: str, first: Any) -> list[str]:
         return [NOT_MEASURED, *(f"{path}.{axis}" for path, axes in parts if path for axis in axes)]
     if kind.startswith(STANDARD) and isinstance(getattr(first, "data", ""), np.ndarray):
         return [f"data[{i}]" for i in range(min(len(first.data), LONGEST_ARRAY))]
-    return {STATE: ["mode", "armed"], BATTERY: ["voltage"]}.get(kind, ["data"] * kind.startswith(STANDARD))
+    return {STATE: ["mode", "armed"], BATTERY: ["voltage"]}.get(kind, ["data"] if kind.startswith(STANDARD) else [])
 
 
 def _named(topic: str, sources: Iterable[str]) -> list[str]:

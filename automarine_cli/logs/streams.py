@@ -95,7 +95,7 @@ class NoHeading(LogError):
     def __str__(self) -> str:
         topics = listed(sorted(self.holds, key=lambda name: not LIKE_A_POSE.search(name.partition(" (")[0])), TOPICS)
         return (
-            f"{self.source}: no heading in it; found {'in it and others ' * self.many}{topics or 'nothing'}. "
+            f"{self.source}: no heading in it; found {'in it and others ' if self.many else ''}{topics or 'nothing'}. "
             "If one of these holds the heading, name its field with a line such as "
             'heading_deg = "NAME.FIELD" under [columns] in a file and give it with --columns FILE.toml'
         )
@@ -246,7 +246,7 @@ def _age(stream: Stream, master: Stream, latest: NDArray[np.int64], interpolated
     age = np.abs(master.time[valid] - stream.time[latest[valid]])
     late = len(latest) - int(np.count_nonzero(valid))
     lacking = f", none in {plural(late, 'row')}" if late else ""
-    how = ", interpolated" * interpolated
+    how = ", interpolated" if interpolated else ""
     return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{lacking}{how}"
 
 

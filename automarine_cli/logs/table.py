@@ -16,7 +16,7 @@ from automarine_cli.dofs import DOFS, YAW, Dof, Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs import columns as naming
 from automarine_cli.logs import formats
-from automarine_cli.logs.columns import BY, CANONICAL, COMMANDS, LABELS, RUN, Canonical, ColumnMap, ColumnRule
+from automarine_cli.logs.columns import BY, CANONICAL, LABELS, RUN, THRUSTERS, Canonical, ColumnMap, ColumnRule
 from automarine_cli.logs.find import ENDINGS, format_of
 from automarine_cli.logs.formats import LOGGED, CommandOrigin, Format, LogFile, RawLog
 from automarine_cli.logs.parquet import read_table
@@ -146,7 +146,7 @@ def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
         )
     if twice := [column for column, count in Counter(raw.names).items() if count > 1 and column]:
         raise LogError(
-            f"{name}: {len(twice)} column name{'s' * (len(twice) > 1)} given more than once "
+            f"{name}: {len(twice)} column name{'s' if len(twice) > 1 else ''} given more than once "
             f"({listed(twice)}); expected each once. Rename or delete one in the header"
         )
     return raw
@@ -406,7 +406,7 @@ def _unmet(table: LogTable, quantities: Sequence[str]) -> list[str]:
 def is_let_go(table: LogTable) -> bool:
     """Tell whether no column of a log is, or may be meant as, a command: then nobody drove the vehicle."""
     dof, quantities = table.dof, table.columns.keys() | naming.quantities_of(table.names)
-    possible = {*COMMANDS, "rudder", *(other.command for other in DOFS.values())}
+    possible = {*THRUSTERS, "rudder", *(other.command for other in DOFS.values())}
     required, free = (dof.command, *dof.thrusters), _free(table.names)
     unknown = not (quantities & possible or table.origin.why_not or _unmet(table, required))
     return unknown and not any(naming.likely_column(quantity, free) for quantity in required)
@@ -444,7 +444,7 @@ def means_thruster_test(quantities: Set[str], names: Sequence[str], dof: Dof) ->
 def _line(quantity: str, column: str) -> str:
     """The line of a column map for a column; pulses to thrusters rest at 1500 us."""
     key, name = naming.likely_canonical(quantity, column), printable(column)
-    pulses = quantity in COMMANDS and naming.unit_in(column) == "us"
+    pulses = quantity in THRUSTERS and naming.unit_in(column) == "us"
     return f'{key} = {{ from = "{name}", subtract = 1500 }}' if pulses else f'{key} = "{name}"'
 
 
@@ -461,7 +461,8 @@ def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
 def _expected(quantity: str) -> str:
     names = " or ".join(naming.names_of(quantity))
     thrusters = next((dof.thrusters for dof in DOFS.values() if dof.command == quantity), ())
-    return f"{names} or {'both ' * (len(thrusters) > 1)}{' and '.join(thrusters)}" if thrusters else names
+    both = "both " if len(thrusters) > 1 else ""
+    return f"{names} or {both}{' and '.join(thrusters)}" if thrusters else names
 
 
 def _free(names: Sequence[str]) -> list[str]:

@@ -28,7 +28,7 @@ TAKEN = {
     "SYS_STATUS": {"voltage_battery": "voltage_V"},
 }
 SERVOS = "SERVO_OUTPUT_RAW"
-ALWAYS = (*TAKEN, SERVOS, "HEARTBEAT", "PARAM_VALUE")  # messages that are looked at without being named
+DEFAULT_MESSAGES = (*TAKEN, SERVOS, "HEARTBEAT", "PARAM_VALUE")  # messages that are looked at without being named
 OWN_CLOCK = {"time_boot_ms": 1e3, "time_usec": 1e6}  # counts a second since the vehicle started
 NO_VOLTAGE = 65535  # mV, says the protocol
 COUNTER = 2**32 / 1e6  # s after which 32 bits of microseconds are full
@@ -53,7 +53,7 @@ FORMAT = Format("MAVLink telemetry", (".tlog",), read)
 
 def serves(kind: str, sources: Iterable[str]) -> bool:
     """Whether messages of this kind are looked at: always, or as a column map names a field of theirs."""
-    return kind in ALWAYS or any(source.startswith(f"{kind}.") for source in sources)
+    return kind in DEFAULT_MESSAGES or any(source.startswith(f"{kind}.") for source in sources)
 
 
 def _messages(data: bytes, sources: Iterable[str], dialect: Any) -> tuple[dict[str, Message], Counter[str], int]:

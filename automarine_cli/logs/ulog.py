@@ -59,8 +59,8 @@ FORMAT = Format("PX4 ULog", (".ulg",), read, begins=(ULOG_HEAD,))
 
 def _notes(log: Any) -> tuple[str, ...]:
     lengths = [dropout.duration for dropout in log.dropouts]
-    dropouts = f"drop-outs of the logger: {len(lengths)}, the longest {max(lengths, default=0):g} ms"
-    return (*[dropouts] * bool(lengths), *["damaged data were skipped"] * log.file_corruption)
+    dropouts = f"drop-outs of the logger: {len(lengths)}, the longest {max(lengths, default=0):g} ms" if lengths else ""
+    return tuple(filter(None, (dropouts, "damaged data were skipped" if log.file_corruption else "")))
 
 
 def _recording(

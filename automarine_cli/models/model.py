@@ -49,7 +49,7 @@ DELAY = "input-delay"  # the effect that means the same
 MAX_DELAY_S = effects.get(DELAY).parameters[0].upper
 CONSTANT = "bias-moment"  # the term of a moment or force that always acts
 RESTORING = "restoring-moment"  # the term by which weight and buoyancy turn the vehicle back
-ASYMMETRY = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
+SIDED_DRAG = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
 """The term by which drag differs between the two ways."""
 SWING_SHARE = 0.25  # of a radian of a swing, as fast as which a model may change
 
@@ -63,7 +63,7 @@ def base_terms(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
     """The terms of model `number` of a motion: drag, a constant force where one acts, what turns it back, and the
     asymmetry if `sided`."""
     constant = (*([CONSTANT] if dof.biased else []), *([RESTORING] if dof.restoring else []))
-    return (*BASE_TERMS[number], *constant, *((ASYMMETRY[number],) if sided else ()))
+    return (*BASE_TERMS[number], *constant, *((SIDED_DRAG[number],) if sided else ()))
 
 
 def base_roles(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
@@ -71,13 +71,13 @@ def base_roles(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
     return ("inertia", *(effects.get(term).role for term in base_terms(number, dof, sided)))
 
 
-FORCES, VELOCITIES = "XYN", "uvr"
+PLANAR_FORCES, PLANAR_VELOCITIES = "XYN", "uvr"
 INERTIA_COUPLINGS = {"m_vr": (1, 2, "kg m"), "m_ur": (0, 2, "kg m"), "m_uv": (0, 1, "kg")}
 """Inertia that couples two motions of the plane, where it stands in the matrix, and its unit: zero of a vehicle alike
 fore and aft, the last two of one alike on both sides."""
 CURRENT = ("current.north", "current.east")
 MAX_CURRENT_M_S = 5.0  # no tidal current of a place where vehicles are tested is faster
-_DERIVATIVE = re.compile(rf"([{FORCES}])_([{VELOCITIES}]{{1,2}})")
+_DERIVATIVE = re.compile(rf"([{PLANAR_FORCES}])_([{PLANAR_VELOCITIES}]{{1,2}})")
 
 
 @dataclass(frozen=True)
@@ -110,10 +110,10 @@ class CrossDrag(Effect):
 def derivative(name: str) -> tuple[int, CrossDrag]:
     """Return what a derivative such as N_v or N_vr acts on, and the drag that it is. Raises ModelError."""
     match = _DERIVATIVE.fullmatch(name)
-    place = FORCES.index(match[1]) if match else 0
-    if match is None or set(match[2]) == {VELOCITIES[place]}:
+    place = PLANAR_FORCES.index(match[1]) if match else 0
+    if match is None or set(match[2]) == {PLANAR_VELOCITIES[place]}:
         raise ModelError(f"{name!r}: expected X, Y or N by the velocities of other motions, such as Y_r or N_vr")
-    *size, along = (VELOCITIES.index(letter) for letter in match[2])
+    *size, along = (PLANAR_VELOCITIES.index(letter) for letter in match[2])
     metres = (match[1] == "N") - sum(letter != "r" for letter in match[2])
     of_metres = {1: " m", 0: "", -1: "/m", -2: "/m²"}[metres]
     of_seconds = "s²" if size else "s"

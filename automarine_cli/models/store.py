@@ -29,10 +29,10 @@ from automarine_cli.models.model import (
     BASE_TERMS,
     COMMAND_DELAY,
     CURRENT,
-    FORCES,
     INERTIA_COUPLINGS,
     MAX_DELAY_S,
-    VELOCITIES,
+    PLANAR_FORCES,
+    PLANAR_VELOCITIES,
     Model,
     Term,
     base_roles,
@@ -522,7 +522,7 @@ def _cross(dof: Dof, short: str, value: float, codec: Codec) -> Term:
     except ModelError:
         raise codec.refusal(PARAMETERS, _unknown(f"{dof.name}.{short}")) from None
     if term.dof != PLANAR.index(dof):
-        wrong = f"{short} is no derivative of {FORCES[PLANAR.index(dof)]}, the force of {dof.name}"
+        wrong = f"{short} is no derivative of {PLANAR_FORCES[PLANAR.index(dof)]}, the force of {dof.name}"
         raise codec.refusal((*PARAMETERS, f"{dof.name}.{short}"), wrong)
     return term
 
@@ -533,6 +533,6 @@ def _unknown(name: str) -> str:
     close = difflib.get_close_matches(name[:MAX_NAME_LETTERS], names, n=1, cutoff=0.8)
     hint = f"did you mean {format_value(close[0])}?" if close else (
         f"known are {', '.join(names)}, effects such as yaw.input-delay.t_d, and derivatives by the velocities "
-        f"{', '.join(VELOCITIES)} of others, such as sway.Y_r"
+        f"{', '.join(PLANAR_VELOCITIES)} of others, such as sway.Y_r"
     )  # fmt: skip
     return f"unknown key {format_value(name)}; {hint}"

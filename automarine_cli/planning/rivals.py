@@ -24,7 +24,7 @@ from automarine_cli.planning.information import Fitting, PriorResults
 from automarine_cli.quantities import Floats
 
 MAX_FIT_ROUNDS = 20
-SETTLED_GAIN = 1e-3  # of misfit, in deviance
+SETTLED_MISFIT = 1e-3  # of misfit, in deviance
 MIN_VISIBLE_MISFIT = 4.0  # misfit without an effect from which it counts as seen: two standard errors of its size
 MAX_STARTS, FEW_CANDIDATES = 12, 8  # of the other explanation's fit, and runs on which they are compared
 
@@ -147,7 +147,7 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[PaperRun]) -> tup
 
     start = np.clip(other.phi(other.problem(candidates[:1])), *parameters.limits.T)
     limits = parameters.limits
-    (end,) = maximise(evaluate, [start], [free], [limits], settled=SETTLED_GAIN, iterations=MAX_FIT_ROUNDS)
+    (end,) = maximise(evaluate, [start], [free], [limits], settled=SETTLED_MISFIT, iterations=MAX_FIT_ROUNDS)
     return end.point.data, -end.point.value
 
 

@@ -474,7 +474,9 @@ def worst(rows: Sequence[Mapping[str, str]]) -> str:
         if bad := [name for name, verdict in grades.items() if verdict == grade]:
             return f"{grade} ({', '.join(bad)})"
     unknown = [name for name, *ways in MEASURES if rows and all(grades[way] == MISSING for way in ways)]
-    return (f"{GOOD}, but not known: " if unknown else GOOD * bool(rows)) + ", ".join(unknown)
+    if unknown:
+        return f"{GOOD}, but not known: {', '.join(unknown)}"
+    return GOOD if rows else ""
 
 
 def _graded(value: float, limits: tuple[float, float]) -> str:
@@ -625,7 +627,9 @@ def _of_validation(file: ValidationFile, result: StepResult, of_motion: MotionRe
     name = of_motion.added and f"{'the model with' if final else 'without'} {of_motion.added}"
     plane, sizes = file.motion == PLANAR.name, _sizes(file)
     errors = [f"{number(size, 3)} {unit} {what}" for what, size in sizes.items() if not plane or what == FREE_RUN]
-    errors[[*sizes].index(FREE_RUN)] = f"{'heading ' * plane}{with_band(score.rmse, score.ci95)} {unit} {FREE_RUN}"
+    errors[[*sizes].index(FREE_RUN)] = (
+        f"{'heading ' if plane else ''}{with_band(score.rmse, score.ci95)} {unit} {FREE_RUN}"
+    )
     if not plane and not final:
         name = ", ".join(filter(None, [name, named_model(file.judged)]))
     if final and of_motion.validation is not None:

@@ -21,7 +21,7 @@ from automarine_cli.runs.run import runs_json
 from automarine_cli.text import listed, plural, printable
 
 SCHEMA = "automarine/campaign/1"
-WIDEST = 120  # of a line with its comment; a longer one has it above
+LINE_WIDTH = 120  # of a line with its comment; a longer one has it above
 MAX_LISTED_LOGS = 20  # logs without a place that are listed
 SAY = {
     "thrusters": "bollard tests",
@@ -159,12 +159,12 @@ def _written(key: str, value: object, comment: str, ask: Ask | None) -> str:
         value = {name: _answer(part, f"{key}, {name}", comment, ask) for name, part in value.items()}
     value = _answer(value, key, comment, ask)
     is_open = any(part == OPEN for part, _ in everything(value))
-    line, comment = toml_line(key, value), printable("? " * is_open + comment)
-    if isinstance(value, list) and len(line) > WIDEST:
+    line, comment = toml_line(key, value), printable(f"? {comment}" if is_open else comment)
+    if isinstance(value, list) and len(line) > LINE_WIDTH:
         line = f"{key} = [\n" + "".join(f"  {toml_value(entry)},\n" for entry in value) + "]"
     if not comment:
         return line
-    return f"# {comment}\n{line}" if "\n" in line or len(line) + len(comment) > WIDEST else f"{line}  # {comment}"
+    return f"# {comment}\n{line}" if "\n" in line or len(line) + len(comment) > LINE_WIDTH else f"{line}  # {comment}"
 
 
 def _answer(value: object, key: str, comment: str, ask: Ask | None) -> object:

@@ -11,8 +11,8 @@ from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose as words
 from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.residual_regions import Region
-from automarine_cli.diagnosis.search import DRAG, LEVEL
-from automarine_cli.diagnosis.study import HORIZON
+from automarine_cli.diagnosis.search import BASE_DRAG, CLAIM_LEVEL
+from automarine_cli.diagnosis.study import GAP_HORIZON_S
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
@@ -167,7 +167,7 @@ def gap_tables(data: Mapping[str, Any], unit: str, note: str) -> list[Table]:
             "after it as they were logged.",
         ])]  # fmt: skip
     free = data.get("from_commands", {})
-    for how, gaps in ((OWN_THRUST * bool(free), data["gap"]), (ALONE, free)):
+    for how, gaps in ((OWN_THRUST if free else "", data["gap"]), (ALONE, free)):
         for name, sizes in ((name, sizes) for name, sizes in gaps.items() if sizes is not None):
             before, after, floor = (sizes[f"{word}_{unit}"] for word in ("before", "after", "noise_floor"))
             closed = MISSING
@@ -233,7 +233,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     sizes = errors_of(part.gap.to_json(unit, dof.shown), unit)
     alone = errors_of(free.to_json(unit), unit) if free else []
     of = " of the fitted runs" if part is diagnosis.fitted else f" of the {plural(len(part.runs), 'run')} held out"
-    drag = [effect.name for effect in effects if effect.name in DRAG and not plane]
+    drag = [effect.name for effect in effects if effect.name in BASE_DRAG and not plane]
     counted = [effect.title for effect in effects if effect.title not in drag]
     names = " and ".join(counted or drag)
     if counted and drag:
@@ -253,7 +253,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             level = f"{misses}, {level}"
         what = f"error{of}, with each run's{OWN_THRUST[1:]},"
         if diagnosis.driven:
-            what, data = f"error of predictions {HORIZON:g} s ahead{of}", f"{data} beside their disturbances"
+            what, data = f"error of predictions {GAP_HORIZON_S:g} s ahead{of}", f"{data} beside their disturbances"
     return _verdict(diagnosis.verdict, names, diagnosis.why, what, sizes, unit, level, data, diagnosis.remainder, alone)
 
 
@@ -277,7 +277,7 @@ def _(diagnosis: Diagnosis) -> Sections:
         f"{HELD_OUT if free else ''}"
         f"Thrust differs from run to run by {before:.1f} % before and {after:.1f} % after."
     )
-    chance = f", which chance reaches in {1000 * LEVEL:.0f} of 1000 campaigns."
+    chance = f", which chance reaches in {1000 * CLAIM_LEVEL:.0f} of 1000 campaigns."
     better = bullets(library.get(effect.name).card(dof).better for effect in diagnosis.effects)
     appendix: list[Table | str] = ["## What to run next", better] if better else []
     if diagnosis.verdict != words.NAMED:

@@ -31,8 +31,8 @@ from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.runs.run import shared_readings
 
 CORRELATED = 0.95  # correlation of two estimates from which on only a combination of them is known
-INERTIA, DRAG = "inertia", ("quadratic", "linear")  # what parameters are
-EVERY_ROLE = (INERTIA, *DRAG)
+INERTIA, DRAG_ROLES = "inertia", ("quadratic", "linear")  # what parameters are
+EVERY_ROLE = (INERTIA, *DRAG_ROLES)
 REMEDY = {
     "inertia": "add runs from rest, logged faster",
     "quadratic": "add runs at larger {forces}, each held until the {speed} is steady",
@@ -115,14 +115,14 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
         if abs(share) > CORRELATED and set(pair) <= set(EVERY_ROLE) and not {i, j} & set(fit.mixed.at_bound):
             says = f"{names[i]} and {names[j]} are correlated by {share:.3f}; {_combination(pair, share, dof)}"
             cautions.append(Caution(fit.number, pair, f"Model {fit.number}: {says}"))
-    return [caution for caution in cautions if caution.parameters == DRAG] or cautions
+    return [caution for caution in cautions if caution.parameters == DRAG_ROLES] or cautions
 
 
 def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
     force, speed = dof.words.force, dof.words.speed
-    if set(pair) == set(DRAG) and dof.restoring:
+    if set(pair) == set(DRAG_ROLES) and dof.restoring:
         return "these runs show their sum better than either: add decays from much smaller and much larger angles."
-    if set(pair) == set(DRAG):
+    if set(pair) == set(DRAG_ROLES):
         return f"these runs determine only their total drag: add runs at much smaller and much larger {force}s."
     if share > 0:
         return "only their ratio is well determined: the thrust scatters; add runs, or measure thrust or voltage."
@@ -148,7 +148,7 @@ def design_cautions(levels: Sequence[float], unit: str, dof: Dof) -> Iterator[Ca
             f"only in how each {words.move} begins; add runs at {0.5 * sizes[0]:.3g} and {2.0 * sizes[0]:.3g} {unit}, "
             "or as much as the thrusters give."
         )
-        yield Caution("", DRAG, says)
+        yield Caution("", DRAG_ROLES, says)
 
 
 MIN_NOISE_RATIO = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
@@ -315,8 +315,8 @@ def _signs(dof: Dof) -> tuple[str, ...]:
         return ()
     (first, second), sym, force = dof.words.ways, dof.symbols, dof.words.force
     v, quadratic = sym.velocity, sym.quadratic
-    constant = f"; the constant {force} is weight less buoyancy, positive {first}" * dof.has_constant
-    turned = f" + {sym.restoring} sin({sym.position})" * dof.restoring
+    constant = f"; the constant {force} is weight less buoyancy, positive {first}" if dof.has_constant else ""
+    turned = f" + {sym.restoring} sin({sym.position})" if dof.restoring else ""
     signs = (
         f"{first.capitalize()} is positive. {sym.linear} and {quadratic} are positive where drag brakes, as in "
         f"{force} = {sym.inertia} d{v}/dt + {sym.linear} {v} + {quadratic} |{v}| {v}{turned}; Fossen's derivatives of "
@@ -365,7 +365,7 @@ def tables(fit: YawFit) -> tuple[Table, Table]:
     seed = fit.velocity_error_fit
     why = f"{fit.why_no_velocity_error}." if seed is None else seed.expected.sentence(fit.dof, seed.by_user)
     cautions = cautions_of(fit)
-    drag = [caution.sentence for caution in cautions if set(DRAG) & set(caution.parameters)]
+    drag = [caution.sentence for caution in cautions if set(DRAG_ROLES) & set(caution.parameters)]
     inertia = (caution.sentence for caution in cautions if INERTIA in caution.parameters)
     return drag_table(fit, (why, *drag)), inertia_table(fit, tuple(line for line in inertia if line not in drag))
 
@@ -403,7 +403,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         lines.append("The velocity errors of the paper do not use it.")
     noise = f"{words.rate} noise {dof.shown(mixed.noise):.3g}{dof.units.mark}/s"
     if preferred.noise is not None:
-        bound = " (at its bound)" * channel_noises(mixed, dof)[dof.position].at_bound
+        bound = " (at its bound)" if channel_noises(mixed, dof)[dof.position].at_bound else ""
         noise = f"{words.position} noise {dof.shown(preferred.noise):.2f}{dof.units.mark}{bound}"
     scatter = preferred.gain_scatter
     band = "(at its bound)" if scatter.at_bound else "[{:.1f}, {:.1f}]".format(*(100 * end for end in scatter.ci95))
@@ -436,7 +436,7 @@ def _swing_heads(fit: YawFit, swing: Swing, model: str, values: str) -> list[str
         "angle of rest": swing["rest_angle_deg"],
         "GM/k² (k: radius of gyration)": swing["GM_over_radius_of_gyration_squared_per_m"], "GM": swing["GM_m"],
     }  # fmt: skip
-    fixed = f", {sym.inertia} fixed at 1" * fit.of_ratios
+    fixed = f", {sym.inertia} fixed at 1" if fit.of_ratios else ""
     texts = [", ".join(_valued(name, e).removesuffix(" 1") for name, e in part.items() if e) for part in (first, more)]
     because = f"decays alone show ratios: --known {sym.inertia}=VALUE gives moments"
     moments = f"Ratios to {sym.inertia} ({because})" if fit.of_ratios else "Moments"

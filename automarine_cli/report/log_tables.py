@@ -337,7 +337,7 @@ def sensor_sentences(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
     for sensor in sensors:
         name, noise = words.get(sensor.quantity, sensor.quantity), sensor.noise
         if sensor.used:
-            bound = ", at its bound" * (noise is not None and noise.at_bound)
+            bound = ", at its bound" if noise is not None and noise.at_bound else ""
             used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit}{bound})")
         if sensor.why:
             lines.append(sensor.why if sensor.used else f"The {name} does not count. {sensor.why}")

@@ -14,7 +14,7 @@ from automarine_cli.report.tables import with_symbols
 Picture = Callable[[str, str], str]
 """HTML of the picture at a place (relative, as written), told in words by the other argument."""
 
-FOLDS = re.compile(r"<details><summary>(.*)</summary>|</details>")
+FOLD_TAG = re.compile(r"<details><summary>(.*)</summary>|</details>")
 PICTURE_LINE = re.compile(r"!\[((?:\\.|[^\]\\])*)\]\(([^()\s]+)\)")
 HEADING_LINE = re.compile(r"(#{1,6}) +(.+)")
 TOKEN = re.compile(r"(?<!\\)`([^`]*)`|(?<!\\)\*\*((?:\\.|[^*\\])+)\*\*")
@@ -48,7 +48,7 @@ def _block(block: Sequence[str], picture: Picture, ids: set[str]) -> str:
         ids.add(name)
         anchor = f'<a class="anchor" href="#{name}" aria-label="Link to: {escape(title)}">#</a>'
         return f'<h{level} id="{name}">{words(match[2])} {anchor}</h{level}>'
-    if match := FOLDS.fullmatch(line):
+    if match := FOLD_TAG.fullmatch(line):
         return f"<details><summary>{words(match[1])}</summary>" if match[1] is not None else "</details>"
     if all(matches := [PICTURE_LINE.fullmatch(line) for line in block]):
         figures = "".join(picture(match[2], plain(match[1])) for match in matches if match)

@@ -116,7 +116,7 @@ def forms(result: ThrusterFit) -> Table:
     analysis = result.analysis
     return Table.of("Forms side by side, cross-validated over levels (parameters in each direction; * chosen)", [
         {
-            "form": score.form.name + " *" * (score.form.name == analysis.chosen.form.name),
+            "form": f"{score.form.name} *" if score.form.name == analysis.chosen.form.name else score.form.name,
             "parameters": score.parameters, "cv rmse [N]": number(score.cv_rmse, 3),
             "cv [% of full scale]": number(analysis.percent(score.cv_rmse), 3), "rmse [N]": number(score.rmse, 3),
             "rmse [% of full scale]": number(analysis.percent(score.rmse), 3),

@@ -91,7 +91,7 @@ def _included(result: Prediction) -> str:
     parts += ["commands that changed somewhere between two samples"] if sampled else []
     parts += ["the disturbance of the runs that were fitted"] if doubt.disturbed else []
     *others, last = parts or ["no error, as the file has none"]
-    return f"The 95 % band includes {', '.join(others)}{' and ' * bool(others)}{last}."
+    return f"The 95 % band includes {', '.join(others)}{' and ' if others else ''}{last}."
 
 
 def _prediction_warnings(result: Prediction) -> Iterator[str]:

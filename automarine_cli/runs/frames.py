@@ -14,7 +14,7 @@ from automarine_cli.runs.run import Run, filled
 
 PIECE_S = 2.0  # over which velocities are means: longer than noise, shorter than manoeuvres
 CLEARER = 0.5  # share of what the columns' own axes leave unexplained that other axes may leave to be the right ones
-UNEXPLAINED = 0.2  # share of squared speeds that the right axes leave at most
+MAX_UNEXPLAINED_SHARE = 0.2  # share of squared speeds that the right axes leave at most
 TURNED = np.deg2rad(30.0)  # more than a compass errs
 FIXED = "Surge and sway speed change with the heading as along fixed axes. Turn them into the vehicle's axes."
 MIRRORED = (
@@ -49,11 +49,11 @@ def frame_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
     for instead, axes, warning in (
         ("fixed", "hull", FIXED), ("exchanged", "ground", MIRRORED), ("reversed", "ground", MIRRORED),
     ):  # fmt: skip
-        if instead in unexplained and unexplained[instead] < min(CLEARER * unexplained[axes], UNEXPLAINED):
+        if instead in unexplained and unexplained[instead] < min(CLEARER * unexplained[axes], MAX_UNEXPLAINED_SHARE):
             return (warning,)
     turns = [float(np.angle(np.vdot(expected, measured))) for measured, expected in pairs["ground"]]
     turn = abs(max(turns, key=abs, default=0.0))
-    if turn > TURNED and unexplained["ground"] < UNEXPLAINED:
+    if turn > TURNED and unexplained["ground"] < MAX_UNEXPLAINED_SHARE:
         return (f"Positions are turned by up to {np.rad2deg(turn):.0f} deg against the heading.",)
     return ()
 

@@ -365,7 +365,7 @@ def zigzags(
 
 
 SIMULATION_SCHEMA = "automarine/simulation/1"
-MIN_NUMBER, MAX_NUMBER = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
+MIN_SPECIFIED, MAX_SPECIFIED = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
 
 
 @dataclass(frozen=True)
@@ -695,8 +695,8 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     for value, place in everything(mapping):
         if place == ("seed",) or not isinstance(value, int | float) or not value:
             continue
-        if not MIN_NUMBER <= abs(value) <= MAX_NUMBER:
-            sizes = f"{MIN_NUMBER:g} to {MAX_NUMBER:g}"
+        if not MIN_SPECIFIED <= abs(value) <= MAX_SPECIFIED:
+            sizes = f"{MIN_SPECIFIED:g} to {MAX_SPECIFIED:g}"
             raise SettingError(
                 f"{where}: {in_words(place)}found {format_value(value)}, expected 0 or a size of {sizes}"
             )

@@ -173,7 +173,7 @@ def share_moving(time: Floats, n: Floats) -> float:
 
 SAME = 0.004  # commands within this share of full scale are one level
 MANY_LEVELS = 24  # more levels than this in a direction are left out and counted several at once
-FOLDS = 20
+FOLD_COUNT = 20
 VOLTAGE_STEP = 0.03  # voltages further apart than this share are two nominal steps
 MAX_STEPS = 12  # more voltage steps than this are a drifting supply, not steps
 
@@ -252,7 +252,7 @@ def folds_of(n: Floats) -> Ints:
     Closely spaced tables (over 24 levels in a direction) go in 20 folds, each of every twentieth level, so that a form
     is judged between the levels that a map is used between."""
     level = levels_of(n)
-    return level if int(level.max(initial=-1)) < MANY_LEVELS else level % FOLDS
+    return level if int(level.max(initial=-1)) < MANY_LEVELS else level % FOLD_COUNT
 
 
 def groups_of(n: Floats) -> Ints:
@@ -264,7 +264,7 @@ def groups_of(n: Floats) -> Ints:
     count = int(level.max(initial=-1)) + 1
     if count <= MANY_LEVELS:
         return level
-    block = np.repeat(np.arange(FOLDS), [len(part) for part in np.array_split(np.arange(count), FOLDS)])
+    block = np.repeat(np.arange(FOLD_COUNT), [len(part) for part in np.array_split(np.arange(count), FOLD_COUNT)])
     return block[level].astype(np.int64)
 
 

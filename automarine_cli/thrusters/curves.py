@@ -179,9 +179,9 @@ HIGH = np.array([np.inf, 0.8, 4.0, 1.0])
 LOW_BEYOND_DEAD_BAND = np.array([0.0, 0.0, 1.0, 0.3])
 """Thrust that begins with a jump (p < 1) where no level shows it is no dead band, but a curve that bends."""
 AS_GOOD = 1e-6  # relative difference of sums of squares that counts as none
-STARTS = 5
-STEPS = 60
-SMALL = 1e-9
+GRID_STARTS = 5
+MAX_FIT_STEPS = 60
+LEAST_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class PowerForm:
 
     def with_effects(self, effects: frozenset[str]) -> "Form":
         """Return the form with exactly these effects."""
-        return next(form for form in EQUATIONS if form.effects == effects)
+        return next(form for form in POWER_FORMS if form.effects == effects)
 
     def used_by(self, curve: Curve) -> "Form":
         """Return the form without the effects that a curve makes no use of."""
@@ -270,9 +270,9 @@ class PowerForm:
         grid = grid[grid[:, 3] > grid[:, 1] + 0.1]
         shape = power_law(x, *grid.T[:, :, None])  # (G, N)
         cross, square = (weights * y) @ shape.T, weights @ (shape**2).T  # (B, G)
-        amplitude = np.maximum(cross / np.maximum(square, 1e-300), SMALL)
+        amplitude = np.maximum(cross / np.maximum(square, 1e-300), LEAST_SHARE)
         sse = (weights @ y**2)[:, None] - 2.0 * amplitude * cross + amplitude**2 * square
-        order = np.argsort(sse, axis=1, kind="stable")[:, :STARTS]
+        order = np.argsort(sse, axis=1, kind="stable")[:, :GRID_STARTS]
         starts = grid[order]
         starts[:, :, 0] = np.take_along_axis(amplitude, order, axis=1)
         return np.asarray(starts)
@@ -288,7 +288,7 @@ class PowerForm:
 
         values = np.clip(values, self._lowest, HIGH)
         residual, damping = errors(values), np.full(len(values), 1e-3)
-        for _ in range(STEPS if self.effects else 0):
+        for _ in range(MAX_FIT_STEPS if self.effects else 0):
             sse, at = np.sum(residual**2, axis=1), values[:, free]
             matrix = root[:, :, None] * np.stack(power_slopes(x, *values.T[:, :, None]), axis=-1)[:, :, free]
             gradient = np.einsum("bnk,bn->bk", matrix, residual)
@@ -297,7 +297,7 @@ class PowerForm:
             matrix, gradient = np.where(fixed[:, None], 0.0, matrix), np.where(fixed, 0.0, gradient)
             normal = np.swapaxes(matrix, 1, 2) @ matrix
             diagonal = np.einsum("bkk->bk", normal)
-            damped = damping[:, None] * diagonal + SMALL * diagonal.max(axis=1, keepdims=True) + 1e-300
+            damped = damping[:, None] * diagonal + LEAST_SHARE * diagonal.max(axis=1, keepdims=True) + 1e-300
             step = np.linalg.solve(normal + unit * damped[:, :, None], gradient[:, :, None])[:, :, 0]
             trial = values.copy()
             trial[:, free] = np.clip(at + step, low, high)
@@ -385,8 +385,8 @@ _BASE: dict[str, set[str]] = {
     "square": set(), "dead-band": {"dead-band"}, "power": {"thrust-exponent"},
     "dead-band-power": {"dead-band", "thrust-exponent"},
 }  # fmt: skip
-EQUATIONS = (
+POWER_FORMS = (
     *(PowerForm(name, frozenset(effects)) for name, effects in _BASE.items()),
     *(PowerForm(f"{name}-saturation", frozenset(effects | {"saturation"})) for name, effects in _BASE.items()),
 )
-FORMS: dict[str, Form] = {form.name: form for form in EQUATIONS} | {"spline": SplineForm()}
+FORMS: dict[str, Form] = {form.name: form for form in POWER_FORMS} | {"spline": SplineForm()}

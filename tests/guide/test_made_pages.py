@@ -16,7 +16,7 @@ from repository import SAMPLE_RUNS
 import automarine_cli as am
 from automarine_cli import guide
 from automarine_cli.commands import automarine, in_python, load
-from automarine_cli.commands.campaign import COMMANDS, EXPECTED, GIVEN, KEYS
+from automarine_cli.commands.campaign import COMMAND_OF, EXPECTED, GIVEN, KEYS
 from automarine_cli.dofs import SURGE
 from automarine_cli.planning.candidates import example_limits
 from automarine_cli.report.campaign_file import SAY, SCHEMA
@@ -138,7 +138,7 @@ def campaign_page() -> str:
     keys = [(section, (f"`{key}`", *own(section, key, said))) for section, names in KEYS.items() for key in names]
     settings = [
         (section, (f"`{name}`", default_of(option), help_of(option)))
-        for section, command in COMMANDS.items() for name, option in options(command).items() if name not in GIVEN
+        for section, command in COMMAND_OF.items() for name, option in options(command).items() if name not in GIVEN
     ]  # fmt: skip
     return CAMPAIGN_HEAD + grouped(keys) + CAMPAIGN_SETTINGS + grouped(settings)
 

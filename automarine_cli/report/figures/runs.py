@@ -17,7 +17,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import Judgement
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
-from automarine_cli.fits.planar_fit import PLACES, PlanarFit
+from automarine_cli.fits.planar_fit import NORTH_EAST, PlanarFit
 from automarine_cli.fits.preference import COMPARISON_HORIZONS_S
 from automarine_cli.fits.steps import StepData
 from automarine_cli.models.model import response, steady_rate
@@ -123,7 +123,8 @@ def prediction_figure(predicted: PredictedRun, shown: Mapping[str, Column]) -> F
 
 def _draw_end_of_track(panel: Axes, predicted: PredictedRun) -> None:
     """Draw a track on the water, with the band of its end, and what was measured."""
-    (north, east), read = (predicted.bands[name] for name in PLACES), [predicted.run.channel(name) for name in PLACES]
+    north, east = (predicted.bands[name] for name in NORTH_EAST)
+    read = [predicted.run.channel(name) for name in NORTH_EAST]
     if read[0] is not None and read[1] is not None:
         panel.plot(read[1], read[0], "o", **MEASURED_POINTS)
     panel.plot(east[0], north[0], **style.PREFERRED)
@@ -165,10 +166,10 @@ def planar_figure(free: FreeRun) -> Figure:
             look = {"label": "simulated, free run", **style.PREFERRED}
             panel.plot(*_with_gaps(run, factor * simulated[channel]), **look)
         panel.set(ylabel=label, xlabel=TIME_LABEL)
-    north, east = (run.channel(name) for name in PLACES)
+    north, east = (run.channel(name) for name in NORTH_EAST)
     if free.distance is not None and north is not None and east is not None:
         places.plot(east, north, "o", **MEASURED_POINTS)
-    if set(PLACES) <= simulated.keys():
+    if set(NORTH_EAST) <= simulated.keys():
         places.plot(simulated["east"], simulated["north"], **style.PREFERRED)
     places.set_aspect("equal", adjustable="datalim")
     places.set(xlabel="East [m]", ylabel="North [m]")
@@ -211,11 +212,11 @@ def tracks_figure(fit: PlanarFit) -> Figure:
                 speeds.plot(*_with_gaps(run, simulated[dof.velocity]), color=style.COLOURS[colour], lw=1.0)
         if row + len(parts) >= len(axes) or i + columns >= len(runs):
             speeds.set_xlabel("Time [s]", fontsize=7.0)
-        north, east = (run.channel(name) for name in PLACES)
+        north, east = (run.channel(name) for name in NORTH_EAST)
         if len(parts) == 2 and north is not None and east is not None:
             track = axes[row, column]
             track.plot(east, north, "o", color=style.MEASURED_COLOUR, ms=1.5, mew=0.0)
-            if set(PLACES) <= simulated.keys():
+            if set(NORTH_EAST) <= simulated.keys():
                 track.plot(simulated["east"], simulated["north"], color=style.COLOURS["black"], lw=1.0)
             track.set_aspect("equal", adjustable="datalim")
             track.set_xlabel("East [m]", fontsize=7.0)
@@ -261,7 +262,7 @@ def driven_runs_figure(runs: Sequence[Run], use: Judgement, noise: float) -> Fig
 
 USABLE: dict[str, Any] = {"color": style.COLOURS["blue"], "lw": 1.8}
 MANOEUVRE: dict[str, Any] = {"color": style.COLOURS["orange"], "lw": 1.2}
-REST: dict[str, Any] = {"color": "0.55", "lw": 0.6}  # widths that a grey printer tells apart
+REST_LINE: dict[str, Any] = {"color": "0.55", "lw": 0.6}  # widths that a grey printer tells apart
 
 
 @style.house_style
@@ -281,7 +282,7 @@ def logs_figure(runs: Sequence[RunSeen]) -> Figure:
             continue
         run, trace = runs[i], runs[i].trace
         whole = run.kind == "manoeuvre" and not trace.used.any()
-        position.plot(trace.time, trace.position, **(MANOEUVRE if whole else REST))
+        position.plot(trace.time, trace.position, **(MANOEUVRE if whole else REST_LINE))
         position.plot(trace.time, np.where(trace.used, trace.position, np.nan), **USABLE)
         command.plot(trace.time, trace.command, lw=0.9, color=style.COLOURS["green"], drawstyle="steps-mid")
         position.sharex(command)
@@ -294,7 +295,7 @@ def logs_figure(runs: Sequence[RunSeen]) -> Figure:
         if i + columns >= len(runs):
             command.set_xlabel("Time [s]", fontsize=7.0)
     labels = f"usable {dof.words.step}", "manoeuvre, for fits of whole runs", "the rest"
-    handles = [Line2D([], [], label=label, **look) for label, look in zip(labels, (USABLE, MANOEUVRE, REST))]
+    handles = [Line2D([], [], label=label, **look) for label, look in zip(labels, (USABLE, MANOEUVRE, REST_LINE))]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     figure.suptitle(f"{plural(len(runs), f'{dof.name} run')} as logged")
     figure.align_ylabels()

@@ -40,7 +40,7 @@ MEASURED_COLOUR = COLOURS["grey"]
 TWO_LOOKS: tuple[dict[str, Any], ...] = ({"color": COLOURS["orange"], "ms": 5.0}, {"color": COLOURS["blue"], "ms": 3.0})
 
 PAGE_IN = 7.2  # width of a page [inch]
-MAX_RUNS_DRAWN, MAX_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
+MAX_SIZES_DRAWN, MAX_RESIDUALS_DRAWN = 30, 3  # whose size is drawn, and whose residuals are
 MIN_MARK_PT = 4.0  # of a point in a legend, however small they are drawn
 MAX_NAME_BESIDE = 26  # letters that have room beside and above a panel
 
@@ -149,9 +149,9 @@ def residuals_figure(
     `beneath` stands below it."""
     runs = [(name, lines) for name, lines in residuals if all(len(error) for _, error in lines)]
     sizes = np.array([[np.sqrt(np.mean(error**2)) for _, error in lines] for _, lines in runs]).reshape(-1, 2)
-    order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MAX_RUNS_DRAWN]
+    order = np.argsort(-np.nan_to_num(sizes[:, 0], nan=np.inf), kind="stable")[:MAX_SIZES_DRAWN]
     figure = HouseFigure(figsize=(PAGE_IN, max(4.5, 0.16 * len(order) + 1.2)), layout="constrained")
-    places = range(min(len(order), MAX_DRAWN) or 1)
+    places = range(min(len(order), MAX_RESIDUALS_DRAWN) or 1)
     axes: dict[Any, Axes] = figure.subplot_mosaic([[place, "all"] for place in places], width_ratios=(1.6, 1.0))
     for place, i in zip(places, order):
         ax = axes[place]
