@@ -20,15 +20,15 @@ MAX_STEP_S, USUAL_STEP_S, MIN_STEP_S = 0.25, 0.1, 0.05
 shortest, where each tells something new: a controller answers it, and the commands would tell of one left out."""
 SLOW_STEP_S, SLOW_ANSWER_S = 0.5, 3.0
 """Longest step [s] of a vehicle that answers slowly, and the time from which on an answer is slow."""
-STEP_SHARE = (
+SWING_STEP_SHARE = (
     0.05  # of the time in which a rate changes by its own size: the step of a quiet gyro, between the two above
 )
 INDEPENDENT = 0.7
 """Share of the noise of every other reading that all of them have at least where each tells something new: filtered
 readings differ less from their neighbours."""
-MAX_GAP_STEP_S, MIN_JUMP = 0.15, 0.2
-"""Longest step [s] between samples that are further apart; longer ones are divided. In the plane, where nothing answers
-within one, those only in which a command jumps by more than this share of its usual size."""
+MAX_JUMP_STEP_S, MIN_JUMP = 0.15, 0.2
+"""Longest step [s] between samples in which a command jumps by more than this share of its usual size: longer ones are
+divided."""
 MIN_APART_S = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
 SMOOTH_GYRO = 0.25
@@ -67,7 +67,7 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
             elif noisy:
                 steps.append(USUAL_STEP_S)
             elif dof.angular and quantity == dof.velocity and not slow:  # a gyro, however quiet
-                steps.append(max(USUAL_STEP_S, STEP_SHARE * swing))
+                steps.append(max(USUAL_STEP_S, SWING_STEP_SHARE * swing))
     return min(steps)
 
 
@@ -106,7 +106,7 @@ def nodes_of(run: Run, step: float, longest: float, jumps: Floats, quantities: S
             last, firm = now, now if first else firm
     gaps = np.diff(run.time[chosen])
     jumping = np.maximum.reduceat(jumps, np.array(chosen[:-1]) + 1) > MIN_JUMP
-    most = np.where(jumping, min(longest, max(step, MAX_GAP_STEP_S)), longest)
+    most = np.where(jumping, min(longest, max(step, MAX_JUMP_STEP_S)), longest)
     count = np.maximum(np.ceil(gaps / most - 0.25).astype(int), 1)
     which = np.repeat(np.arange(len(gaps)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
@@ -283,7 +283,7 @@ def make_course(
     ]
     quantities = [quantity for _, quantity, _ in sensors]
     spacing = step_of(runs, motion, quantities) if step is None else step
-    longest = step or max(spacing, MAX_STEP_S if motion.turns else MAX_GAP_STEP_S)
+    longest = step or max(spacing, MAX_STEP_S)
     acting = [[*map(run.command_of, motion.dofs), *map(np.asarray, map(run.signal, signals))] for run in runs]
     usual = [float(np.sqrt(np.mean(np.concatenate(column) ** 2))) or 1.0 for column in zip(*acting)]
     layouts = []

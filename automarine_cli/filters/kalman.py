@@ -402,7 +402,7 @@ def follow(
     return FilterResult(innovation, variance, mean[places.gain], states, places)
 
 
-WIDEST = 1000  # parameter sets times runs beyond which one pass for several models is no quicker than one for each
+MAX_SETS_TIMES_RUNS = 1000  # beyond which one pass for several models is no quicker than one for each
 
 
 def _is_drag(term: Term) -> bool:
@@ -412,7 +412,7 @@ def _is_drag(term: Term) -> bool:
 
 def alike(models: Sequence[Model], sizes: Sequence[int]) -> list[list[int]]:
     """Places of models that one filter may follow, for they differ in their actuators and their drag alone, in groups
-    that have at most WIDEST of these `sizes` in all."""
+    that have at most MAX_SETS_TIMES_RUNS of these `sizes` in all."""
     groups: dict[tuple[object, ...], list[list[int]]] = {}
     for i, (model, size) in enumerate(zip(models, sizes)):
         hull = model.hull
@@ -420,7 +420,7 @@ def alike(models: Sequence[Model], sizes: Sequence[int]) -> list[list[int]]:
         alone = i if varying - {t.name for t in hull.terms} else None  # what varies from run to run is a state
         acting = tuple((t.name, t.dof, t.effect.varies(t.values)) for t in hull.terms if not _is_drag(t))
         of_key = groups.setdefault((alone, acting, hull.moment_unit, hull.water is None), [[]])
-        if of_key[-1] and size + sum(sizes[k] for k in of_key[-1]) > WIDEST:
+        if of_key[-1] and size + sum(sizes[k] for k in of_key[-1]) > MAX_SETS_TIMES_RUNS:
             of_key.append([])
         of_key[-1].append(i)
     return [group for of_key in groups.values() for group in of_key]

@@ -14,7 +14,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.forecast_error import fit_forecasts, with_chance
+from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import (
     NO_START,
     DrivenProblem,
@@ -155,7 +155,7 @@ MAX_ANSWER_S, MIN_ANSWER_S = 600.0, 1e-3
 command."""
 MIN_PROPOSED_GAIN = 10.0  # deviance beyond its penalty that an effect has to gain to be proposed
 BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
-MIN_GAIN, MAX_LOSS = 0.02, 0.10  # shares by which forecasts of the second estimator have to be better, or may be worse
+MIN_GAIN_SHARE, MAX_LOSS = 0.02, 0.10  # by which forecasts of the second estimator have to be better, or may be worse
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
 
 
@@ -197,7 +197,7 @@ class ForecastScore:
 
 
 FitOrReason = tuple[OutputErrorFit | None, str]  # a fit, or why the runs do not carry it
-FITTING, COMPARING = "fitting models", "comparing estimates"
+FITTING, FORECASTING, COMPARING = "fitting models", "fitting forecasts", "comparing estimates"
 
 
 def driven_fits(course: Course, numbers: Sequence[str], priors: Priors, roughs: Sequence[Model]) -> list[FitOrReason]:
@@ -214,37 +214,65 @@ INNOVATIONS, FORECASTS, MIDDLE = "innovations", "least squares of forecasts", "t
 SHARES = {FORECASTS: 1.0, MIDDLE: 0.5}  # of the way from innovations to least squares
 
 
-def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = False) -> OutputErrorFit:
-    """The better one of two estimates of the same model, the `likely` one by innovations and that of least squares of
+def beside_forecasts(
+    course: Course, likely: Sequence[OutputErrorFit], is_held: bool = False, map_jobs: Each = alone
+) -> list[OutputErrorFit]:
+    """The better one of two estimates of each model, the `likely` one by innovations and that of least squares of
     forecasts, or their middle.
 
     Judged are predictions of runs left out. Commands that answer a disturbance tell of it, which flatters least
-    squares over long horizons and biases them, innovations not. So least squares have to be better by MIN_GAIN over
-    each of COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that survives leaving runs
-    out better; and never count where innovations rule their inertia out. Innovations stay there and where their
-    lead is no chance. Else, and where it predicts better than least squares, the middle is taken (of the logarithms
-    of what is positive): of two estimates that err in different ways it is never far from the better one. The
-    square of the way from innovations is added to the covariance, for one of the two is biased by so much on any
-    number of runs. Commands that are held (`is_held`) answer nothing within a forecast: the estimate counts with
-    which the model alone forecasts better. What is steered leaves forecasts for a clear lead over longer horizons.
+    squares over long horizons and biases them, innovations not. So least squares have to be better by
+    MIN_GAIN_SHARE over each of COMPARISON_HORIZONS_S, or at least as good but for MAX_LOSS with an inertia that
+    survives leaving runs out better; and never count where innovations rule their inertia out. Innovations stay
+    there and where their lead is no chance. Else, and where it predicts better than least squares, the middle is
+    taken (of the logarithms of what is positive): of two estimates that err in different ways it is never far from
+    the better one. The square of the way from innovations is added to the covariance, for one of the two is biased by
+    so much on any number of runs. Commands that are held (`is_held`) answer nothing within a forecast: the estimate
+    counts with which the model alone forecasts better. What is steered leaves forecasts for a clear lead over longer
+    horizons.
     """
-    innovations, dof, count = likely.mixed, likely.model.dof, len(likely.model.theta)
-    assert isinstance(innovations, InnovationsFit)
-    problem = driven_problem(likely.model, course).informed(innovations.parameters.priors)
-    starts = np.concatenate([innovations.theta[None], base_starts(problem)])
+    estimates = [{INNOVATIONS: fit.mixed} for fit in likely]
+    attempts = list[tuple[int, str, ForecastFit]]()
+    for i, least in enumerate(map_jobs(partial(_least_misses, course), likely, FORECASTING)):
+        if least is not None:
+            innovations = estimates[i][INNOVATIONS]
+            stderr = np.sqrt(run_covariance(innovations)[0, 0])
+            reach = stderr * special.stdtrit(run_dof(innovations, np.eye(len(innovations.phi))[0]), 0.975)
+            attempts.append((i, FORECASTS, least))
+            if is_held or abs(least.phi[0] - innovations.phi[0]) <= reach:
+                attempts.append((i, MIDDLE, least.towards(innovations)))
+    problems = [_informed(course, likely[i]) for i, *_ in attempts]
+    for (i, name, _), fit in zip(attempts, with_chance(problems, [least for *_, least in attempts])):
+        if fit is not None:
+            estimates[i][name] = fit
+    return map_jobs(partial(_best_of, course, is_held), list(zip(likely, estimates)), COMPARING)
+
+
+def _informed(course: Course, fit: OutputErrorFit) -> DrivenProblem:
+    return driven_problem(fit.model, course).informed(fit.mixed.parameters.priors)
+
+
+def _least_misses(course: Course, likely: OutputErrorFit) -> ForecastFit | None:
+    """The least squares of forecasts of a model; None where no run is long enough, or no start leads anywhere."""
+    problem = _informed(course, likely)
     try:
-        forecasts = fit_forecasts(problem, innovations.phi, starts)
-        plain = with_chance(problem, forecasts)
+        return fit_forecasts(
+            problem, likely.mixed.phi, np.concatenate([likely.mixed.theta[None], base_starts(problem)])
+        )
     except FitError:
+        return None
+
+
+def _best_of(
+    course: Course, is_held: bool, estimates: tuple[OutputErrorFit, dict[str, InnovationsFit]]
+) -> OutputErrorFit:
+    """Choose one of the estimates of a model, see `beside_forecasts`; there is no middle where innovations rule out the
+    inertia of forecasts."""
+    likely, fits = estimates
+    plain, innovations = fits.get(FORECASTS), fits[INNOVATIONS]
+    if plain is None or _runaway(likely.model.with_theta(plain.of_model), plain, course):
         return likely
-    if _runaway(likely.model.with_theta(plain.of_model), plain, course):
-        return likely
-    stderr = np.sqrt(run_covariance(innovations)[0, 0])
-    reach = stderr * special.stdtrit(run_dof(innovations, np.eye(len(innovations.phi))[0]), 0.975)
-    is_biased = not is_held and abs(plain.phi[0] - innovations.phi[0]) > reach
-    fits: dict[str, InnovationsFit] = {INNOVATIONS: innovations, FORECASTS: plain}
-    if not is_biased:
-        fits[MIDDLE] = with_chance(problem, forecasts.towards(innovations))
+    problem, dof, count = _informed(course, likely), likely.model.dof, len(likely.model.theta)
     steered = course.moment_unit == STEERED
     over = STEERED_HORIZONS_S if steered else COMPARISON_HORIZONS_S
     ahead = {name: left_out_predictions(problem, fit, alone=is_held and not steered)[0] for name, fit in fits.items()}
@@ -255,14 +283,14 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, is_held: bool = Fal
         return likely
     losses = forecast_losses(ahead, len(course.names), over)
     pairs = list(zip(sizes[FORECASTS], sizes[INNOVATIONS]))
-    better = all(a < (1.0 - MIN_GAIN) * b for a, b in pairs)
+    better = all(a < (1.0 - MIN_GAIN_SHARE) * b for a, b in pairs)
     level = all(a < (1.0 + MAX_LOSS) * b for a, b in pairs)
     better = better or (level and bool(run_covariance(plain)[0, 0] < run_covariance(innovations)[0, 0]))
     if is_held and losses is not None:
         better = bool(losses[FORECASTS].sum() < losses[INNOVATIONS].sum())
     if steered:  # forecasts reach over the answer of its hull
         chosen = INNOVATIONS if losses and is_ahead(losses[INNOVATIONS], losses[FORECASTS]) else FORECASTS
-    elif is_biased or (losses is None and not better):
+    elif MIDDLE not in fits or (losses is None and not better):
         chosen = INNOVATIONS
     elif losses is None or (better and losses[FORECASTS].sum() <= losses[MIDDLE].sum()):
         chosen = FORECASTS
@@ -394,21 +422,21 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
     The square of the shift by which the best of them moves the parameters is added to their covariance. Both are
     estimated alike, also where that is the middle of two estimates.
     """
-    narrow = fit.mixed
-    problem = driven_problem(fit.model, course).informed(narrow.parameters.priors)
-    likelihood, count = narrow.log_likelihood, len(fit.model.theta)
-    if fit.to_forecasts:
-        likelihood = fit_innovations(problem, narrow.theta[None], brief=True).log_likelihood
-    have, gains, shifts = {term.name for term in fit.model.terms}, {}, {}
+    narrow, count, have = fit.mixed, len(fit.model.theta), {term.name for term in fit.model.terms}
+    gains, shifts = dict[str, float](), dict[str, Floats]()
     for name in PROPOSED:
         if name in have:
             continue
         start = start_of(name, course)
         wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.priors)
         theta = np.array([*narrow.of_model, *start])
-        wide = fit_innovations(wider, starts_near(wider, [theta], narrow.of_chance), brief=True)
-        gain = 2.0 * (wide.log_likelihood - likelihood)
-        if gain > MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2)):
+        problems, starts = [wider], [starts_near(wider, [theta], narrow.of_chance)]
+        if fit.to_forecasts:  # at which innovations are not most likely
+            problems, starts = [wider, _informed(course, fit)], [*starts, narrow.theta[None]]
+        wide, *bases = fits_of(problems, starts, brief=True)
+        likelihood = next((base.log_likelihood for base in bases if base), narrow.log_likelihood)
+        gain = 2.0 * (wide.log_likelihood - likelihood) if wide else 0.0
+        if wide and gain > MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2)):
             phi = wide.phi
             if fit.to_forecasts:
                 phi = phi + fit.to_forecasts * (fit_forecasts(wider, phi, wide.theta[None]).phi - phi)
@@ -460,8 +488,8 @@ def fit_driven_models(
             attempts.append((fit_by_direction(partial(fit_of, i), batch.dof, two_way), ""))
         except FitError as error:
             attempts.append((None, str(error)))
-    better = partial(beside_forecasts, course, is_held=mostly_stepped(runs))
-    chosen = iter(map_jobs(better, [fit for fit, _ in attempts if fit is not None], COMPARING))
+    likely = [fit for fit, _ in attempts if fit is not None]
+    chosen = iter(beside_forecasts(course, likely, mostly_stepped(runs), map_jobs))
     return [(None, why) if fit is None else (next(chosen), "") for fit, why in attempts]
 
 
@@ -613,7 +641,7 @@ def large_disturbance(course: Course, inertia: Floats, random: Mapping[str, floa
     if not listed:
         return ""
     return (
-        f"The disturbance is {'more than half ' * plane}as large as the commands: {', '.join(listed)} (root mean "
-        "squares). It may answer for what they do. Add runs with larger commands; inertia and drag may be wrong by "
-        "more than their intervals."
+        f"The disturbance is {'more than half ' if plane else ''}as large as the commands: {', '.join(listed)} (root "
+        "mean squares). It may answer for what they do. Add runs with larger commands; inertia and drag may be wrong "
+        "by more than their intervals."
     )

@@ -1,7 +1,7 @@
 """Least squares of forecasts: the parameters that predict the readings of the next seconds best, in any motion.
 
 About once a second the model is restarted from the smoothed state and follows the logged commands, without a
-disturbance, for `HORIZON` seconds; its misses after each of these seconds are squared. What happens within a reading or
+disturbance, for `FORECAST_S`; its misses after each of these seconds are squared. What happens within a reading or
 two hardly counts, so that neither the noise of a sensor nor a disturbance that answers the commands can take the
 response away (Farina and Piroddi 2011, International Journal of Adaptive Control and Signal Processing 25:389).
 """
@@ -15,20 +15,21 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
 from automarine_cli.filters.kalman import Noises, carried, shown_channel, smoothed, targets_of
-from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
+from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fits_of
 from automarine_cli.fits.mixed_model import jackknife
 from automarine_cli.fits.optimise import Maximum, Point, maximise
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.simulation.batch import Channel
 
-HORIZON = 5  # seconds of a forecast; misses are taken after each of them
+FORECAST_S = 5  # seconds of a forecast; misses are taken after each of them
 EVERY = 1.0  # seconds between the starts of forecasts
 STEERED_PACE = 3.0  # times as long and as rare are forecasts of what is steered: hulls answer slowly
-ITERATIONS, OF_LEFT_OUT = 40, 6  # steps of a search, and of one without a run, which begins near its end
-SETTLED = 1e-3  # decrease of half the sum of squares still to be expected below which a search has converged
+FORECAST_ITERATIONS, LEFT_OUT_ITERATIONS = 40, 6  # of a search, and of one without a run, which begins near its end
+SETTLED_DECREASE = 1e-3  # decrease of half the sum of squares still to be expected below which a search has converged
 BLOCKS = 8  # pieces of a single run that are left out in turn
-OVERLAP = 3.0 * HORIZON / (2.0 * HORIZON**2 + 1.0)  # sum of weights 1 - |l|/H of lags l over that of squares, over H
-FAR = 1e3  # times the largest reading beyond which a forecast has run away
+# Sum of weights 1 - |l|/H of lags l over that of squares, over H
+OVERLAP = 3.0 * FORECAST_S / (2.0 * FORECAST_S**2 + 1.0)
+RUNAWAY_RATIO = 1e3  # times the largest reading beyond which a forecast has run away
 
 
 @dataclass(frozen=True)
@@ -77,13 +78,13 @@ class ForecastProblem:
         place = np.maximum(self.target - self.origin, 0)
         window = np.arange(len(self.run))
         forecast = np.stack([of_channel[:, window, at] for of_channel, at in zip(path, place)], axis=1)
-        most = FAR * max(float(np.nanmax(np.abs(self.measured))), 1e-9)
+        most = RUNAWAY_RATIO * max(float(np.nanmax(np.abs(self.measured))), 1e-9)
         error = np.clip(np.nan_to_num(forecast - self.measured, nan=most), -most, most)
         return np.where(self.target >= 0, error, 0.0)
 
     def scaled(self, phi: Floats) -> Floats:
         """Misses on one scale (P, C, H, A), whose squares sum up to about the number of windows that do not overlap."""
-        return np.asarray(self.misses(phi) / (HORIZON * self.scale[:, None, None]))
+        return np.asarray(self.misses(phi) / (FORECAST_S * self.scale[:, None, None]))
 
     def rms(self, phi: Floats) -> Floats:
         """Root mean square miss of each channel (C,) under phi (p,)."""
@@ -139,7 +140,7 @@ def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
     pace = STEERED_PACE if course.moment_unit == STEERED else 1.0
     starts = [(r, int(i)) for r in range(len(course.names)) for i in _origins(time[r], observed[r], pace * EVERY)]
     run, origin = np.array(starts, dtype=np.int64).reshape(-1, 2).T
-    seconds = pace * np.arange(1.0, HORIZON + 1.0)
+    seconds = pace * np.arange(1.0, FORECAST_S + 1.0)
     target = np.array([[targets_of(of.seen, time, run, origin, h) for h in seconds] for of in channels])
     have: NDArray[np.bool_] = np.any(target >= 0, axis=(0, 1))
     if not have.any():
@@ -175,34 +176,34 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
     begins[:, problem.count :] = phi[problem.count :]
     problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
     costs = (problem.scaled(begins) ** 2).sum(axis=(1, 2, 3))
-    phi = _descend(problem, begins[int(np.argmin(costs))], ITERATIONS).point.phi
+    phi = _descend(problem, begins[int(np.argmin(costs))], FORECAST_ITERATIONS).point.phi
     problem = replace(problem, scale=np.maximum(problem.rms(phi), 1e-12))
-    end = _descend(problem, phi, ITERATIONS)
+    end = _descend(problem, phi, FORECAST_ITERATIONS)
     phi, units = end.point.phi, int(problem.unit.max()) + 1
     left_out = np.tile(phi, (units, 1))
     for unit, row in enumerate(left_out):
         windows = problem.unit != unit
         if windows.any() and not windows.all():
-            row[:] = _descend(problem.some(windows), phi, OF_LEFT_OUT).point.phi
+            row[:] = _descend(problem.some(windows), phi, LEFT_OUT_ITERATIONS).point.phi
     at_bound, covariance = end.point.spread(problem.free, driven.parameters.limits)
     covariance = _by_pieces(problem, phi, covariance)
     by_unit = np.zeros((units, *covariance.shape))
     by_unit[:, problem.free[:, None], problem.free] = end.point.data + problem.prior_information / units
     places = tuple(np.flatnonzero(at_bound[: problem.count]).tolist())
-    forecasts = len(problem.run) / HORIZON
+    forecasts = len(problem.run) / FORECAST_S
     return ForecastFit(phi, left_out, covariance, by_unit, forecasts, places, end.iterations, end.converged)
 
 
 def _by_pieces(problem: ForecastProblem, phi: Floats, bread: Floats) -> Floats:
     """Covariance (p, p) of phi (p,) by leaving out, in one linear step from the inverse curvature `bread` (p, p), each
-    piece of a run that HORIZON windows reach over: the jackknife of moving blocks, Künsch (1989), Annals of Statistics
-    17:1217. Scaled so that what is alike by as much as windows overlap counts whole."""
+    piece of a run that FORECAST_S windows reach over: the jackknife of moving blocks, Künsch (1989), Annals of
+    Statistics 17:1217. Scaled so that what is alike by as much as windows overlap counts whole."""
     likely, (errors, by) = bread[np.ix_(problem.free, problem.free)], _slopes(problem, phi)
     spread = likely @ problem.prior_information @ likely
     for run in range(int(problem.run.max()) + 1):
         of_run = problem.run == run
-        begin = np.subtract.outer(np.arange(of_run.sum()), np.arange(1 - HORIZON, of_run.sum()))
-        inside = ((begin >= 0) & (begin < HORIZON)).astype(float)
+        begin = np.subtract.outer(np.arange(of_run.sum()), np.arange(1 - FORECAST_S, of_run.sum()))
+        inside = ((begin >= 0) & (begin < FORECAST_S)).astype(float)
         slope = np.einsum("cha,fcha,ab->bf", errors[..., of_run], by[..., of_run], inside)
         curves = np.einsum("fcha,gcha,ab->bfg", by[..., of_run], by[..., of_run], inside)
         remaining = np.eye(len(likely)) - curves @ likely
@@ -238,17 +239,28 @@ def _descend(problem: ForecastProblem, phi: Floats, iterations: int) -> Maximum[
         return Point(phi, value, gradient, curves.sum(axis=0) + problem.prior_information, curves)
 
     limits = driven.parameters.limits
-    (end,) = maximise(evaluate, [phi], [free], [limits], settled=SETTLED, iterations=iterations)
+    (end,) = maximise(evaluate, [phi], [free], [limits], settled=SETTLED_DECREASE, iterations=iterations)
     return end
 
 
-def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
-    """The fit as diagnosis, plans and reports ask for one: what is random is fitted by innovations beside the model's
-    parameters, which stay as they are. Raises FitError where no filter follows the runs."""
-    count, theta = driven.parameters.of_model.stop, driven.parameters.natural(fit.phi)
-    fixed = driven.parameters.fixed_at(theta[:count])
-    chance = fit_innovations(replace(driven, parameters=fixed), theta[None], brief=True)
-    runs, phi = len(driven.course.names), np.append(fit.phi[:count], chance.phi[count:])
+def with_chance(problems: Sequence[DrivenProblem], fits: Sequence[ForecastFit]) -> list[InnovationsFit | None]:
+    """The fits as diagnosis, plans and reports ask for them: what is random is fitted by innovations beside the model's
+    parameters, which stay as they are, side by side. None where no filter follows the runs."""
+    thetas = [problem.parameters.natural(fit.phi) for problem, fit in zip(problems, fits)]
+    fixed = [
+        replace(problem, parameters=problem.parameters.fixed_at(theta[: problem.parameters.of_model.stop]))
+        for problem, theta in zip(problems, thetas)
+    ]
+    chances = fits_of(fixed, [theta[None] for theta in thetas], brief=True)
+    return [chance and _joined(of, fit, chance) for of, fit, chance in zip(problems, fits, chances)]
+
+
+def _joined(driven: DrivenProblem, fit: ForecastFit, chance: InnovationsFit) -> InnovationsFit:
+    """A fit of a model's parameters with that of what is random beside them."""
+    count, runs = driven.parameters.of_model.stop, len(driven.course.names)
+    phi, theta = (np.append(a[:count], b[count:]) for a, b in (
+        (fit.phi, chance.phi), (driven.parameters.natural(fit.phi), chance.theta)
+    ))  # fmt: skip
     left_out, covariance, by_run = chance.left_out.copy(), chance.covariance.copy(), chance.information.copy()
     covariance[:count, :count] = fit.covariance[:count, :count]
     if runs > 1:
@@ -263,8 +275,7 @@ def with_chance(driven: DrivenProblem, fit: ForecastFit) -> InnovationsFit:
         by_run[0, :count, :count] = fit.by_unit.sum(axis=0)[:count, :count]
     density = driven.follow(left_out).log_density if runs > 1 else chance.density[None]
     return replace(
-        chance, parameters=driven.parameters, theta=np.append(theta[:count], chance.theta[count:]), phi=phi,
-        covariance=covariance, left_out=left_out,
+        chance, parameters=driven.parameters, theta=theta, phi=phi, covariance=covariance, left_out=left_out,
         predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
         at_bound=tuple(sorted({*fit.at_bound, *(i for i in chance.at_bound if i >= count)})), information=by_run,
         converged=fit.converged and chance.converged, iterations=fit.iterations + chance.iterations,

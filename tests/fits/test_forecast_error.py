@@ -53,7 +53,10 @@ def forecasts() -> tuple[DrivenProblem, ForecastFit]:
 
 @cache
 def complete() -> InnovationsFit:
-    return with_chance(*forecasts())
+    problem, fit = forecasts()
+    (mixed,) = with_chance([problem], [fit])
+    assert mixed is not None
+    return mixed
 
 
 def test_parameters_come_back_within_their_own_errors_and_stay_beside_what_is_random() -> None:
@@ -191,7 +194,8 @@ def test_intervals_hold_what_a_missing_dead_band_does_and_else_stay() -> None:
         problem, innovations = driven_problem(plain.model, course), plain.mixed
         assert isinstance(innovations, InnovationsFit)
         forecasts = fit_forecasts(problem, innovations.phi, innovations.theta[None])
-        mixed = with_chance(problem, forecasts.towards(innovations))
+        (mixed,) = with_chance([problem], [forecasts.towards(innovations)])
+        assert mixed is not None
         middle = replace(plain, mixed=mixed, model=plain.model.with_theta(mixed.of_model), to_forecasts=0.5)
         for fit, widened, most in ((plain, wider, 0.2), (middle, inflate_for_missing(course, middle)[0], 0.7)):
             for name, truth in (("I_r", 1.0), ("k_rr", 1.2)):
