@@ -15,15 +15,7 @@ from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
-from automarine_cli.fits.innovations import (
-    NO_START,
-    DrivenProblem,
-    Fit,
-    InnovationsFit,
-    fit_innovations,
-    fits_of,
-    randomness,
-)
+from automarine_cli.fits.innovations import NO_START, DrivenProblem, Fit, InnovationsFit, fits_of, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE
 from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, STEERED_HORIZONS_S, forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import (
@@ -145,9 +137,11 @@ def shows_disturbance(
     values = [drags.get(role, 0.0) for role in base_roles("2", base.dof)[1:]]
     model = Model.base("2", base.inertia, values, base.moment_unit, base.dof)
     problems = [driven_problem(model, course, quiet=quiet) for quiet in (False, True)]
-    starts = base_starts(problems[0])
-    free, quiet = (fit_innovations(problem, starts, brief=True).log_likelihood for problem in problems)
-    return bool(2.0 * (free - quiet) > 3.0 * np.log(max(len(some), 2)) + MIN_DISTURBANCE_GAIN)
+    free, quiet = fits_of(problems, [base_starts(problems[0])] * 2, brief=True)
+    if free is None or quiet is None:
+        raise FitError(NO_START)
+    gain = 2.0 * (free.log_likelihood - quiet.log_likelihood)
+    return bool(gain > 3.0 * np.log(max(len(some), 2)) + MIN_DISTURBANCE_GAIN)
 
 
 MAX_ANSWER_S, MIN_ANSWER_S = 600.0, 1e-3
@@ -390,20 +384,24 @@ def _joined(pieces: Sequence[Predicted]) -> Predicted:
     return Predicted(pieces[0].horizon, run, *joined)
 
 
-def whole_predictions(course: Course, fit: OutputErrorFit, alone: bool = False) -> tuple[Predicted, ...]:
-    """The same by a fit of runs simulated whole; none where no filter follows. What is random is fitted freely: one
+def whole_predictions(
+    course: Course, fits: Sequence[OutputErrorFit], alone: bool = False
+) -> list[tuple[Predicted, ...]]:
+    """The same by fits of runs simulated whole; none where no filter follows. What is random is fitted freely: one
     that knows no disturbance would not follow a vehicle whose model lacks something."""
-    problem, count = driven_problem(fit.model, course), len(fit.model.theta)
-    fixed = replace(problem, parameters=problem.parameters.fixed_at(fit.model.theta))
-    try:
-        innovations = fit_innovations(fixed, fixed.parameters.theta[None], BRIEF_ITERATIONS, brief=True)
-    except FitError:
-        return ()
-    mixed = fit.mixed.parameters
-    without = mixed.natural(fit.mixed.left_out)[:, mixed.of_model]
-    thetas = problem.parameters.within([[*of_model, *innovations.theta[count:]] for of_model in without])
-    left_out = problem.parameters.search(thetas)
-    return left_out_predictions(problem, replace(innovations, left_out=left_out), alone=alone)[0]
+    problems = [driven_problem(fit.model, course) for fit in fits]
+    fixed = [replace(p, parameters=p.parameters.fixed_at(fit.model.theta)) for p, fit in zip(problems, fits)]
+    followed = fits_of(fixed, [p.parameters.theta[None] for p in fixed], BRIEF_ITERATIONS, brief=True)
+    predictions = list[tuple[Predicted, ...]]()
+    for fit, problem, innovations in zip(fits, problems, followed):
+        if innovations is None:
+            predictions.append(())
+            continue
+        mixed, random = fit.mixed.parameters, innovations.theta[len(fit.model.theta) :]
+        without = mixed.natural(fit.mixed.left_out)[:, mixed.of_model]
+        left_out = problem.parameters.search(problem.parameters.within([[*of_model, *random] for of_model in without]))
+        predictions += left_out_predictions(problem, replace(innovations, left_out=left_out), alone=alone)
+    return predictions
 
 
 def worth_of(predictions: Sequence[Predicted]) -> tuple[ForecastScore, ...]:
@@ -502,7 +500,8 @@ def predicts_better(course: Course, quiet: OutputErrorFit, fit: OutputErrorFit) 
     Of runs of held commands the evidence alone does not decide: an effect that a model lacks looks like a disturbance,
     and there predicts hardly better.
     """
-    ahead = {"quiet": whole_predictions(course, quiet, alone=True), "driven": predictions_of(course, fit, alone=True)}
+    (ahead_quiet,) = whole_predictions(course, [quiet], alone=True)
+    ahead = {"quiet": ahead_quiet, "driven": predictions_of(course, fit, alone=True)}
     losses = forecast_losses(ahead, len(course.names))
     return losses is not None and bool(losses["driven"].sum() < (1.0 - MIN_DRIVEN_GAIN) ** 2 * losses["quiet"].sum())
 

@@ -402,7 +402,8 @@ def _fit_whole(
     else:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, priors=priors)
         fits = dict(zip(MODEL_NUMBERS, map_jobs(ask, MODEL_NUMBERS, driven.FITTING)))
-        ahead = dict(zip(fits, map_jobs(partial(driven.whole_predictions, course), [*fits.values()], PREDICTING)))
+        (predicted,) = map_jobs(partial(driven.whole_predictions, course), [[*fits.values()]], PREDICTING)
+        ahead = dict(zip(fits, predicted))
         judged = idle if 0 < len(idle) - idle.sum() < MIN_DRIVEN < len(idle) else None
         # what differs between steps from rest is their thrust
         preference = prefer_quiet(fits, ahead, dof, judged) if few_steps else prefer(fits, judged)

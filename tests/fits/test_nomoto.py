@@ -224,7 +224,7 @@ def test_a_slow_steering_gear_is_found_where_the_command_is_logged(seed: int, si
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "side"), [(1, -1.0), (2, 1.0), (3, -1.0)])
+@pytest.mark.parametrize(("seed", "side"), [(1, -1.0), (2, 1.0)])
 def test_a_rudder_that_stalls_is_found_with_its_boat(seed: int, side: float, tmp_path: Path) -> None:
     """Nomoto's first order by scipy's integrator, under a rudder that loses lift beyond 0.35 rad."""
     random, gain, time, stall, fall = np.random.default_rng(seed), 1.0, 1.2, 0.35, 0.6
