@@ -249,10 +249,9 @@ def _informed(course: Course, fit: OutputErrorFit) -> DrivenProblem:
 def _least_misses(course: Course, likely: OutputErrorFit) -> ForecastFit | None:
     """The least squares of forecasts of a model; None where no run is long enough, or no start leads anywhere."""
     problem = _informed(course, likely)
+    starts = np.concatenate([likely.mixed.theta[None], base_starts(problem)])
     try:
-        return fit_forecasts(
-            problem, likely.mixed.phi, np.concatenate([likely.mixed.theta[None], base_starts(problem)])
-        )
+        return fit_forecasts(problem, likely.mixed.phi, starts)
     except FitError:
         return None
 

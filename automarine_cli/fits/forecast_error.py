@@ -252,15 +252,14 @@ def with_chance(problems: Sequence[DrivenProblem], fits: Sequence[ForecastFit]) 
         for problem, theta in zip(problems, thetas)
     ]
     chances = fits_of(fixed, [theta[None] for theta in thetas], brief=True)
-    return [chance and _joined(of, fit, chance) for of, fit, chance in zip(problems, fits, chances)]
+    return [chance and _beside_chance(of, fit, chance) for of, fit, chance in zip(problems, fits, chances)]
 
 
-def _joined(driven: DrivenProblem, fit: ForecastFit, chance: InnovationsFit) -> InnovationsFit:
+def _beside_chance(driven: DrivenProblem, fit: ForecastFit, chance: InnovationsFit) -> InnovationsFit:
     """A fit of a model's parameters with that of what is random beside them."""
     count, runs = driven.parameters.of_model.stop, len(driven.course.names)
-    phi, theta = (np.append(a[:count], b[count:]) for a, b in (
-        (fit.phi, chance.phi), (driven.parameters.natural(fit.phi), chance.theta)
-    ))  # fmt: skip
+    phi = np.append(fit.phi[:count], chance.phi[count:])
+    theta = np.append(driven.parameters.natural(fit.phi)[:count], chance.theta[count:])
     left_out, covariance, by_run = chance.left_out.copy(), chance.covariance.copy(), chance.information.copy()
     covariance[:count, :count] = fit.covariance[:count, :count]
     if runs > 1:
