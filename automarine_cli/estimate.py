@@ -14,7 +14,7 @@ UNDETERMINED = "the runs do not determine it"
 @dataclass(frozen=True)
 class Estimate:
     """Value, standard error, 95 % interval and unit of one parameter; whether it was `known` beforehand, or stands
-    `at_bound` of its range, so that the interval says nothing."""
+    `at_bound` of its range."""
 
     value: float
     stderr: float

@@ -101,12 +101,14 @@ class ForecastProblem:
 @dataclass(frozen=True)
 class ForecastFit:
     """Parameters of least misses: `phi` (p,) with those of what is random as they came, `left_out` (U, p) without each
-    unit (a run, or a piece of a single one), `covariance` (p, p) by the scatter of the windows' slopes, `by_unit`
-    (U, p, p) what each unit says of phi, `forecasts` how many windows there are that do not overlap."""
+    unit (a run, or a piece of a single one), `covariance` (p, p) by the scatter of the windows' slopes with the part
+    `of_bounds` (see `covariance_within_bounds`), `by_unit` (U, p, p) what each unit says of phi, `forecasts` how many
+    windows there are that do not overlap."""
 
     phi: Floats
     left_out: Floats
     covariance: Floats
+    of_bounds: Floats
     by_unit: Floats
     forecasts: float
     at_bound: tuple[int, ...]
@@ -120,7 +122,8 @@ class ForecastFit:
         phi[:count] = 0.5 * (phi + rival.phi)[:count]
         left_out[:, :count] = 0.5 * (left_out + rival.left_out)[:, :count]
         covariance[:count, :count] = 0.5 * (covariance + rival.covariance)[:count, :count]
-        return replace(self, phi=phi, left_out=left_out, covariance=covariance)
+        of_bounds = 0.5 * (self.of_bounds + rival.of_bounds)
+        return replace(self, phi=phi, left_out=left_out, covariance=covariance, of_bounds=of_bounds)
 
 
 def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
@@ -185,13 +188,18 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
         windows = problem.unit != unit
         if windows.any() and not windows.all():
             row[:] = _descend(problem.some(windows), phi, LEFT_OUT_ITERATIONS).point.phi
-    at_bound, covariance = end.point.spread(problem.free, driven.parameters.limits)
-    covariance = _by_pieces(problem, phi, covariance)
+    at_bound, covariance, of_bounds = end.point.spread(problem.free, driven.parameters)
+    covariance, likely = _by_pieces(problem, phi, covariance - of_bounds), np.diagonal(covariance - of_bounds)
+    grown = float(np.median(np.diagonal(covariance)[likely > 0] / likely[likely > 0])) if likely.any() else 1.0
+    point = replace(end.point, gradient=end.point.gradient / grown, curvature=end.point.curvature / grown)
+    of_bounds = point.spread(problem.free, driven.parameters)[2]  # of windows that overlap, as the others' errors
     by_unit = np.zeros((units, *covariance.shape))
     by_unit[:, problem.free[:, None], problem.free] = end.point.data + problem.prior_information / units
     places = tuple(np.flatnonzero(at_bound[: problem.count]).tolist())
     forecasts = len(problem.run) / FORECAST_S
-    return ForecastFit(phi, left_out, covariance, by_unit, forecasts, places, end.iterations, end.converged)
+    return ForecastFit(
+        phi, left_out, covariance + of_bounds, of_bounds, by_unit, forecasts, places, end.iterations, end.converged
+    )
 
 
 def _by_pieces(problem: ForecastProblem, phi: Floats, bread: Floats) -> Floats:
@@ -261,21 +269,24 @@ def _beside_chance(driven: DrivenProblem, fit: ForecastFit, chance: InnovationsF
     phi = np.append(fit.phi[:count], chance.phi[count:])
     theta = np.append(driven.parameters.natural(fit.phi)[:count], chance.theta[count:])
     left_out, covariance, by_run = chance.left_out.copy(), chance.covariance.copy(), chance.information.copy()
-    covariance[:count, :count] = fit.covariance[:count, :count]
+    of_bounds = chance.of_bounds.copy()
+    for mine, forecasts in ((covariance, fit.covariance), (of_bounds, fit.of_bounds)):
+        mine[:count, :count] = forecasts[:count, :count]
     if runs > 1:
         left_out[:, :count] = fit.left_out[:, :count]
         by_run[:, :count, :count] = fit.by_unit[:, :count, :count]
     else:
         left_out[:, :count] = fit.phi[:count]
         between = np.diagonal(jackknife(fit.left_out[:, :count]))
-        likely = np.diagonal(covariance)[:count]
+        inside = (covariance - of_bounds)[:count, :count]
+        likely = np.diagonal(inside)
         grow = np.sqrt(np.maximum(np.divide(between, likely, out=np.ones(count), where=likely > 0), 1.0))
-        covariance[:count, :count] *= np.outer(grow, grow)
+        covariance[:count, :count] = inside * np.outer(grow, grow) + of_bounds[:count, :count]
         by_run[0, :count, :count] = fit.by_unit.sum(axis=0)[:count, :count]
     density = driven.follow(left_out).log_density if runs > 1 else chance.density[None]
     return replace(
-        chance, parameters=driven.parameters, theta=theta, phi=phi, covariance=covariance, left_out=left_out,
-        predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
+        chance, parameters=driven.parameters, theta=theta, phi=phi, covariance=covariance, of_bounds=of_bounds,
+        left_out=left_out, predictive=np.where(np.isfinite(density), density, -1e9)[np.arange(runs), np.arange(runs)],
         at_bound=tuple(sorted({*fit.at_bound, *(i for i in chance.at_bound if i >= count)})), information=by_run,
         converged=fit.converged and chance.converged, iterations=fit.iterations + chance.iterations,
         forecasts=fit.forecasts,

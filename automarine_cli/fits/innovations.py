@@ -359,7 +359,7 @@ def _left_out(problems: Sequence[DrivenProblem], ends: Sequence[Maximum[Slopes]]
     for i, (problem, end) in enumerate(zip(problems, ends)):
         point, slopes, runs = end.point, end.point.data, len(problem.course.names)
         free, limits = problem.free, problem.parameters.limits
-        at_bound, covariance = point.spread(free, limits)
+        at_bound, covariance, _ = point.spread(free, problem.parameters)
         left_out = np.tile(point.phi, (runs, 1))
         if runs > 1:
             inside = ~at_bound[free]
@@ -381,7 +381,7 @@ def _left_out(problems: Sequence[DrivenProblem], ends: Sequence[Maximum[Slopes]]
 def _report(problem: DrivenProblem, reached: Maximum[Slopes], left_out: Floats, brief: bool) -> InnovationsFit:
     point, slopes = reached.point, reached.point.data
     phi, runs, free = point.phi, len(problem.course.names), problem.free
-    at_bound, covariance = point.spread(free, problem.parameters.limits)
+    at_bound, covariance, of_bounds = point.spread(free, problem.parameters)
     information = np.zeros((runs, *covariance.shape))
     information[:, free[:, None], free] = slopes.information
     smooth = problem.parameters.smooth
@@ -396,6 +396,7 @@ def _report(problem: DrivenProblem, reached: Maximum[Slopes], left_out: Floats, 
         theta=theta,
         phi=phi,
         covariance=covariance,
+        of_bounds=of_bounds,
         left_out=left_out,
         log_likelihood=float(slopes.density.sum()),
         predictive=predictive,

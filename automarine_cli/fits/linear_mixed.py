@@ -16,9 +16,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from automarine_cli.errors import FitError
 from automarine_cli.quantities import Floats
+
+MIN_OWN_CURVATURE = 1e-6  # share of a parameter's curvature that the others leave it, for it to be told from them
+MAX_BEYOND_STDERRS = 100.0  # beyond a bound: a maximum that lies further off says no more
 
 START_POSITION, START_VELOCITY, GAIN = "start-position", "start-velocity", "gain"
 SWITCHES, DISTURBANCE = "switch-instants", "disturbance"
@@ -260,6 +264,34 @@ def covariance_of(hessian: Floats) -> Floats:
     return np.asarray(
         np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
     )
+
+
+def covariance_within_bounds(
+    hessian: Floats, gradient: Floats, free: NDArray[np.int64], at_bound: NDArray[np.bool_], log: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """Covariance (p, p) by the curvature (f, f) and gradient (f,) of the `free` parameters, of which some of all (p,)
+    stand `at_bound` or are searched on their `log`; and the part of it that is owed to those at a bound.
+
+    Each of these may lie inside its bound, by the normal curve of which the bound leaves the tail: by the mean square
+    distance, which is the usual variance where the maximum just reaches the bound, and nothing where it is far beyond.
+    The others follow. What is searched on its logarithm has no error of its own: all that is next to nothing is alike.
+    """
+    inside, stopped = np.flatnonzero(~at_bound[free]), np.flatnonzero(at_bound[free])
+    covariance = np.zeros((len(log), len(log)))
+    conditional = covariance_of(hessian[np.ix_(inside, inside)])
+    covariance[np.ix_(free[inside], free[inside])] = conditional
+    across, diagonal = hessian[np.ix_(inside, stopped)], np.diagonal(hessian)[stopped]
+    follows = np.zeros((len(log), len(stopped)))
+    follows[free[inside]] = -conditional @ across
+    follows[free[stopped], np.arange(len(stopped))] = ~log[free[stopped]]
+    curvature = diagonal - np.einsum("is,ij,js->s", across, conditional, across)
+    is_told = curvature > MIN_OWN_CURVATURE * diagonal
+    root = np.sqrt(np.where(is_told, curvature, np.inf))
+    beyond = np.minimum(np.abs(gradient[stopped]) / root, MAX_BEYOND_STDERRS)
+    hazard = np.sqrt(2.0 / np.pi) / special.erfcx(beyond / np.sqrt(2.0))
+    follows *= np.sqrt(1.0 - beyond * (hazard - beyond)) / root
+    of_bounds = follows @ follows.T
+    return covariance + of_bounds, of_bounds
 
 
 def normal_equations(grams: Grams, weighted: Weighted) -> tuple[Floats, Floats]:

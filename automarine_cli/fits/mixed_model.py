@@ -45,17 +45,18 @@ class Outcome:
     """What every fit gives.
 
     `theta` (p,) and `phi` (p,), the same on the scales of the search, on which are `covariance` (p, p) from the
-    likelihood and `left_out` (R, p), phi without each run; `log_likelihood` (marginal), `predictive` (R,) log
-    density of each run predicted from the others, `at_bound` indices of the parameters that a bound stopped,
-    `information` (R, p, p) what each run says of phi, `noise_of` each channel that counts by its quantity [its
-    unit] with the number of its `readings`, `density` (R,) the log density of each run; `driven` says whether a
-    filter followed the runs, else they were simulated.
+    likelihood, with the part `of_bounds` (see `covariance_within_bounds`), and `left_out` (R, p), phi without each
+    run; `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound`
+    indices of the parameters that a bound stopped, `information` (R, p, p) what each run says of phi, `noise_of` each
+    channel that counts by its quantity [its unit] with the number of its `readings`, `density` (R,) the log density of
+    each run; `driven` says whether a filter followed the runs, else they were simulated.
     """
 
     parameters: Parameters
     theta: Floats
     phi: Floats
     covariance: Floats
+    of_bounds: Floats
     left_out: Floats
     log_likelihood: float
     predictive: Floats
@@ -89,10 +90,15 @@ class Outcome:
         return next(iter(self.noise_of.values()))
 
     @property
+    def inside_bounds(self) -> Floats:
+        """Covariance of phi (p, p) with what a bound stopped as known."""
+        return self.covariance - self.of_bounds
+
+    @property
     def error_of_known(self) -> Floats:
         """Covariance of phi that the errors of what was known make, (p, p): no run that is left out shows it."""
         erring = [name in self.parameters.priors for name in self.names]  # what is known exactly has no precision
-        return self.covariance @ np.diag(np.diagonal(self.parameters.prior[1]) * erring) @ self.covariance
+        return self.inside_bounds @ np.diag(np.diagonal(self.parameters.prior[1]) * erring) @ self.inside_bounds
 
 
 def jackknife(left_out: Floats) -> Floats:
@@ -485,9 +491,10 @@ def _report(
     hessian, gradient = linear_mixed.normal_equations(gram, weighted)
     at_bound = _at_bound(phi, bounds)
     free = np.flatnonzero(~at_bound)
-    grid = np.ix_(free, free)
-    covariance, information = np.zeros_like(hessian), np.zeros_like(weighted.hessian)
-    covariance[grid] = linear_mixed.covariance_of(hessian[grid])
+    searched, information = problem.parameters.free, np.zeros_like(weighted.hessian)
+    covariance, of_bounds = linear_mixed.covariance_within_bounds(
+        hessian[np.ix_(searched, searched)], gradient[searched], searched, at_bound, problem.parameters.log
+    )
     information[:, free[:, None], free] = weighted.hessian[:, free[:, None], free]
     push = weighted.gradient
     left_out = np.tile(phi, (len(problem.measured), 1))
@@ -507,8 +514,9 @@ def _report(
     quantities, channels = [slot.name for slot in problem.counted], len(problem.counted)
     return MixedFit(
         parameters=problem.parameters, theta=problem.parameters.natural(phi), phi=phi, covariance=covariance,
-        left_out=left_out, noises=np.exp(variances[:channels]), factors=np.exp(variances[channels:]),
-        run_effects=point.b, log_likelihood=-0.5 * (ml_deviance + int(problem.count.sum()) * np.log(2 * np.pi)),
+        of_bounds=of_bounds, left_out=left_out, noises=np.exp(variances[:channels]),
+        factors=np.exp(variances[channels:]), run_effects=point.b,
+        log_likelihood=-0.5 * (ml_deviance + int(problem.count.sum()) * np.log(2 * np.pi)),
         predictive=linear_mixed.predictive(gram, weighted, left_out - phi), fitted=point.fitted,
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)), iterations=iterations, converged=converged,
         information=information, noise_of=dict(zip(quantities, np.exp(variances[:channels]).tolist())),

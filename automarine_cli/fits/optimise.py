@@ -8,7 +8,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.fits.linear_mixed import bounded_solution, covariance_of
+from automarine_cli.fits.linear_mixed import bounded_solution, covariance_within_bounds
+from automarine_cli.models.parameter import Parameters
 from automarine_cli.quantities import Floats
 
 MIN_DAMPING, MAX_DAMPING = 1e-4, 1e3  # shares of the curvature that are added to it
@@ -30,13 +31,12 @@ class Point(Generic[Data]):
     curvature: Floats
     data: Data
 
-    def spread(self, free: NDArray[np.int64], limits: Floats) -> tuple[NDArray[np.bool_], Floats]:
-        """Say which parameters (p,) stand at one of their `limits` (p, 2), and give the covariance (p, p) of the `free`
-        others by the curvature."""
+    def spread(self, free: NDArray[np.int64], parameters: Parameters) -> tuple[NDArray[np.bool_], Floats, Floats]:
+        """Say which of the `parameters` (p,) stand at a bound, and give by the curvature the covariance (p, p) of the
+        others among those that are `free`, and the part of it that is owed to what a bound stopped."""
+        limits = parameters.limits
         at_bound = (self.phi - limits[:, 0] < 1e-9) | (limits[:, 1] - self.phi < 1e-9)
-        inside, covariance = ~at_bound[free], np.zeros((len(self.phi), len(self.phi)))
-        covariance[np.ix_(free[inside], free[inside])] = covariance_of(self.curvature[np.ix_(inside, inside)])
-        return at_bound, covariance
+        return at_bound, *covariance_within_bounds(self.curvature, self.gradient, free, at_bound, parameters.log)
 
 
 @dataclass(frozen=True)

@@ -528,11 +528,11 @@ def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
     by_runs = jackknife(mixed.left_out if changes is None else changes) + mixed.error_of_known
     few = np.array([_few_carry(mixed, axis) for axis in np.eye(len(mixed.phi))])
     if not few[mixed.parameters.of_model].any():
-        return by_runs
-    likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, by_runs))
+        return by_runs + mixed.of_bounds
+    likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.inside_bounds, by_runs))
     ratio = np.divide(between, likely, out=np.ones_like(between), where=likely > 0)  # none at a bound
     grow = np.clip(ratio, few.astype(float), MAX_GROWTH)
-    return mixed.covariance * np.outer(grow, grow)
+    return mixed.inside_bounds * np.outer(grow, grow) + mixed.of_bounds
 
 
 def _few_carry(mixed: Fit, direction: Floats) -> bool:
@@ -552,8 +552,8 @@ def run_dof(mixed: Fit, direction: Floats) -> float:
     of_model = not direction[mixed.parameters.of_model.stop :].any()
     within = mixed.forecasts if isinstance(mixed, InnovationsFit) and of_model else 0.0
     if within > runs - 1:
-        of_runs, likely = (direction @ c @ direction for c in (jackknife(mixed.left_out), mixed.covariance))
-        if of_runs < likely * special.fdtri(runs - 1, within, 0.5):
+        of_runs, likely = (direction @ c @ direction for c in (jackknife(mixed.left_out), mixed.inside_bounds))
+        if of_runs <= likely * special.fdtri(runs - 1, within, 0.5):
             return within
     return float(runs - 1)
 
@@ -576,7 +576,10 @@ def estimate_of(mixed: Fit, covariance: Floats, i: int) -> Estimate:
     dof, unit = run_dof(mixed, np.eye(len(mixed.theta))[i]), mixed.parameters[i].unit
     estimate = form(float(mixed.theta[i]), stderr, dof, unit)
     assumed = mixed.names[i] in mixed.parameters.priors
-    return replace(estimate, known=assumed, at_bound=i in mixed.at_bound and not assumed)
+    if not (at_bound := i in mixed.at_bound and not assumed):
+        return replace(estimate, known=assumed)
+    low, high = np.clip(estimate.ci95, *mixed.parameters.bounds[i]) + 0.0  # no negative zero
+    return replace(estimate, ci95=(float(low), float(high)), at_bound=at_bound)
 
 
 def ratio_of(mixed: Fit, covariance: Floats, i: int, k: int, unit: str, dof: float | None = None) -> Estimate:

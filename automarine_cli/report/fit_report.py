@@ -80,7 +80,7 @@ def _doubts(fit: OutputErrorFit, role: str) -> Iterator[Caution]:
     band = f"{name} is {estimate.value:.3g} [{low:.3g}, {high:.3g}]"
     says = ""
     if i in fit.mixed.at_bound:
-        says = f"{name} stands at a bound of its range, so its interval is meaningless; {remedy}."
+        says = f"{band} and stands at a bound of its range; {remedy}."
     elif fit.covariance[i, i] <= 0.0:
         start = f"{float(fit.mixed.theta[i]):.3g}"
         says = f"{name} never moved from its start, {start}: these runs hold no information on it; {remedy}."

@@ -194,12 +194,10 @@ def with_band(value: float | None, ends: Sequence[float] | None) -> str:
 
 def interval(estimate: Estimate | None) -> str:
     """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need; marked where it
-    was known before the fit; a value at its bound has no interval."""
+    was known before the fit, or stands at its bound."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
-    (low, high), mark = estimate.ci95, " (known)" if estimate.known else ""
-    if estimate.at_bound and not mark:
-        return f"{number(estimate.value)} (at its bound)"
+    (low, high), mark = estimate.ci95, " (known)" if estimate.known else " (at its bound)" if estimate.at_bound else ""
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
         return f"{number(estimate.value)}{mark}"
     decimals = max(0, 1 - math.floor(math.log10(estimate.stderr)))

@@ -81,8 +81,9 @@ def fit_of(model: Model, runs: int = 3, log_likelihood: float = 0.0) -> Innovati
     left_out = np.tile(phi, (runs, 1))
     left_out[:, 1] += 0.1 * np.arange(runs)
     return InnovationsFit(
-        parameters, theta, phi, 1e-6 * np.eye(len(phi)), left_out, log_likelihood, np.zeros(runs), (last,), 1,
-        True, np.tile(np.eye(len(phi)), (runs, 1, 1)), NOISE, {"heading": 1000}, np.zeros(runs), np.zeros(runs),
+        parameters, theta, phi, 1e-6 * np.eye(len(phi)), np.zeros((len(phi), len(phi))), left_out, log_likelihood,
+        np.zeros(runs), (last,), 1, True, np.tile(np.eye(len(phi)), (runs, 1, 1)), NOISE,
+        {"heading": 1000}, np.zeros(runs), np.zeros(runs),
     )  # fmt: skip
 
 

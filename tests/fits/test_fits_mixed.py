@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import optimize, special, stats
+from scipy import integrate, optimize, special, stats
 from tolerances import assert_close
 
 from automarine_cli.errors import FitError
@@ -279,8 +279,14 @@ def test_a_bound_is_kept_and_the_other_parameter_is_best_beside_it(low: float, h
     beside = theta[1] - hessian[1, 0] / hessian[1, 1] * (edge - theta[0])
     assert fit.at_bound == (0,) and fit.theta[0] == edge
     assert fit.theta[1] == pytest.approx(beside, rel=1e-6)
-    assert np.all(fit.covariance[0] == 0) and np.all(fit.left_out[:, 0] == edge)
-    assert fit.covariance[1, 1] == pytest.approx(1 / hessian[1, 1], rel=1e-6)
+    assert np.all(fit.left_out[:, 0] == edge)
+    curvature, follows = hessian[0, 0] - hessian[0, 1] ** 2 / hessian[1, 1], -hessian[0, 1] / hessian[1, 1]
+    beyond = abs(theta[0] - edge) * np.sqrt(curvature)
+    x = np.linspace(0.0, 40.0 / beyond, 100_001)
+    tail = np.exp(-beyond * x - 0.5 * x**2)
+    own = integrate.simpson(x**2 * tail, x=x) / integrate.simpson(tail, x=x) / curvature
+    assert fit.of_bounds == pytest.approx(own * np.outer([1.0, follows], [1.0, follows]), rel=1e-6)
+    assert fit.covariance - fit.of_bounds == pytest.approx(np.diag([0.0, 1 / hessian[1, 1]]), rel=1e-6)
     moved = left_out_changes(linear.problem(bounds), fit)
     assert np.all(moved[:, 0] == 0.0) and np.ptp(moved[:, 1]) > 0.0
 
