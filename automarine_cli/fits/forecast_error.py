@@ -188,9 +188,10 @@ def fit_forecasts(driven: DrivenProblem, phi: Floats, starts: Floats) -> Forecas
         windows = problem.unit != unit
         if windows.any() and not windows.all():
             row[:] = _descend(problem.some(windows), phi, LEFT_OUT_ITERATIONS).point.phi
-    at_bound, covariance, of_bounds = end.point.spread(problem.free, driven.parameters)
-    covariance, likely = _by_pieces(problem, phi, covariance - of_bounds), np.diagonal(covariance - of_bounds)
-    grown = float(np.median(np.diagonal(covariance)[likely > 0] / likely[likely > 0])) if likely.any() else 1.0
+    at_bound, likely, of_bounds = end.point.spread(problem.free, driven.parameters)
+    likely = likely - of_bounds
+    covariance, inside = _by_pieces(problem, phi, likely), np.diagonal(likely) > 0
+    grown = float(np.median(np.diagonal(covariance)[inside] / np.diagonal(likely)[inside])) if inside.any() else 1.0
     point = replace(end.point, gradient=end.point.gradient / grown, curvature=end.point.curvature / grown)
     of_bounds = point.spread(problem.free, driven.parameters)[2]  # of windows that overlap, as the others' errors
     by_unit = np.zeros((units, *covariance.shape))
@@ -269,19 +270,18 @@ def _beside_chance(driven: DrivenProblem, fit: ForecastFit, chance: InnovationsF
     phi = np.append(fit.phi[:count], chance.phi[count:])
     theta = np.append(driven.parameters.natural(fit.phi)[:count], chance.theta[count:])
     left_out, covariance, by_run = chance.left_out.copy(), chance.covariance.copy(), chance.information.copy()
-    of_bounds = chance.of_bounds.copy()
-    for mine, forecasts in ((covariance, fit.covariance), (of_bounds, fit.of_bounds)):
-        mine[:count, :count] = forecasts[:count, :count]
+    of_bounds, of_model = chance.of_bounds.copy(), np.s_[:count, :count]
+    covariance[of_model], of_bounds[of_model] = fit.covariance[of_model], fit.of_bounds[of_model]
     if runs > 1:
         left_out[:, :count] = fit.left_out[:, :count]
         by_run[:, :count, :count] = fit.by_unit[:, :count, :count]
     else:
         left_out[:, :count] = fit.phi[:count]
         between = np.diagonal(jackknife(fit.left_out[:, :count]))
-        inside = (covariance - of_bounds)[:count, :count]
+        inside = (covariance - of_bounds)[of_model]
         likely = np.diagonal(inside)
         grow = np.sqrt(np.maximum(np.divide(between, likely, out=np.ones(count), where=likely > 0), 1.0))
-        covariance[:count, :count] = inside * np.outer(grow, grow) + of_bounds[:count, :count]
+        covariance[of_model] = inside * np.outer(grow, grow) + of_bounds[of_model]
         by_run[0, :count, :count] = fit.by_unit.sum(axis=0)[:count, :count]
     density = driven.follow(left_out).log_density if runs > 1 else chance.density[None]
     return replace(
