@@ -281,7 +281,7 @@ def voltage_steps(voltage: Floats) -> Ints:
     return np.where(step.max(initial=0) < MAX_STEPS, step, -1)
 
 
-# Limits in shares of full scale, and in robust standard deviations of the readings; the larger counts.
+# Limits in shares of full scale, and in robust standard deviations of the readings there; the larger counts.
 RISE, RISE_MADS = 0.03, 5.0  # thrust rises with the command: how far it may fall back
 SMOOTH, SMOOTH_MADS = 0.05, 8.0  # off the smooth curve through the neighbours
 REPEAT_MADS = 6.0  # off the other readings at the same command
@@ -306,7 +306,7 @@ def flag_contradictions(points: Points, group: Ints | None = None) -> Points:
 
 
 def _contradictions(n: Floats, force: Floats) -> Outliers:
-    """First what breaks the rise of the curve, then, worst first, what lies off its course or repeats."""
+    """What lies beyond readings that scatter evenly, or in proportion to the thrust where the others say so."""
     zero, ahead, astern = n == 0.0, n > 0.0, n < 0.0
     if all(map(np.any, (zero, ahead, astern))):  # the zero reading, if the readings next to it bear it out
         reading = float(np.median(force[zero]))
@@ -315,12 +315,33 @@ def _contradictions(n: Floats, force: Floats) -> Outliers:
     scale = float(np.sort(np.abs(force))[-2:].min(initial=np.inf))  # the second largest, as one reading may be wild
     if not np.isfinite(scale) or scale == 0.0:
         return {}
-    level = levels_of(n)
+    level, even = levels_of(n), np.ones(len(n))
+    if not (outliers := _beyond(n, force, level, scale, even)):
+        return outliers
+    good = ~np.isin(np.arange(len(n)), list(outliers))
+    return _beyond(n, force, level, scale, _unit_of_scatter(n, force, level, good, scale))
+
+
+def _unit_of_scatter(n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_], scale: float) -> Floats:
+    """What each reading's scatter is in proportion to, shape (P,): one, or its thrust as a share of full scale where
+    that makes the good readings' deviations from their neighbours likelier (as Laplace's: a mean, not a square)."""
+    members, smooth, _, _ = _courses(n, force, level, good, np.ones(len(n)))
+    middle = np.array([np.median(force[index]) for index in members])
+    judged = np.isfinite(smooth)
+    share = np.maximum(np.abs(np.where(judged, smooth, middle)) / scale, RISE)
+    off, thrust = np.abs(middle - smooth)[judged], share[judged]
+    if not off.any() or off.mean() <= (off / thrust).mean() * np.exp(np.log(thrust).mean()):
+        return np.ones(len(n))
+    return np.interp(n, [np.median(n[index]) for index in members], share)
+
+
+def _beyond(n: Floats, force: Floats, level: Ints, scale: float, unit: Floats) -> Outliers:
+    """First what breaks the rise of the curve, then, worst first, what lies off its course or repeats."""
     good = np.ones(len(n), dtype=bool)
-    outliers = _falls(n, force, level, scale)
+    outliers = _falls(n, force, level, scale, unit)
     good[list(outliers)] = False
     for _ in range(len(n) // 4):
-        deviation, limit = _off_course(n, force, level, good, scale)
+        deviation, limit = _off_course(n, force, level, good, scale, unit)
         worst = int(np.argmax(deviation / limit))
         if deviation[worst] <= limit[worst]:
             break
@@ -329,14 +350,14 @@ def _contradictions(n: Floats, force: Floats) -> Outliers:
     return outliers
 
 
-def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Outliers:
+def _falls(n: Floats, force: Floats, level: Ints, scale: float, unit: Floats) -> Outliers:
     """The fewest readings without which thrust rises with the command: the longest rising chain stays."""
     order = np.lexsort((force, n))
-    strict = np.isin(np.arange(len(n)), order[_longest_rise(force[order], RISE * scale)])
+    strict = np.isin(np.arange(len(n)), order[_longest_rise(force[order], np.full(len(n), RISE * scale))])
     # The strict chain is smoother than the noise, the whole table rougher where it is contaminated.
-    rough, smoother = (_courses(n, force, level, good)[2] for good in (np.ones_like(strict), strict))
-    tolerance = max(RISE * scale, RISE_MADS * min(rough, 2.0 * smoother))
-    on_chain = np.isin(np.arange(len(n)), _longest_rise(force[order], tolerance))
+    rough, smoother = (_courses(n, force, level, good, unit)[2] for good in (np.ones_like(strict), strict))
+    tolerance = np.maximum(RISE * scale, RISE_MADS * min(rough, 2.0 * smoother) * unit)
+    on_chain = np.isin(np.arange(len(n)), _longest_rise(force[order], tolerance[order]))
     outliers: Outliers = {}
     for place in np.flatnonzero(~on_chain):
         index = order[place]
@@ -344,17 +365,17 @@ def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Outliers:
         after = force[order[place:][on_chain[place:]]][:1].tolist()
         low, high = min(before + after, default=0.0), max(before + after, default=0.0)
         outside = float(max(low - force[index], force[index] - high))
-        limit = max(tolerance, SCATTER * min(abs(low), abs(high))) if before and after else END * scale
+        limit = max(float(tolerance[index]), SCATTER * min(abs(low), abs(high))) if before and after else END * scale
         if outside > limit:
             outliers[int(index)] = (float(abs(force[index] - (low + high) / 2)), limit)
     return outliers
 
 
-def _longest_rise(force: Floats, tolerance: float) -> Ints:
-    """Indices of the longest chain in which no reading is lower than the one before by over the tolerance."""
+def _longest_rise(force: Floats, tolerance: Floats) -> Ints:
+    """Indices of the longest chain in which no reading is lower than the one before by over the tolerance of either."""
     length, parent = np.ones(len(force), dtype=np.int64), np.full(len(force), -1)
     for j in range(1, len(force)):
-        reach = np.where(force[:j] <= force[j] + tolerance, length[:j], 0)
+        reach = np.where(force[:j] <= force[j] + np.maximum(tolerance[:j], tolerance[j]), length[:j], 0)
         # Of equal chains the one with the nearest step.
         best = np.flatnonzero(reach == reach.max())
         if reach[best[0]] > 0:
@@ -366,35 +387,41 @@ def _longest_rise(force: Floats, tolerance: float) -> Ints:
     return np.array(chain[::-1], dtype=np.int64)
 
 
-def _courses(n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_]) -> tuple[list[Ints], Floats, float, float]:
-    """Indices of each level's readings, what the levels around it say [N], and robust standard deviations [N]: of the
-    readings about a smooth curve, or of repeats if that is larger, and of repeats alone."""
+def _courses(
+    n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_], unit: Floats
+) -> tuple[list[Ints], Floats, float, float]:
+    """Indices of each level's readings, what the levels around it say [N], and robust standard deviations [N] in the
+    readings' `unit` (P,): about a smooth curve, or of repeats if that is larger, and of repeats alone."""
     members = [np.flatnonzero(good & (level == number)) for number in np.unique(level[good])]
     middle = np.array([np.median(force[index]) for index in members])
     smooth = left_out(np.array([np.median(n[index]) for index in members]), middle)
     # Of three readings or more; the smallest deviation of each level is the median's own and says nothing.
-    inside = [np.sort(np.abs(force[index] - m))[1:] for index, m in zip(members, middle) if len(index) >= 3]
+    repeated = ((index, m) for index, m in zip(members, middle) if len(index) >= 3)
+    inside = [np.sort(np.abs(force[index] - m) / unit[index])[1:] for index, m in repeated]
     repeats = 1.4826 * float(np.median(np.concatenate(inside))) if inside else 0.0
-    off, rough = np.abs(middle - smooth)[np.isfinite(smooth)], 0.0
+    off, rough = (np.abs(middle - smooth) / [unit[index[0]] for index in members])[np.isfinite(smooth)], 0.0
     if len(off):
         # Median and lower quartile of a normal sample; in a coarse table half of the levels may stand by a bad one.
         rough = min(1.4826 * float(np.median(off)), 3.139 * float(np.quantile(off, 0.25)))
     return members, smooth, max(rough, repeats), repeats
 
 
-def _off_course(n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_], scale: float) -> tuple[Floats, Floats]:
+def _off_course(
+    n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_], scale: float, unit: Floats
+) -> tuple[Floats, Floats]:
     """Deviation [N] from repeats at the same command or the smooth curve, and its limit, shape (P,)."""
-    members, smooth, rough, noise = _courses(n, force, level, good)
-    repeat, course = max(RISE * scale, REPEAT_MADS * noise), max(SMOOTH * scale, SMOOTH_MADS * rough)
+    members, smooth, rough, noise = _courses(n, force, level, good, unit)
+    repeat = np.maximum(RISE * scale, REPEAT_MADS * noise * unit)
+    course = np.maximum(SMOOTH * scale, SMOOTH_MADS * rough * unit)
     deviations, limits = np.zeros(len(n)), np.full(len(n), scale)
     for index, expected in zip(members, smooth):
         for p in index:
             repeats, usual = force[index[index != p]], []
             if len(repeats) >= 2:
-                usual.append((float(np.median(repeats)), repeat))
+                usual.append((float(np.median(repeats)), repeat[p]))
             # A repeat that agrees says that the curve is like that.
-            if np.isfinite(expected) and not np.any(np.abs(repeats - force[p]) <= repeat):
-                usual.append((float(expected), course))
+            if np.isfinite(expected) and not np.any(np.abs(repeats - force[p]) <= repeat[p]):
+                usual.append((float(expected), course[p]))
             for value, least in usual:
                 deviation, limit = abs(force[p] - value), max(least, SCATTER * abs(value))
                 if deviation * limits[p] > deviations[p] * limit:
