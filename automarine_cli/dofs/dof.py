@@ -324,6 +324,7 @@ YAW = Dof(
     },
     plain_names={
         "heading": ("heading", "yaw", "psi", "hdg", "compass"),
+        "yaw_rate": ("yaw_rate", "yawrate"),
         "n_port": ("n_port", "port", "left", "cmd_port", "port_cmd", "n_left"),
         "n_stbd": ("n_stbd", "stbd", "starboard", "right", "cmd_stbd", "stbd_cmd", "n_right"),
     },

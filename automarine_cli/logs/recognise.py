@@ -116,7 +116,8 @@ THRUSTER_WORDS = {
     "percent",
 }  # fmt: skip
 """Words in names of thruster commands that do not say which thruster it is."""
-UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "percent", *FORCE_WORDS}
+RATE_UNITS = {"degps": "deg/s", "dps": "deg/s", "deg": "deg/s", "radps": "rad/s", "rad": "rad/s"}
+UNIT_WORDS = {"s", "ms", "us", "sec", "v", "mv", "nm", "pct", "percent", *FORCE_WORDS, *RATE_UNITS}
 
 
 @dataclass(frozen=True)
@@ -280,6 +281,18 @@ def _speed(quantity: str, source: str, span: Span) -> Recognised:
     return Recognised(key, source, f"{span}", None if unit == "m/s" else unit, why)
 
 
+FASTEST_RAD_S = 3.0  # rad/s; few vehicles turn faster, and most exceed it in deg/s
+
+
+def _rate(quantity: str, source: str, span: Span) -> Recognised:
+    """Degrees or radians a second: by the name, else asked."""
+    if unit := _unit_in(source, RATE_UNITS):
+        return Recognised(_name(quantity, unit), source, f"{span}")
+    likely, other = ("rad/s", "deg/s") if max(abs(span.low), abs(span.high)) <= FASTEST_RAD_S else ("deg/s", "rad/s")
+    why = f"is this the {naming.called(quantity)} in {likely}, not in {other}?"
+    return Recognised(_name(quantity, likely), source, f"{span}", open=why)
+
+
 def _signal(quantity: str, source: str, span: Span) -> Recognised:
     """A control signal: as it is, pulses about a neutral, or one of which neutral or direction is open."""
     plain, low, high = _plain(quantity, source, span), span.low, span.high
@@ -319,6 +332,7 @@ _JUDGES = {
     **dict.fromkeys(naming.VELOCITIES, _speed),
     **dict.fromkeys(THRUSTERS, _signal),
     **dict.fromkeys((dof.position for dof in naming.ROTATIONS), _angle),
+    **dict.fromkeys((dof.velocity for dof in naming.ROTATIONS), _rate),
     **dict.fromkeys((dof.command for dof in naming.ROTATIONS), _moment),
 }
 

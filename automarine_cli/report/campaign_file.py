@@ -84,11 +84,13 @@ def _(result: NewCampaign) -> Sections:
         for column in look.columns
     ]  # fmt: skip
     asked = [f"{column.source}: {column.open}" for column in look.columns if column.open]
+    offered = [column.source for column in look.columns if f"\n# {toml_line(column.key, column.source)}" in result.text]
+    offers = f": {listed(offered)} is read only where it says so" if offered else ""
     to_answer = f"{plural(len(questions), 'question')} to answer: {', '.join(questions)}."
     return Sections([
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
         Table.of("Columns", columns, asked) if columns else f"No column is recognised; {UNITS_LINE}.",
-        to_answer if questions else "No open questions; check the file before running it.",
+        to_answer if questions else f"No open questions; check the file before running it{offers}.",
         *([f"Look at the runs: {plural(count, 'page')} of figures in {result.pictures}."] if count else ()),
         *(["Some logs are not used; the campaign file says which and why."] if "# Not used" in result.text else ()),
         *([f"Columns not read: {listed(look.unused)}."] if look.unused else ()),
@@ -270,7 +272,8 @@ def _column(column: Recognised, look: Survey) -> Line:
     if quantity == YAW.position and followed + against:
         seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
     if question and not column.ask and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
-        return f"# {toml_line(key, column.source)}  # {seen}; {question}"  # nothing depends on it
+        question = question.partition(" Then write")[0]  # nothing depends on it
+        return f"# {toml_line(key, column.source)}  # {seen}; {question} Then take the first # away"
     if question and not column.ask:
         return key, OPEN, f"{column.source}, {seen}: {question}"
     if question:

@@ -65,6 +65,7 @@ def answer(folder: Path, answers: Mapping[str, str]) -> Path:
 
 
 RADIANS: Column = lambda run: (run.position + np.pi) % (2 * np.pi) - np.pi  # noqa: E731
+RATE: Column = lambda run: np.gradient(run.position, run.time)  # noqa: E731
 ROTATIONS: dict[str, tuple[dict[str, Column], dict[str, Any], tuple[str, ...], tuple[str, ...]]] = {
     "canonical": (
         CANONICAL, {}, (),
@@ -92,6 +93,16 @@ ROTATIONS: dict[str, tuple[dict[str, Column], dict[str, Any], tuple[str, ...], t
         TIME | {"q7": HEADING["heading_deg"]} | MOMENT, {"heading_deg": "?"}, ("columns.heading_deg",),
         ("no column looks like the heading; the logs have time_s, q7, tau",
          "4 logs; 4 of them show what they are once the questions are answered"),
+    ),
+    "a yaw rate whose name tells the unit": (
+        CANONICAL | {"yaw_rate_radps": RATE}, {"yaw_rate_rad_s": "yaw_rate_radps"}, (), (),
+    ),
+    "a yaw rate without a unit, slow": (
+        CANONICAL | {"yaw_rate": RATE}, {}, (),
+        ('\n# yaw_rate_rad_s = "yaw_rate"  #', "is this the yaw rate in rad/s, not in deg/s? Then take the first # away"),
+    ),
+    "a yaw rate without a unit, fast": (
+        CANONICAL | {"gyro_z": lambda run: np.rad2deg(RATE(run))}, {}, (), ('\n# yaw_rate_deg_s = "gyro_z"  #',),
     ),
     "thruster commands": (
         TIME | HEADING | {"port": lambda run: run.command, "stbd": lambda run: -run.command},
