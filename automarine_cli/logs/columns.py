@@ -208,6 +208,7 @@ WORDS: Mapping[str, Sequence[str]] = {
 _CALLED = {
     "n": "control signal",
     **{dof.command: dof.words.full_force for dof in DOFS.values()},
+    **{name: f"{name} speed" for name in VELOCITIES},
     **{name: f"{mount} thruster command" for dof in DOFS.values() for name, mount in zip(dof.thrusters, dof.mounts)},
 }
 
