@@ -85,7 +85,7 @@ def _(result: NewCampaign) -> Sections:
     ]  # fmt: skip
     asked = [f"{column.source}: {column.open}" for column in look.columns if column.open]
     offered = [column.source for column in look.columns if f"\n# {toml_line(column.key, column.source)}" in result.text]
-    offers = f": {listed(offered)} is read only where it says so" if offered else ""
+    offers = f": it offers to read {listed(offered)} too" if offered else ""
     to_answer = f"{plural(len(questions), 'question')} to answer: {', '.join(questions)}."
     return Sections([
         Table.of("Logs", [{"kind": kind, "logs": logs} for kind, logs in kinds.items()]),
