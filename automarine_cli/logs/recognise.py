@@ -289,7 +289,7 @@ def _rate(quantity: str, source: str, span: Span) -> Recognised:
     if unit := _unit_in(source, RATE_UNITS):
         return Recognised(_name(quantity, unit), source, f"{span}")
     likely, other = ("rad/s", "deg/s") if max(abs(span.low), abs(span.high)) <= FASTEST_RAD_S else ("deg/s", "rad/s")
-    why = f"is this the {naming.called(quantity)} in {likely}, not in {other}?"
+    why = f'is this the {naming.called(quantity)} in {likely}, not in {other}? Then write "{source}"'
     return Recognised(_name(quantity, likely), source, f"{span}", open=why)
 
 

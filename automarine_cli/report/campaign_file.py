@@ -83,8 +83,8 @@ def _(result: NewCampaign) -> Sections:
          "values": column.evidence, "sure?": "asked" if column.open else "sure"}
         for column in look.columns
     ]  # fmt: skip
-    asked = [f"{column.source}: {column.open}" for column in look.columns if column.open]
-    offered = [column.source for column in look.columns if f"\n# {toml_line(column.key, column.source)}" in result.text]
+    asked = [f"{column.source}: {_question(column)}" for column in look.columns if column.open]
+    offered = [column.source for column in look.columns if _is_offered(column)]
     offers = f": it offers to read {listed(offered)} too" if offered else ""
     to_answer = f"{plural(len(questions), 'question')} to answer: {', '.join(questions)}."
     return Sections([
@@ -266,14 +266,24 @@ def _splitting(layout: Layout) -> Iterator[Line]:
         yield (key, name, text) if name in sure else f"# {toml_line(key, name)}  # {text}? Then write this line"
 
 
+def _is_offered(column: Recognised) -> bool:
+    """Whether the file offers a column in a comment, as nothing depends on it."""
+    needed = CANONICAL[column.key].quantity in (*NEEDED, *YAW.thrusters, "n", "force")
+    return bool(column.open) and not column.ask and not needed
+
+
+def _question(column: Recognised) -> str:
+    answer = f'Then write "{column.source}"'
+    return column.open.replace(answer, "Then take the # before its line away") if _is_offered(column) else column.open
+
+
 def _column(column: Recognised, look: Survey) -> Line:
-    key, seen, rule, question = column.key, column.evidence, column.rule, column.open
+    key, seen, rule, question = column.key, column.evidence, column.rule, _question(column)
     quantity, (followed, against) = CANONICAL[key].quantity, look.turns
     if quantity == YAW.position and followed + against:
         seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
-    if question and not column.ask and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
-        question = question.partition(" Then write")[0]  # nothing depends on it
-        return f"# {toml_line(key, column.source)}  # {seen}; {question} Then take the first # away"
+    if _is_offered(column):
+        return f"# {toml_line(key, column.source)}  # {seen}; {question}"
     if question and not column.ask:
         return key, OPEN, f"{column.source}, {seen}: {question}"
     if question:

@@ -325,8 +325,7 @@ def _contradictions(n: Floats, force: Floats) -> Outliers:
 def _unit_of_scatter(n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_], scale: float) -> Floats:
     """What each reading's scatter is in proportion to, shape (P,): one, or its thrust as a share of full scale where
     that makes the good readings' deviations from their neighbours likelier (as Laplace's: a mean, not a square)."""
-    members, smooth, _, _ = _courses(n, force, level, good, np.ones(len(n)))
-    middle = np.array([np.median(force[index]) for index in members])
+    members, middle, smooth, _, _ = _courses(n, force, level, good, np.ones(len(n)))
     judged = np.isfinite(smooth)
     share = np.maximum(np.abs(np.where(judged, smooth, middle)) / scale, RISE)
     off, thrust = np.abs(middle - smooth)[judged], share[judged]
@@ -355,7 +354,7 @@ def _falls(n: Floats, force: Floats, level: Ints, scale: float, unit: Floats) ->
     order = np.lexsort((force, n))
     strict = np.isin(np.arange(len(n)), order[_longest_rise(force[order], np.full(len(n), RISE * scale))])
     # The strict chain is smoother than the noise, the whole table rougher where it is contaminated.
-    rough, smoother = (_courses(n, force, level, good, unit)[2] for good in (np.ones_like(strict), strict))
+    rough, smoother = (_courses(n, force, level, good, unit)[3] for good in (np.ones_like(strict), strict))
     tolerance = np.maximum(RISE * scale, RISE_MADS * min(rough, 2.0 * smoother) * unit)
     on_chain = np.isin(np.arange(len(n)), _longest_rise(force[order], tolerance[order]))
     outliers: Outliers = {}
@@ -389,9 +388,9 @@ def _longest_rise(force: Floats, tolerance: Floats) -> Ints:
 
 def _courses(
     n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_], unit: Floats
-) -> tuple[list[Ints], Floats, float, float]:
-    """Indices of each level's readings, what the levels around it say [N], and robust standard deviations [N] in the
-    readings' `unit` (P,): about a smooth curve, or of repeats if that is larger, and of repeats alone."""
+) -> tuple[list[Ints], Floats, Floats, float, float]:
+    """Indices of each level's readings, their median, what the levels around it say [N], and robust standard deviations
+    [N] in the readings' `unit` (P,): about a smooth curve, or of repeats if that is larger, and of repeats alone."""
     members = [np.flatnonzero(good & (level == number)) for number in np.unique(level[good])]
     middle = np.array([np.median(force[index]) for index in members])
     smooth = left_out(np.array([np.median(n[index]) for index in members]), middle)
@@ -403,14 +402,14 @@ def _courses(
     if len(off):
         # Median and lower quartile of a normal sample; in a coarse table half of the levels may stand by a bad one.
         rough = min(1.4826 * float(np.median(off)), 3.139 * float(np.quantile(off, 0.25)))
-    return members, smooth, max(rough, repeats), repeats
+    return members, middle, smooth, max(rough, repeats), repeats
 
 
 def _off_course(
     n: Floats, force: Floats, level: Ints, good: NDArray[np.bool_], scale: float, unit: Floats
 ) -> tuple[Floats, Floats]:
     """Deviation [N] from repeats at the same command or the smooth curve, and its limit, shape (P,)."""
-    members, smooth, rough, noise = _courses(n, force, level, good, unit)
+    members, _, smooth, rough, noise = _courses(n, force, level, good, unit)
     repeat = np.maximum(RISE * scale, REPEAT_MADS * noise * unit)
     course = np.maximum(SMOOTH * scale, SMOOTH_MADS * rough * unit)
     deviations, limits = np.zeros(len(n)), np.full(len(n), scale)

@@ -99,7 +99,7 @@ ROTATIONS: dict[str, tuple[dict[str, Column], dict[str, Any], tuple[str, ...], t
     ),
     "a yaw rate without a unit, slow": (
         CANONICAL | {"yaw_rate": RATE}, {}, (),
-        ('\n# yaw_rate_rad_s = "yaw_rate"  #', "yaw rate in rad/s, not in deg/s? Then take the first # away"),
+        ('\n# yaw_rate_rad_s = "yaw_rate"  #', "rad/s, not in deg/s? Then take the # before its line away"),
     ),
     "a yaw rate without a unit, fast": (
         CANONICAL | {"gyro_z": lambda run: np.rad2deg(RATE(run))}, {}, (), ('\n# yaw_rate_deg_s = "gyro_z"  #',),
