@@ -534,12 +534,16 @@ def _fit_whole_model(
 ) -> whole_runs.OutputErrorFit:
     largest = max(float(np.abs(run.command).max()) for run in runs)
     two_way = driven.both_ways(runs)
+    needed = np.inf
     for step in driven.MAX_STEPS_S:
-        batch = make_batch(runs, step, channels=channels)
+        if needed < 0.5 * step:
+            continue
+        batch = make_batch(runs, step, channels=channels, settled_step=step)
         fit = whole_runs.fit_by_direction(
             partial(whole_runs.fit_whole_runs, batch, number, at_rest, priors=priors), batch.dof, two_way
         )
-        if step_for(fit.model, largest) >= 0.5 * step:
+        needed = step_for(fit.model, largest)
+        if needed >= 0.5 * step:
             return fit
     answers = f"model {number} answers within {1000 * fit.model.fastest(largest):.0f} ms, faster than these logs show"
     raise FitError(f"{answers}; check the units of {runs[0].dof.words.force} and time")
