@@ -10,6 +10,7 @@ DOCS_READY := $(VENV)/.docs-ready
 PEERS_READY := $(VENV)/.peers-ready
 AUTOMARINE := $(BIN)/automarine
 BENCHMARK := PYTHONPATH=tests/helpers $(BIN)/python tests/benchmarks
+unexport PYTHONDONTWRITEBYTECODE # with it each of many processes compiles the package again
 SHARED := -n auto --dist loadfile --no-loadscope-reorder
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help

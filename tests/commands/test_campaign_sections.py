@@ -44,6 +44,7 @@ def nothing_to_do(campaign: Campaign, step: str, out: Path) -> str:
     return str(reason.value)
 
 
+@pytest.mark.slow
 def test_heave_has_its_own_steps_and_report(tmp_path: Path) -> None:
     file, out = campaign_file(tmp_path, HEAVE), tmp_path / "out"
     result = run_campaign(file, out=out, until="validate-heave")

@@ -296,7 +296,7 @@ def campaign(folder: Path, volts: tuple[float, ...]) -> Path:
 def test_a_supply_beyond_the_tests_is_a_caution(tmp_path: Path, run: Callable[..., Result]) -> None:
     file, out = campaign(tmp_path / "pool", (12.0, 16.0)), tmp_path / "out"
     text = file.read_text()
-    for supply, beyond in ((16.3, False), (11.7, False), (22.0, True), (8.0, True)):
+    for supply, beyond in ((11.7, False), (22.0, True), (8.0, True)):
         file.write_text(text.replace("16.0", f"{supply}"))
         result = run("run", file, "-o", out)
         assert result.exit_code == 0, result.output

@@ -20,7 +20,10 @@ Run = Callable[..., Result]
 STEPS = SAMPLE_RUNS / "hidden_one"
 
 
-@pytest.mark.parametrize(("columns", "least", "most"), [(60, 40, 60), (200, 100, 200), (0, 61, 80)])
+@pytest.mark.parametrize(
+    ("columns", "least", "most"),
+    [(60, 40, 60), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((200, 100, 200), (0, 61, 80)))],
+)
 def test_tables_fit_the_terminal(columns: int, least: int, most: int) -> None:
     """One that tells no width has 80 columns."""
     status, printed = on_terminal("check", "-v", STEPS, columns=columns, NO_COLOR="1")

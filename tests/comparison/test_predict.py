@@ -221,7 +221,7 @@ def test_a_planar_prediction_has_the_track_and_holds_its_ends(tmp_path: Path) ->
     """Runs of an integrator by momentum whose thrust scatters by 2 %."""
     model = quadratic_drags(20.0, 32.0, 2.6, drags=(18.0, 60.0, 4.0))
     path = planar_file(tmp_path / "planar_model.json")
-    runs = campaign(CRAFTS["munk-moment"], 3, 14, 12.0)
+    runs = campaign(CRAFTS["munk-moment"], 3, 7, 12.0)
     logs = {}
     for i, run in enumerate(runs):
         columns = {"time_s": run.time, "heading_deg": np.rad2deg(run.position), "tau_Nm": run.command}

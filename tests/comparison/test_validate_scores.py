@@ -59,6 +59,7 @@ def test_noisy_runs_score_their_noise(stored: StoredModels, noise_deg: float) ->
     assert overall["restarted_rmse"].value < 3 * noise_deg
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise_deg", "scatter", "gyro_deg_s"), [(1.0, 0.0, 0.0), (0.3, 0.06, 0.0), (1.0, 0.02, 0.8)])
 def test_the_restarted_error_expected(
     stored: StoredModels, noise_deg: float, scatter: float, gyro_deg_s: float
@@ -206,7 +207,7 @@ def test_fit_percent() -> None:
 
 
 def test_a_model_that_runs_away_is_told_of(stored: StoredModels) -> None:
-    wild = Model.base("2", 1e-3, (0.0, -50.0), "nu", YAW)
+    wild = Model.base("2", 0.1, (0.0, -50.0), "nu", YAW)
     result = compare(replace(stored, models={"2": wild, "3": TRUE}), noisy(3))
     assert result.models["2"].diverged == ("run 0", "run 1", "run 2") and result.best == "3"
     assert result.to_json()["models"]["2"]["runs"]["run 0"]["diverged"] is True  # type: ignore[index]

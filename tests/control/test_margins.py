@@ -82,9 +82,8 @@ def tuned(target: Target) -> Gains:
     return {key: value[:, None] for key, value in target.propose(np.full((1, target.numbers), 0.5), nominal).items()}
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n.startswith("ardu") else n for n in TARGETS]
-)  # the firmware's loop is the quickest
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TARGETS)
 def test_flights_begin_to_swing_where_the_delay_margin_says(name: str) -> None:
     """The stack in time and the stack in frequency are one: a delay just short of the margin dies out, beyond grows."""
     target = get(name)

@@ -70,7 +70,8 @@ def true_margin(boat: Boat, pid: Pid, speed: float = SPEED) -> float:
     return float(2.0 / np.max(np.abs((1.0 - loop) / (1.0 + loop))))
 
 
-@pytest.mark.parametrize(("seed", "side"), [(0, -1), pytest.param(1, 1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "side"), [(0, -1), (1, 1)])
 def test_a_true_boat_answers_as_promised(seed: int, side: int, tmp_path: Path) -> None:
     boat, out = Boat(effect=0.8, damping=0.9, quadratic=0.4, side=side), tmp_path / "out"
     tuned = am.tune(written(tmp_path, boat.model(seed)), target="pid", full=FULL_DEG, out=out, seed=seed)

@@ -49,7 +49,8 @@ CAREFUL = {"ATC_ANG_YAW_P": 0.5, "ATC_RAT_YAW_P": 0.1, "ATC_RAT_YAW_D": 0.01, "A
 @pytest.mark.parametrize(
     ("inertia", "drag", "full", "lag", "delay", "changed"),
     [
-        (0.59, 1.5, 30.0, 0.03, 0.02, {}), (1.018, 1.257, 1.2, 0.15, 0.3, {}), (29.0, 30.0, 40.0, 0.2, 0.5, {}),
+        (0.59, 1.5, 30.0, 0.03, 0.02, {}), pytest.param(1.018, 1.257, 1.2, 0.15, 0.3, {}, marks=pytest.mark.slow),
+        pytest.param(29.0, 30.0, 40.0, 0.2, 0.5, {}, marks=pytest.mark.slow),
         (0.59, 1.5, 30.0, 0.1, 0.05, CAREFUL),
     ],
 )  # fmt: skip

@@ -89,7 +89,8 @@ def test_gains_are_better_than_the_defaults_that_swing(tmp_path: Path) -> None:
     assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 9
 
 
-@pytest.mark.parametrize(("delay", "margin"), [(0.01, 0.75), pytest.param(0.02, 0.6, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("delay", "margin"), [(0.01, 0.75), (0.02, 0.6)])
 def test_a_fast_vehicle_keeps_its_defaults(delay: float, margin: float, run: Run, tmp_path: Path) -> None:
     """So much moment for so little inertia, and hardly late: the defaults keep the margin. At 0.02 s they keep 0.74 at
     best, whatever the inertia."""
@@ -101,6 +102,7 @@ def test_a_fast_vehicle_keeps_its_defaults(delay: float, margin: float, run: Run
     assert not (out / "ardusub.param").exists()
 
 
+@pytest.mark.slow
 def test_a_plain_fit_promises_gains_with_the_delay_that_it_estimated(run: Run, tmp_path: Path) -> None:
     late = estimate(0.1, "s", 0.01)
     path = written(tmp_path, model(0.3, 1.0, 30.0) | {"command_delay_s": late})
@@ -122,8 +124,6 @@ def test_nothing_is_promised_where_the_delay_is_not_known(run: Run, tmp_path: Pa
     result = json.loads((out / "tuning.json").read_text())
     assert result["verdict"] == "cannot-promise" and result["gains"] == {} and result["promised"] is None
     assert not (out / "pid.json").exists()
-    known = run("tune", path, "--for", "pid", "--full", "30", "--delay", "0.02", "--json")
-    assert json.loads(known.stdout)["verdict"] == "gains"
 
 
 @pytest.mark.slow

@@ -41,6 +41,7 @@ def trial(study: DiagnosisProblem, model: Model, *added: str) -> CandidateFit:
     return candidate_fit(study, model, added, study.fit(model))
 
 
+@pytest.mark.slow
 def test_drag_that_nothing_asks_for_is_dropped_and_what_is_lacking_added() -> None:
     runs = campaign("bias-moment")
     study, model = study_of(runs, base_for("")), base_for("").with_effect("bias-moment", [0.05])

@@ -21,11 +21,8 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
+pytestmark = pytest.mark.slow
 IN_YAW = [name for name in effects.names() if effects.get(name).acts_in(YAW)]
-FAST = "dead-band"  # the one that `make test` plants
-EVERY_EFFECT = pytest.mark.parametrize(
-    "name", [FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in IN_YAW if name != FAST)]
-)
 
 
 def look_alikes(name: str) -> set[str]:
@@ -51,7 +48,7 @@ def held(found: Diagnosis) -> list[set[str]]:
     return [{one.name, *(rival.name for rival in one.rivals)} for one in found.effects]
 
 
-@EVERY_EFFECT
+@pytest.mark.parametrize("name", IN_YAW)
 def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str) -> None:
     found = judge(campaign(name), base_for(name), look_alikes(name))
     assert found.verdict == "named"
@@ -59,7 +56,6 @@ def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str) -> None
     assert found.fitted.gap.after < found.fitted.gap.before and found.fitted.gap.after < 1.05 * found.fitted.gap.floor
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_nothing_planted_nothing_named(seed: int) -> None:
     found = judge(campaign(seed=seed), base_for(""))
@@ -68,7 +64,6 @@ def test_nothing_planted_nothing_named(seed: int) -> None:
     assert all(0 < size < np.inf for size in found.detectable.values())
 
 
-@pytest.mark.slow
 def test_a_tether_that_snags_is_not_in_the_library() -> None:
     """Now and then something holds the vehicle for a few seconds: no name fits, and none is given."""
     random = np.random.default_rng(5)
@@ -88,7 +83,6 @@ def of_bias() -> Diagnosis:
     return judge(campaign("bias-moment"), base_for(""), look_alikes("bias-moment"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("units", [False, True], ids=["mirrored, in another order", "by another clock, in other units"])
 def test_the_same_data_told_otherwise_give_the_same(units: bool) -> None:
     runs, effect, there, ten = campaign("bias-moment"), effects.get("bias-moment"), of_bias(), 10.0 if units else 1.0

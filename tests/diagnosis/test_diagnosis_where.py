@@ -89,7 +89,8 @@ def driven_regions(seed: int, sea: Sea, count: int = 8, length: float = 30.0) ->
     return find_where(study, trial, 0)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
 def test_what_a_controller_answers_stands_out_nowhere(seed: int) -> None:
     """In a loop the command and the rate at the end of a prediction answer the disturbance that made it miss."""
     assert driven_regions(seed, Sea(size=0.2)).regions == ()

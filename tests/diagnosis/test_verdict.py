@@ -68,9 +68,8 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Judge]:
         yield lambda runs, hold_out=(): diagnose_runs(runs, base_for(NAME), hold_out=hold_out)
 
 
-@pytest.mark.parametrize(
-    ("steadier", "verdict"), [pytest.param(-1.0, "named", marks=pytest.mark.slow), (1.0, "suspected")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("steadier", "verdict"), [(-1.0, "named"), (1.0, "suspected")])
 def test_a_name_that_changes_nothing_is_only_suspected(
     steadier: float, verdict: str, diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,7 +115,8 @@ def test_a_variable_that_stands_out_is_named_where_no_effect_gains(diagnosed: Ju
     assert found.where.regions[0].variable in found.why and "No effect of the library" in found.why
 
 
-@pytest.mark.parametrize("followed", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("followed", [False, True])
 def test_effects_that_undo_each_other_keep_their_names_only_where_runs_held_out_are_followed(
     followed: bool, diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:

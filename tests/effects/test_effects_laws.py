@@ -255,6 +255,7 @@ def test_own_phases_are_the_run_s_and_not_the_model_s() -> None:
     np.testing.assert_allclose(headings(model, RUNS), headings(BASE, RUNS), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_amplitude_and_period_of_such_waves_are_recovered() -> None:
     study = study_of(wavy(1), BASE)
     trial = fitted(study, "periodic-disturbance", (0.0, 0.0, 3.0, 1.0))

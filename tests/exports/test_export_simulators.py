@@ -41,6 +41,9 @@ WITH: dict[str, dict[str, dict[str, float]]] = {
 }  # fmt: skip
 
 
+QUICK = ("drag", "dry friction", "all")
+
+
 def in_mujoco(text: str, moments: Floats, step: float) -> Floats:
     """Positions of the file's joint at the ends of steps over which controls are held, in MuJoCo itself."""
     mujoco = pytest.importorskip("mujoco", minversion="3.7")
@@ -61,8 +64,10 @@ def commanded(step: float) -> Floats:
     return np.concatenate([np.full(round(seconds / step), moment) for moment, seconds in SEQUENCE])
 
 
-@pytest.mark.parametrize("case", WITH)
-@pytest.mark.parametrize(("frame", "sign"), [("ENU", 1.0), ("NED", -1.0)])
+@pytest.mark.parametrize(
+    "case", [*QUICK, *(pytest.param(case, marks=pytest.mark.slow) for case in WITH if case not in QUICK)]
+)
+@pytest.mark.parametrize(("frame", "sign"), [("ENU", 1.0), pytest.param("NED", -1.0, marks=pytest.mark.slow)])
 def test_mujoco_moves_the_file_as_we_do(tmp_path: Path, case: str, frame: str, sign: float) -> None:
     """Within 0.1 degrees over 60 s of steps and reversals."""
     path = model_file(tmp_path, WITH[case])

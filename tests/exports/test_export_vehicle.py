@@ -86,7 +86,9 @@ def flown(text: str, run: Run, commands: Floats, state: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("frame", ["NED", pytest.param("ENU", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("motion", LOGS)
+@pytest.mark.parametrize(
+    "motion", [pytest.param(motion, marks=[pytest.mark.slow] * (motion in ("sway", "yaw"))) for motion in LOGS]
+)
 def test_the_python_vehicle_flies_the_validation_logs_of_each_motion(tmp_path: Path, motion: str, frame: str) -> None:
     """As `validate` simulates them, within 1e-5 rad or m (its step is halved until 0.01 degrees or cm)."""
     files = model_files(tmp_path, "surge", "sway", "yaw", *(["roll", "pitch"] if motion == "roll" else []))
@@ -106,8 +108,9 @@ def test_the_python_vehicle_flies_the_validation_logs_of_each_motion(tmp_path: P
     assert not others[:, 3:].any()  # nothing else turns or moves
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["NED", "ENU"])
-@pytest.mark.parametrize("log", ["zigzag", pytest.param("crabwise", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("log", ["zigzag", "crabwise"])
 def test_a_planar_model_among_the_files_flies_its_validation_logs(tmp_path: Path, log: str, frame: str) -> None:
     """With the Munk moment, m_vr, a drag by the other velocity and the current, beside roll."""
     files = [planar_file(tmp_path), *model_files(tmp_path, "roll")]
@@ -131,7 +134,7 @@ def test_a_planar_model_among_the_files_flies_its_validation_logs(tmp_path: Path
 def test_its_own_integrator_and_weight_that_turns_with_the_vehicle(tmp_path: Path) -> None:
     """simulate() rises as heave's constant force says; on its side the vehicle is pushed abeam, not up."""
     module = module_of(export(model_files(tmp_path, "sway", "heave", "roll"), to="python").text)
-    time = np.arange(0.0, 60.0, 0.1)
+    time = np.arange(0.0, 30.0, 0.1)
     steady = module.simulate(time, np.zeros((len(time), 6)))[-1, 8]
     assert steady == pytest.approx(-(-3 + np.sqrt(9 + 4 * 40 * 2)) / 80, rel=1e-3)  # 45 less the half difference
     state = np.zeros(12)

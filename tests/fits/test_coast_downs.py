@@ -71,14 +71,8 @@ def test_coast_downs_alone_give_ratios(tmp_path: Path, seed: int, side: float) -
     assert read.exit_code == 0 and json.loads(read.stdout)["models"]["2"]["rmse_deg"] < 3.0  # of 100 degrees
 
 
-@pytest.mark.parametrize(
-    "dof",
-    [
-        pytest.param(dof, marks=[] if dof is HEAVE else pytest.mark.slow)
-        for dof in DOFS.values()
-        if not (dof.restoring or dof is YAW)
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("dof", [dof for dof in DOFS.values() if not (dof.restoring or dof is YAW)])
 def test_coast_downs_of_every_motion(tmp_path: Path, dof: Dof) -> None:
     coasts(tmp_path, dof, 4)
     fit = FITS[dof.name](tmp_path)

@@ -157,6 +157,7 @@ def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     assert because.startswith(f"Of {len(tried)} structures this one has the best evidence")
 
 
+@pytest.mark.slow
 def test_linear_drag_is_fitted_as_its_promise_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """In place of a quadratic one of which nothing would be left, else beside it."""
     runs = (made(0),)

@@ -86,6 +86,7 @@ def test_the_right_model_is_preferred_and_gm_is_in_metres(of_known: YawFit) -> N
     assert swing["damped_period_s"].value == pytest.approx(PERIOD / np.sqrt(1.0 - DAMPING**2), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_decays_alone_give_the_same_ratios(of_known: YawFit) -> None:
     fit = fitted(decays(1, count=3), known=None, mass=38.0)
     swing, same = fit.swing, of_known.swing

@@ -88,18 +88,18 @@ def test_noise_moves_the_tail_forward_and_steady_turns_move_it_back() -> None:
     assert np.degrees(noisy(0, 1.0, Vehicle(0.5, 0.0, 1.257)).tail_from) < starts[2]
 
 
-def test_ten_campaigns_of_72_runs_come_out_right() -> None:
+def test_six_campaigns_of_72_runs_come_out_right() -> None:
     """1 degree, 10 Hz, 3 % scatter: model 3 within 2 % (inertia 5 %), and the interval of k_r of model 2 holds zero."""
     moments = 3 * both_ways([0.1 * i for i in range(1, 13)])
     vehicle, held = Vehicle(1.018, 0.0, 1.240), 0
-    for seed in range(10):
+    for seed in range(6):
         fit = paper_method(moments, seed=seed, vehicle=vehicle, gain_scatter=0.03)
         assert abs(fit.drag["3"].drag[1] / vehicle.k_rr - 1) < 0.02
         assert abs(fit.inertia["3"].overall.value / vehicle.inertia - 1) < 0.05
         low, high = fit.drag["2"].estimates["k_r"].ci95
         held += low <= 0 <= high
         assert abs(fit.drag["2"].drag[0]) < 0.08
-    assert held >= 9
+    assert held >= 5
 
 
 def test_mirrored_campaigns_with_noise_give_the_same_tables() -> None:
@@ -126,8 +126,8 @@ def paper_method(moments: Sequence[float], **how: Any) -> VelocityErrorFit:
 
 
 def test_standard_error_of_the_inertia_is_its_spread_over_campaigns() -> None:
-    """60 campaigns of 12 runs with noise; drag is estimated from the same tails."""
-    fits = [noisy(seed, 1.0) for seed in range(60)]
+    """40 campaigns of 12 runs with noise; drag is estimated from the same tails."""
+    fits = [noisy(seed, 1.0) for seed in range(40)]
     tables = [fit.inertia["3"].overall for fit in fits]
     values, errors = [table.value for table in tables], [table.stderr for table in tables]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(values, ddof=1), rel=0.3)

@@ -247,7 +247,7 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
         return [attempt if number == "1" else (None, why) for number, attempt in zip(numbers, attempts)]
 
     monkeypatch.setattr(driven_module, "driven_fits", refusing)
-    runs = steered(3, 1, length=12.0, period=0.02)
+    runs = steered(3, 1, length=8.0, period=0.02)
     fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
     assert list(fit.output_error) == ["1"]
     for number in "23":

@@ -79,7 +79,10 @@ def fitted(runs: list[Run], kind: str, known: Priors) -> OutputErrorFit:
     return driven_fit(course, rough_model("3", make_batch(runs, 0.1)), "3", known)
 
 
-@pytest.mark.parametrize(("kind", "within"), [("half-turns", 0.03), ("whole-runs", 0.06), ("driven", 0.06)])
+@pytest.mark.parametrize(
+    ("kind", "within"),
+    [("half-turns", 0.03), ("whole-runs", 0.06), pytest.param("driven", 0.06, marks=pytest.mark.slow)],
+)
 def test_a_known_inertia_sets_the_scale_of_the_drag(kind: str, within: float) -> None:
     """Logs that tell 1.15 times the moments that acted: inertia and drag come out too large, but not their ratio."""
     runs = campaign((0.4, -0.6, 0.8, -1.0), seed=3)
@@ -97,7 +100,7 @@ def test_a_known_inertia_sets_the_scale_of_the_drag(kind: str, within: float) ->
     assert held["I_r"].known and not held["k_rr"].known
 
 
-@pytest.mark.parametrize("kind", ["half-turns", "whole-runs", "driven"])
+@pytest.mark.parametrize("kind", ["half-turns", "whole-runs", pytest.param("driven", marks=pytest.mark.slow)])
 def test_a_prior_moves_the_estimate_by_the_textbook_amount(kind: str) -> None:
     """Means weigh by their precisions, and precisions add; of a positive parameter on the logarithm."""
     runs = steered(3, 4, length=20.0) if kind == "driven" else campaign(seed=1, gain_scatter=0.03)

@@ -129,6 +129,7 @@ def test_a_rudder_is_no_noise_about_its_mean() -> None:
     assert np.ptp(np.array(signals_of([noisy], "voltage"))) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rudder", "at_most"), [(3.0, 0.01), (2.0, 0.6)])
 def test_validate_tells_overshoot_angles_in_the_plane(rudder: float, at_most: float) -> None:
     """Those of the model that made the log are those of the log; with less rudder they differ."""

@@ -152,7 +152,7 @@ class Kind:
     good: Callable[[], bytes]
     suffix: str
     judge: Callable[[Path], None]
-    cases: int = 50
+    cases: int = 30
 
 
 KINDS = {

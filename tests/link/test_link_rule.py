@@ -148,7 +148,7 @@ FAULTS: dict[str, Act] = {
 }
 
 
-@pytest.mark.parametrize("says_stop", [False, True])
+@pytest.mark.parametrize("says_stop", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_campaign_that_is_damaged_while_it_plays_is_over(
     fault: str, says_stop: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

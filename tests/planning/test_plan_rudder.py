@@ -28,9 +28,13 @@ def planned(folder: Path, side: int = 1, limits: str = "pool = { runs = 8 }", **
     return result
 
 
-def test_a_zigzag_goes_over_where_the_heading_is_off_by_its_angle(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    return planned(tmp_path_factory.mktemp("plan"))
+
+
+def test_a_zigzag_goes_over_where_the_heading_is_off_by_its_angle(plan: Plan) -> None:
     """By scipy's integrator, of the model that was planned with."""
-    plan = planned(tmp_path)
     zigzags = [run for run in plan.candidates if run.kind == "zigzag"]
     assert zigzags and {run.kind for run in plan.candidates} <= {"zigzag", "turning-circle"}
     model = plan.fitting.model
@@ -73,9 +77,8 @@ def test_the_limits_bound_the_rudder(tmp_path: Path) -> None:
         planned(tmp_path / "far", limits="moments = { largest = 120.0 }")
 
 
-def test_gain_and_time_are_as_sure_as_what_they_are_made_of(tmp_path: Path) -> None:
+def test_gain_and_time_are_as_sure_as_what_they_are_made_of(plan: Plan, tmp_path: Path) -> None:
     """Beside quadratic drag the damping about rest is all coupling: K is as sure as that, and is its inverse."""
-    plan = planned(tmp_path)
     inertia, *_, coupling = plan.fitting.model.theta
     gain, time, c = (plan.alone[name] for name in ("K", "T", "cross-coupling c"))
     assert gain.value == pytest.approx(-1.0 / (coupling * SPEED)) and time.value == pytest.approx(inertia * gain.value)
@@ -85,11 +88,11 @@ def test_gain_and_time_are_as_sure_as_what_they_are_made_of(tmp_path: Path) -> N
     assert more.alone["K"].stderr < gain.stderr and more.alone["T"].stderr < time.stderr
 
 
-def test_several_speeds_are_asked_for_only_where_the_model_depends_on_them(tmp_path: Path) -> None:
-    assert len({run.speed for run in planned(tmp_path).candidates}) > 1
+def test_several_speeds_are_asked_for_only_where_the_model_depends_on_them(plan: Plan, tmp_path: Path) -> None:
+    assert len({run.speed for run in plan.candidates}) > 1
     damping = {"value": 0.9, "stderr": 0.03, "ci95": [0.84, 0.96], "unit": "rad s"}
     models = {"1": {"I_r": {"value": 0.9, "stderr": 0.03, "ci95": [0.84, 0.96], "unit": "rad s²"}, "k_r": damping}}
     nomoto = {"positive_rudder_turns_to": "port"}
-    plan = planned(tmp_path / "plain", preferred="1", models=models, effects=[], nomoto=nomoto)
-    assert {run.speed for run in plan.candidates} == {None}
-    assert plan.alone["K"].value == pytest.approx(1.0 / 0.9) and plan.alone["T"].value == pytest.approx(1.0)
+    plain = planned(tmp_path / "plain", preferred="1", models=models, effects=[], nomoto=nomoto)
+    assert {run.speed for run in plain.candidates} == {None}
+    assert plain.alone["K"].value == pytest.approx(1.0 / 0.9) and plain.alone["T"].value == pytest.approx(1.0)

@@ -55,6 +55,7 @@ def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> 
     assert campaign.notes == ()
 
 
+@pytest.mark.slow
 def test_what_the_limits_do_not_split_is_said() -> None:
     limits = replace(LIMITS, pool=Pool(minutes=4, runs=3), runs=Runs(kinds=("step", "coast-down")))
     campaign = planned(limits, MODEL.with_effect("thruster-lag", (0.06,)), (Ambiguity("thruster-lag", "input-delay"),))

@@ -48,12 +48,13 @@ def test_what_is_true_fits_itself() -> None:
     assert misfit < 1e-3 and end.model.theta[:3] == pytest.approx(true.model.theta[:3], rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values", "rival", "more"),
     [
         ("dead-band", (0.03,), "coulomb-drag", COASTS + RAMPS),
-        pytest.param("thruster-lag", (0.15,), "sensor-lag", COASTS * 2, marks=pytest.mark.slow),
-        pytest.param("water-swirl", (0.03, 10.0), "tether-spring", RAMPS, marks=pytest.mark.slow),
+        ("thruster-lag", (0.15,), "sensor-lag", COASTS * 2),
+        ("water-swirl", (0.03, 10.0), "tether-spring", RAMPS),
     ],
 )
 def test_steps_leave_a_tie(name: str, values: tuple[float, ...], rival: str, more: tuple[PaperRun, ...]) -> None:

@@ -18,7 +18,7 @@ from automarine_cli.simulation.specification import Specification
 
 
 def test_noise_is_white_and_as_large_as_asked() -> None:
-    settings = {"scatter": {"start_heading_deg": 180.0}, "runs": [{"kind": "sequence", "commands": [[0, 600]]}]}
+    settings = {"scatter": {"start_heading_deg": 180.0}, "runs": [{"kind": "sequence", "commands": [[0, 300]]}]}
     (run,) = make_campaign(pool_specification(noise_deg=1.5, **settings), 2)
     off = run.columns["heading_deg"] - 180.0
     assert off.std() == pytest.approx(1.5, rel=4 / np.sqrt(2 * len(off)))

@@ -70,9 +70,9 @@ def value(result: ThrusterDiagnosis, parameter: str) -> float:
     ("data", "thruster_map", "expected", "parameter", "truth", "close"),
     [
         (logs(dead_band), SQUARE, "dead-band", "n_0_forward", 0.12, 0.02),
-        (logs(exponent), SQUARE, "thrust-exponent", "p_backward", 1.6, 0.06),
+        pytest.param(logs(exponent), SQUARE, "thrust-exponent", "p_backward", 1.6, 0.06, marks=pytest.mark.slow),
         (logs(lambda n: square(np.clip(n, -0.8, 0.8))), SQUARE, "saturation", "n_sat_forward", 0.8, 0.02),
-        (logs(ahead_only), SQUARE, "dead-band", "n_0_forward", 0.12, 0.02),
+        pytest.param(logs(ahead_only), SQUARE, "dead-band", "n_0_forward", 0.12, 0.02, marks=pytest.mark.slow),
         (logs(lambda n: exponent(narrowed(n, 0.1))), SQUARE, "dead-band thrust-exponent", "n_0_forward", 0.1, 0.02),
         (logs(square), TIED, "thrust-asymmetry", "backward_over_forward", ASTERN / AHEAD, 0.0125),
         (logs(sagging, n=SHUFFLED), SQUARE, "battery-sag", "share_lost", 0.15, 0.02),
@@ -110,8 +110,8 @@ def test_voltage_is_named_where_it_was_varied() -> None:
 
 
 def test_nothing_planted_nothing_named() -> None:
-    """A claim in one of a hundred is what the threshold allows; here one of twelve at most."""
-    claims = [diagnose_thrusters(logs(square, seed), SQUARE, seed=seed) for seed in range(12)]
+    """A claim in one of a hundred is what the threshold allows; here one of eight at most."""
+    claims = [diagnose_thrusters(logs(square, seed), SQUARE, seed=seed) for seed in range(8)]
     assert sum(result.verdict != "nothing-missing" for result in claims) <= 1
     assert claims[0].effects == () and claims[0].extended_map["form"] == "square"
     even = diagnose_thrusters(logs(lambda n: AHEAD * n * np.abs(n)), TIED)

@@ -74,6 +74,7 @@ def test_levels_that_fall_are_refused(levels: list[tuple[float, float]]) -> None
         ThrusterMap.from_json({**data, "parameters": {"forward": wrong}})
 
 
+@pytest.mark.slow
 def test_an_s_shape_takes_the_spline_and_a_square_law_does_not(tmp_path: Path) -> None:
     forms = [bollard_test(tmp_path, square(N), seed=seed).map.form for seed in range(5)]
     assert forms.count("square") >= 4 and "spline" not in forms

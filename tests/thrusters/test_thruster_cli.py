@@ -57,14 +57,15 @@ def test_how_many_pulled_is_an_option_or_in_the_column_map(run: Run, log: Path, 
 
 
 def test_a_command_that_never_rests_is_no_static_test(run: Run, tmp_path: Path) -> None:
-    time = np.arange(0.0, 30.0, 0.01)
-    chirp, steps = 150 * np.sin(np.pi * time**2 / 6), 25.0 * np.floor(time / 2) - 175
-    for n, status in ((chirp, 1), (np.where(chirp > 0, 150.0, -150.0), 1), (steps, 0), (10 * time - 150, 0)):
+    fast, slow = np.arange(0.0, 30.0, 0.02), np.arange(0.0, 30.0, 0.1)
+    chirp, steps = 150 * np.sin(np.pi * fast**2 / 6), 25.0 * np.floor(fast / 2) - 175
+    square = np.where(chirp > 0, 150.0, -150.0)
+    for time, n, status in ((fast, chirp, 1), (fast, square, 1), (fast, steps, 0), (slow, 10 * slow - 150, 0)):
         file = write(tmp_path / "test.csv", "time_s,n,force_N", time, n, two_thrusters(n))
         result = run("fit-thrusters", file, "-o", tmp_path / "out", "--overwrite")
         assert result.exit_code == status, result.stderr
         if status:
-            assert "a dynamic test: in 8" in result.stderr and "hold each of eight or more" in result.stderr
+            assert "a dynamic test: in " in result.stderr and "hold each of eight or more" in result.stderr
             assert not (tmp_path / "out").exists()
 
 

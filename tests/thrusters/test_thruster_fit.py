@@ -123,7 +123,12 @@ def series_of(ahead: PowerCurve, astern: PowerCurve, count: int = 40) -> tuple[n
     return n, np.where(n > 0, ahead.thrust(np.abs(n)), -astern.thrust(np.abs(n)))
 
 
-@pytest.mark.parametrize("name", TRUTHS)
+QUICK = ("square", "power", "dead-band-power", "square-saturation")
+
+
+@pytest.mark.parametrize(
+    "name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in TRUTHS if name not in QUICK)]
+)
 def test_cross_validation_finds_the_form_and_its_truth(name: str) -> None:
     """Exact without noise; with 1 % of full scale on 40 levels a direction parameters within 4 standard errors."""
     n, force = series_of(*TRUTHS[name])
@@ -191,13 +196,13 @@ def test_scatter_that_grows_with_the_thrust_is_no_contradiction() -> None:
     """In newtons the highest levels look wild (30 % of such tests); a wild reading of an even test is still seen."""
     n = np.concatenate([np.arange(-15, 0), np.arange(1, 16)]) / 15.0
     force, blamed, wild = 25.0 * n * np.abs(n), 0, 0
-    for seed in range(60):
+    for seed in range(40):
         random = np.random.default_rng(seed)
         blamed += np.any(flag_contradictions(points(n, force * np.exp(0.1 * random.standard_normal(30)))).flag != "")
         place, even = int(random.integers(30)), force + 0.1 * random.standard_normal(30)
         even[place] += 7.5 * random.choice([-1.0, 1.0])
         wild += bool(flag_contradictions(points(n, even)).flag[place])
-    assert blamed <= 8 and wild >= 53
+    assert blamed <= 6 and wild >= 35
 
 
 # Raw load-cell series: plateaus, transients, drop-outs, standard errors, tare and its drift

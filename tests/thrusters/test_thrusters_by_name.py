@@ -68,6 +68,7 @@ def test_a_mirrored_thruster_is_named_with_the_line_that_mends_it(tmp_path: Path
     assert not any(part["differs"] for part in fit.compared)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_thrusters_that_are_alike_are_said_to_be(tmp_path: Path, seed: int) -> None:
     fit = am.fit_thrusters([bollard(tmp_path, eight(seed))], columns=BY)

@@ -36,7 +36,7 @@ def test_a_stick_makes_the_output_that_was_asked_for(changed: dict[str, float], 
     assert stick.reach == pytest.approx(min(1.0, most), abs=0.1 * most)
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("side", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("changed", "gain"), TOLD[::2])
 def test_a_run_is_logged_as_the_outputs_were(changed: dict[str, float], gain: float, side: float) -> None:
     vehicle = FakeSub(gain=gain, parameters=changed)
@@ -101,7 +101,7 @@ def test_what_a_busy_computer_missed_is_not_sent_in_a_burst() -> None:
     assert np.count_nonzero(gaps > 0.3) == 1 and np.count_nonzero(gaps < 0.01) <= 1
 
 
-@pytest.mark.parametrize("turns", [2.3, -2.3])
+@pytest.mark.parametrize("turns", [2.3, pytest.param(-2.3, marks=pytest.mark.slow)])
 def test_the_tether_is_unwound(turns: float) -> None:
     """What the vehicle counted before the run is taken back on the way to the start heading."""
     vehicle = FakeSub(tether=turns)
@@ -109,7 +109,7 @@ def test_the_tether_is_unwound(turns: float) -> None:
     assert abs(vehicle.tether + vehicle.turned / 360.0) <= 0.5 and abs(vehicle.turned) > 360.0
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("side", [pytest.param(1.0, marks=pytest.mark.slow), -1.0])
 def test_the_turns_of_a_run_are_taken_back(side: float) -> None:
     vehicle, most = FakeSub(), list[float]()
     flown(vehicle, campaign_of(side * 0.8, seconds=10.0), lambda: most.append(side * vehicle.turned))

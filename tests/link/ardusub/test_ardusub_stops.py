@@ -117,7 +117,9 @@ def test_a_stop_is_neutral_then_silence(tmp_path: Path) -> None:
     assert rows[-1]["stick"] == "0"
 
 
-@pytest.mark.parametrize("pattern", ["*.json", "*.ready", "*"])
+@pytest.mark.parametrize(
+    "pattern", [pytest.param("*.json", marks=pytest.mark.slow), pytest.param("*.ready", marks=pytest.mark.slow), "*"]
+)
 def test_a_campaign_that_is_gone_is_neutral_then_silence(tmp_path: Path, pattern: str) -> None:
     vehicle, store, marks, looks = FakeSub(), handed_over(tmp_path, LONG), list[float](), iter(range(9))
 
