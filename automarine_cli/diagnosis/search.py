@@ -682,7 +682,7 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
     """What keeps a trial's last effect from being added to `current`, in words; empty where nothing does.
 
     Runs left out of the fit have to be predicted better with it, and its size must be its own: one that only a bound
-    stops says that the runs want something else. What is late by less than a sample is no more than a shift of the
+    stops says that the runs want something else. What may be late by half a sample only is no more than a shift of the
     instants at which commands switch, which no log shows. Of driven runs the gain has to repeat itself from run to run:
     its mean is more than CLEAR standard errors, for moving water over the runs that turn back; the interval of its size
     must not hold nothing; and nothing that comes with the period of a controller's limit cycle stands."""
@@ -696,8 +696,8 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
             return "its gain does not repeat itself from run to run"
         if effect.place is effects.Place.WATER and not clear(gained[study.turns_back]):
             return "the runs that turn back do not show it"
-    elif effect.late(term.values) < 2.0 * study.logger_delay:
-        return "a lag of less than a sample is a shift of the instants at which commands switch"
+    elif may_be_the_log(study, trial):
+        return "a lag of half a sample is a shift of the instants at which commands switch"
     if study.cycle is not None and term.name == PERIODIC and study.cycle.holds(term.values[PERIOD]):
         return "its period is that of the controller's limit cycle"
     stopped = any(
@@ -708,6 +708,18 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
         return "its size goes to the limit of what is allowed"
     zero = study.driven and may_be_nothing(study, trial, term.name)
     return "the 95 % interval of its size holds zero" if zero else ""
+
+
+def may_be_the_log(study: DiagnosisProblem, trial: CandidateFit) -> bool:
+    """Whether a trial's last effect makes nothing later than a logger may, by half a sample: it is shorter than a whole
+    one, and its 95 % interval holds a half."""
+    term, fit = trial.model.terms[-1], trial.fit
+    effect, of_term = effects.get(term.name), np.s_[len(trial.model.theta) - len(term.values) : len(trial.model.theta)]
+    if not effect.late(term.values) < 2.0 * study.logger_delay:
+        return False
+    least = fit.phi.copy()
+    least[of_term] -= 1.96 * np.sqrt(np.diagonal(study.covariance(trial.model, fit))[of_term])
+    return effect.late(fit.parameters.natural(least)[of_term].tolist()) <= study.logger_delay
 
 
 def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit, name: str) -> bool:

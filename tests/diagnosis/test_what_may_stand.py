@@ -29,25 +29,33 @@ def test_neither_no_run_nor_one_shows_that_a_gain_repeats_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "stands"),
+    ("name", "values", "error", "stands"),
     [
-        ("sensor-lag", [0.05], False),
-        ("sensor-lag", [0.3], True),
-        ("input-delay", [0.05, 0.0, 0.1], False),
-        ("thruster-lag", [0.0, 3.0, 1.2, 1.0], False),
-        ("thruster-lag", [0.06, 4.0, 1.2, 5.0], True),
-        ("bias-moment", [0.05], True),
+        ("sensor-lag", [0.05], 0.01, False),
+        ("sensor-lag", [0.09], 0.03, False),
+        ("sensor-lag", [0.09], 0.01, True),
+        ("sensor-lag", [0.3], 0.3, True),  # more than a sample
+        ("input-delay", [0.05, 0.0, 0.1], 0.01, False),
+        ("input-delay", [0.09, 0.0, 0.1], 0.01, True),
+        ("thruster-lag", [0.0, 3.0, 1.2, 1.0], 0.01, False),
+        ("thruster-lag", [0.06, 4.0, 1.2, 5.0], 0.3, True),
+        ("bias-moment", [0.05], 0.01, True),
     ],
 )
-def test_a_lag_of_less_than_a_sample_is_a_shift_of_the_switches(name: str, values: list[float], stands: bool) -> None:
+def test_a_lag_of_half_a_sample_is_a_shift_of_the_switches(
+    name: str, values: list[float], error: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     study = replace(study_of(planted(BASE, seed=1, plans=short_plans()), BASE), driven=False)
     assert study.logger_delay == pytest.approx(0.05)
-    fit: Any = SimpleNamespace(predictive=np.zeros(3), at_bound=(), driven=False)
-    gained: Any = SimpleNamespace(predictive=np.ones(3), at_bound=(), driven=False)
-    before = CandidateFit((), BASE, fit, 0.0)
-    trial = CandidateFit((name,), BASE.with_effect(name, values), gained, -50.0)
+    model = BASE.with_effect(name, values)
+    parameters = model.parameters()
+    of_size = np.diag(error**2 * (np.arange(len(model.theta)) == len(BASE.theta)))
+    monkeypatch.setattr(DiagnosisProblem, "covariance", lambda *of: of_size)
+    of_fit = {"at_bound": (), "driven": False, "phi": parameters.search(model.theta), "parameters": parameters}
+    fit, gained = (SimpleNamespace(predictive=predictive, **of_fit) for predictive in (np.zeros(3), np.ones(3)))
+    before, trial = (CandidateFit(*of, 0.0) for of in (((), BASE, fit), ((name,), model, gained)))
     assert bool(obstacle(study, trial, before)) != stands
-    assert ("less than a sample" in obstacle(study, trial, before)) != stands
+    assert ("half a sample" in obstacle(study, trial, before)) != stands
     assert "predicted better" in obstacle(study, replace(trial, fit=fit), before)
 
 
