@@ -715,7 +715,7 @@ def may_be_the_log(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     one, and its 95 % interval holds a half."""
     term, fit = trial.model.terms[-1], trial.fit
     effect, of_term = effects.get(term.name), np.s_[len(trial.model.theta) - len(term.values) : len(trial.model.theta)]
-    if not effect.late(term.values) < 2.0 * study.logger_delay:
+    if not effect.late(term.values) < 2.0 * study.logger_delay:  # also where it makes nothing late
         return False
     least = fit.phi.copy()
     least[of_term] -= 1.96 * np.sqrt(np.diagonal(study.covariance(trial.model, fit))[of_term])

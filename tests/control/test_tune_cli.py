@@ -197,6 +197,7 @@ def test_no_gains_keep_a_margin_that_none_can_keep(run: Run, tmp_path: Path) -> 
     assert "No gains within the documented ranges keep a disk margin of 0.75 for 95 % of" in found.stdout
 
 
+@pytest.mark.slow
 def test_depth_is_designed_by_the_same_code(run: Run, tmp_path: Path) -> None:
     """Heave: weight less buoyancy is held, the step is in metres."""
     entry = {"m_w": estimate(30.0, "kg"), "Z_ww": estimate(60.0, "N s²/m²"), "constant_force": estimate(-2.0, "N")}

@@ -89,6 +89,7 @@ def test_what_chance_reaches_now_and_then_is_only_suspected(diagnosed: Judge, mo
     assert found.why in verdict_sentence(found)
 
 
+@pytest.mark.slow
 def test_runs_that_contradict_a_name_take_it_back(diagnosed: Judge) -> None:
     kept = [turned(run) for run in campaign(NAME, seed=2)[:6]]  # of a vehicle with the other side the weaker one
     found = diagnosed(campaign(NAME), kept)

@@ -56,6 +56,7 @@ def test_a_pair_moves_as_scipy_says() -> None:
     assert moved == pytest.approx(path(np.stack([run.extras[SURGE.command], run.command])).T, abs=1e-2)
 
 
+@pytest.mark.slow
 def test_a_pair_is_fitted_by_the_likelihood_of_the_filter() -> None:
     assert MODEL.parameter_names == (
         "surge.m_u", "heave.m_w", "surge.X_uu", "heave.Z_ww", "heave.constant_force",

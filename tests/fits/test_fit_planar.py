@@ -500,6 +500,7 @@ def test_predictions_that_run_away_are_said_to() -> None:
     )
 
 
+@pytest.mark.slow
 def test_tracks_have_speeds_with_axes_below_each(fit: PlanarFit) -> None:
     """Also where the runs fill one row; panels without a run have none."""
     for runs, columns in ((3, 3), (6, 4)):

@@ -113,7 +113,9 @@ def test_what_cannot_be_fitted_is_refused_in_one_sentence(
     one_sentence(run("fit-yaw", tmp_path / "logs", *options), *parts)
 
 
-@pytest.mark.parametrize("moments", [[0.5, -0.5, 0.5, -0.5], [0.2, 0.4, 0.6, 0.8, 1.0]])
+@pytest.mark.parametrize(
+    "moments", [pytest.param([0.5, -0.5, 0.5, -0.5], marks=pytest.mark.slow), [0.2, 0.4, 0.6, 0.8, 1.0]]
+)
 def test_drag_of_one_size_of_moment_or_side_is_the_truth(run: Command, tmp_path: Path, moments: list[float]) -> None:
     """One size tells inertia and one drag, from how the turn begins and how it ends; then runs are fitted whole."""
     folder = write_logs(campaign(moments, seed=1), tmp_path / "logs")

@@ -125,9 +125,10 @@ def paper_method(moments: Sequence[float], **how: Any) -> VelocityErrorFit:
     return fit_velocity_error(data, np.zeros(len(data.moment)))
 
 
+@pytest.mark.slow
 def test_standard_error_of_the_inertia_is_its_spread_over_campaigns() -> None:
-    """40 campaigns of 12 runs with noise; drag is estimated from the same tails."""
-    fits = [noisy(seed, 1.0) for seed in range(40)]
+    """60 campaigns of 12 runs with noise; drag is estimated from the same tails."""
+    fits = [noisy(seed, 1.0) for seed in range(60)]
     tables = [fit.inertia["3"].overall for fit in fits]
     values, errors = [table.value for table in tables], [table.stderr for table in tables]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(values, ddof=1), rel=0.3)

@@ -154,6 +154,7 @@ def driven(seed: int) -> InnovationsFit:
     return fitted(runs, base().with_effect("input-delay", [0.1]))
 
 
+@pytest.mark.slow
 def test_runs_left_out_are_predicted_alike_however_many_one_filter_follows(monkeypatch: pytest.MonkeyPatch) -> None:
     runs, fit = steered(RUNS, 0, Sea(delay=0.2), length=40.0), driven(0)
     problem = driven_problem(base().with_effect("input-delay", [0.1]), make_course(runs, np.zeros(RUNS, dtype=bool)))
@@ -238,6 +239,7 @@ def test_rough_values_faster_than_the_filter_leave_a_start(number: str) -> None:
     assert np.isfinite(values).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     def refusing(
         course: Course, numbers: Sequence[str], priors: Priors, roughs: Sequence[Model]
@@ -247,7 +249,7 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
         return [attempt if number == "1" else (None, why) for number, attempt in zip(numbers, attempts)]
 
     monkeypatch.setattr(driven_module, "driven_fits", refusing)
-    runs = steered(3, 1, length=8.0, period=0.02)
+    runs = steered(3, 1, length=12.0, period=0.02)
     fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
     assert list(fit.output_error) == ["1"]
     for number in "23":

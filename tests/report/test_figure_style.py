@@ -75,9 +75,8 @@ def is_complete(figure: Figure) -> None:
     assert FIGURE_WRITERS["png"](figure).startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize(
-    "moments", [pytest.param(both_ways((0.2, 0.5, 0.8, 1.1)), marks=pytest.mark.slow), [-0.3, -0.6, -0.9]]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("moments", [both_ways((0.2, 0.5, 0.8, 1.1)), [-0.3, -0.6, -0.9]])
 def test_figures_of_half_turns_are_complete(moments: list[float]) -> None:
     fit = identify(campaign(moments, seed=1, gain_scatter=0.02))
     drawn = {name: draw() for name, draw in sections(fit).figures.items()}

@@ -192,17 +192,18 @@ def test_clean_data_have_no_contradictions() -> None:
     assert np.all(flag_contradictions(points(n, force)).flag == "")
 
 
+@pytest.mark.slow
 def test_scatter_that_grows_with_the_thrust_is_no_contradiction() -> None:
     """In newtons the highest levels look wild (30 % of such tests); a wild reading of an even test is still seen."""
     n = np.concatenate([np.arange(-15, 0), np.arange(1, 16)]) / 15.0
     force, blamed, wild = 25.0 * n * np.abs(n), 0, 0
-    for seed in range(40):
+    for seed in range(60):
         random = np.random.default_rng(seed)
         blamed += np.any(flag_contradictions(points(n, force * np.exp(0.1 * random.standard_normal(30)))).flag != "")
         place, even = int(random.integers(30)), force + 0.1 * random.standard_normal(30)
         even[place] += 7.5 * random.choice([-1.0, 1.0])
         wild += bool(flag_contradictions(points(n, even)).flag[place])
-    assert blamed <= 6 and wild >= 35
+    assert blamed <= 8 and wild >= 53
 
 
 # Raw load-cell series: plateaus, transients, drop-outs, standard errors, tare and its drift

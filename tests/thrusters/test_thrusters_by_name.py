@@ -57,6 +57,7 @@ def test_each_thruster_has_a_map_and_those_that_differ_are_named(tmp_path: Path,
         assert am.export(tmp_path / "out" / name, to="thrusters").text
 
 
+@pytest.mark.slow
 def test_a_mirrored_thruster_is_named_with_the_line_that_mends_it(tmp_path: Path) -> None:
     path = bollard(tmp_path, eight(1, {"T3": -1.0, "T5": -1.0}))
     line = 'force_N = { from = "NAME", sign_from = "n" }'
