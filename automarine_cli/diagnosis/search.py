@@ -34,7 +34,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.kalman import alike
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, stepwise_search
-from automarine_cli.fits.whole_runs import run_dof
+from automarine_cli.fits.whole_runs import estimate_of, run_dof
 from automarine_cli.models.model import BASE_TERMS, Model, Term
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import Floats
@@ -713,13 +713,12 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
 def may_be_the_log(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     """Whether a trial's last effect makes nothing later than a logger may, by half a sample: it is shorter than a whole
     one, and its 95 % interval holds a half."""
-    term, fit = trial.model.terms[-1], trial.fit
-    effect, of_term = effects.get(term.name), np.s_[len(trial.model.theta) - len(term.values) : len(trial.model.theta)]
+    term, end = trial.model.terms[-1], len(trial.model.theta)
+    effect, places = effects.get(term.name), range(end - len(term.values), end)
     if not effect.late(term.values) < 2.0 * study.logger_delay:  # also where it makes nothing late
         return False
-    least = fit.phi.copy()
-    least[of_term] -= 1.96 * np.sqrt(np.diagonal(study.covariance(trial.model, fit))[of_term])
-    return effect.late(fit.parameters.natural(least)[of_term].tolist()) <= study.logger_delay
+    covariance = study.covariance(trial.model, trial.fit)
+    return effect.late([estimate_of(trial.fit, covariance, i).ci95[0] for i in places]) <= study.logger_delay
 
 
 def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit, name: str) -> bool:

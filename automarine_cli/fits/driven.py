@@ -445,7 +445,7 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
 
 
 MIN_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways
-MAX_STEPS_S = (0.1, 0.05, 0.025)  # largest simulation steps [s] for whole runs, tried in turn
+MAX_STEPS_S = (0.1, 0.05, 0.025)  # simulation steps [s] of whole runs; the longest that a model allows is taken
 
 
 def is_driven(runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
-from automarine_cli.diagnosis import diagnose
+from automarine_cli.diagnosis import diagnose, search
 from automarine_cli.diagnosis.diagnose import ForecastGain, JudgedRuns
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.residual_regions import Gap
@@ -16,6 +16,7 @@ from automarine_cli.diagnosis.scores import drag_drives
 from automarine_cli.diagnosis.search import CandidateFit, clear, may_be_nothing, obstacle
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
 from automarine_cli.dofs import YAW
+from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.models.model import Model
 from automarine_cli.models.parameter import Parameter, Parameters
@@ -48,10 +49,11 @@ def test_a_lag_of_half_a_sample_is_a_shift_of_the_switches(
     study = replace(study_of(planted(BASE, seed=1, plans=short_plans()), BASE), driven=False)
     assert study.logger_delay == pytest.approx(0.05)
     model = BASE.with_effect(name, values)
-    parameters = model.parameters()
-    of_size = np.diag(error**2 * (np.arange(len(model.theta)) == len(BASE.theta)))
-    monkeypatch.setattr(DiagnosisProblem, "covariance", lambda *of: of_size)
-    of_fit = {"at_bound": (), "driven": False, "phi": parameters.search(model.theta), "parameters": parameters}
+    stderrs = error * (np.arange(len(model.theta)) == len(BASE.theta))
+    sizes = [Estimate.from_stderr(*of, 30.0, "") for of in zip(model.theta, stderrs)]
+    monkeypatch.setattr(DiagnosisProblem, "covariance", lambda *of: np.diag(stderrs**2))
+    monkeypatch.setattr(search, "estimate_of", lambda fit, covariance, i: sizes[i])
+    of_fit = {"at_bound": (), "driven": False}
     fit, gained = (SimpleNamespace(predictive=predictive, **of_fit) for predictive in (np.zeros(3), np.ones(3)))
     before, trial = (CandidateFit(*of, 0.0) for of in (((), BASE, fit), ((name,), model, gained)))
     assert bool(obstacle(study, trial, before)) != stands
