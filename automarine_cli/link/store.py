@@ -401,17 +401,16 @@ def _one_sentence(name: str) -> Iterator[None]:
 
 def _reserve(number: int, size: int) -> None:
     """Keep room on the disk for an open file, whose length stays. Raises OSError. Source: fallocate(2)."""
-    if sys.platform == "linux":
-        library = ctypes.CDLL(None, use_errno=True)
-        allocate = getattr(library, "fallocate64", None) or library.fallocate
-        if allocate(number, KEEP_SIZE, ctypes.c_longlong(0), ctypes.c_longlong(size)) == 0:
-            return
-        if (code := ctypes.get_errno()) not in (errno.EOPNOTSUPP, errno.ENOSYS):
-            raise OSError(code, os.strerror(code))
-    if hasattr(os, "fstatvfs"):
+    if hasattr(os, "fstatvfs"):  # asked first: ext4 takes all the room there is before it says that it is too little
         disk = os.fstatvfs(number)
         if disk.f_bavail * disk.f_frsize < size:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    if sys.platform == "linux":
+        library = ctypes.CDLL(None, use_errno=True)
+        allocate = getattr(library, "fallocate64", None) or library.fallocate
+        failed = allocate(number, KEEP_SIZE, ctypes.c_longlong(0), ctypes.c_longlong(size))
+        if failed and (code := ctypes.get_errno()) not in (errno.EOPNOTSUPP, errno.ENOSYS):
+            raise OSError(code, os.strerror(code))
 
 
 class HeldElsewhereError(Exception):

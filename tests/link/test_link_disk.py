@@ -101,12 +101,19 @@ def test_a_run_that_has_its_room_is_logged_on_a_full_disk(small_disk: Path) -> N
 
 
 def test_a_log_without_room_arms_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same where nobody can mount a disk: the run needs more room than any disk here has."""
-    store, vehicle = handed_over(tmp_path, CAMPAIGN), FakeSub()
+    """The same where nobody can mount a disk: the run needs more room than any disk here has, and takes none of it."""
+    store, vehicle, taken = handed_over(tmp_path, CAMPAIGN), FakeSub(), list[int]()
+
+    def close(number: int) -> None:
+        taken.append(os.fstat(number).st_blocks)
+        os_close(number)
+
+    os_close = os.close
+    monkeypatch.setattr(store_module.os, "close", close)
     monkeypatch.setattr(LinkCampaign, "room", lambda *_: 1 << 43)
     state = play(store, sub_of(vehicle))
     assert arms(vehicle) == 0 and state.over and " cannot be logged (" in str(state.why_stopped)
-    assert list(store.runs.iterdir()) == []
+    assert list(store.runs.iterdir()) == [] and taken and max(taken) * 512 < 1_000_000
 
 
 def test_a_log_that_breaks_off_ends_the_run_and_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
