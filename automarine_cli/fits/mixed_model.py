@@ -288,6 +288,7 @@ PHI_STEP = 1e-6
 RUN_STEP = 1e-6  # step of the one-sided differences by run effects, whose scales are all of the order of one
 SETTLED_STDERRS = 1e-2  # a fit has converged when no parameter would move by more than this share of its standard error
 MAX_FOLLOWING = 5  # how often the run effects may be fitted again before a trial step is given up
+CUT = 0.25  # share of a step, or less, that counts as cut short
 MIN_CUT_GAIN = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
@@ -336,10 +337,12 @@ def fit_mixed(
         new_phi = np.clip(point.phi + last, bounds[:, 0], bounds[:, 1])
         old, point = (point, _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)))
         gain = _penalised(problem, variances, old) - _penalised(problem, variances, point)
-        is_cut = _is_cut(problem, old, point, new_phi)
+        taken = _taken(problem, old, point, new_phi)
+        is_cut = taken <= CUT
         stuck = is_cut and gain < MIN_CUT_GAIN
         ends = gain < least_gain and float(pull @ change) < FAR_FROM_IT * least_gain
         converged |= ends and share == 1.0 and not is_cut
+        share *= min(1.0, taken / (2.0 * CUT))  # in a curved valley the next step is cut as short as this one
     return _report(problem, point, variances, bounds, step, converged)
 
 
@@ -441,11 +444,11 @@ def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: 
     return current
 
 
-def _is_cut(problem: Problem, old: _Point, new: _Point, target: Floats) -> bool:
-    """Whether a step towards `target` was cut to a quarter of the one allowed, or less."""
+def _taken(problem: Problem, old: _Point, new: _Point, target: Floats) -> float:
+    """Give the share that was taken of the step towards `target`, as far as one may go at once."""
     proposed = target - old.phi
     allowed = min(1.0, MAX_PHI_STEP / max(float(np.abs(proposed)[problem.parameters.log].max(initial=0.0)), 1e-300))
-    return bool(np.abs(new.phi - old.phi).max() <= 0.25 * allowed * np.abs(proposed).max())
+    return float(np.abs(new.phi - old.phi).max() / max(allowed * np.abs(proposed).max(), 1e-300))
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
