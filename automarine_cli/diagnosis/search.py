@@ -34,7 +34,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.filters.kalman import alike
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import Judge, stepwise_search
-from automarine_cli.fits.whole_runs import estimate_of, run_dof
+from automarine_cli.fits.whole_runs import estimate_of, run_covariance, run_dof
 from automarine_cli.models.model import BASE_TERMS, Model, Term
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import Floats
@@ -431,7 +431,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
         current = self._from_elsewhere(current, [t for t in ranking[:3] if current.evidence - t.evidence > bar])
         # a law that may not stand does not keep another law of its effect from it
-        standing = _best_law(t for t in possible if not obstacle(study, t, current))
+        standing = _best_law(possible, lambda trial: not obstacle(study, trial, current))
         ranking = [standing.get(trial.added[-1], trial) for trial in ranking]
         step = SearchStep(current, scores, tuple(sorted(ranking, key=lambda t: t.evidence)), chance)
         self.looks.append((model.evidence, step))
@@ -480,8 +480,8 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         return reduced
 
     def better(self, current: CandidateFit, reduced: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
-        admissible = [trial for trial in look.trials if not obstacle(self.study, trial, reduced)]
-        best = min((*admissible, current), key=lambda trial: trial.evidence)
+        ranked = sorted((current, *look.trials), key=lambda trial: trial.evidence)
+        best = next(trial for trial in ranked if trial is current or not obstacle(self.study, trial, reduced))
         if reduced.evidence - best.evidence <= max(look.threshold, MIN_RELATIVE_GAIN * first.gain(reduced)):
             return reduced
         return best if best.evidence < current.evidence - 2.0 * MIN_STEP_DEVIANCE else current
@@ -671,10 +671,13 @@ def _next_gain(study: DiagnosisProblem, current: CandidateFit, seed: int) -> flo
     return best if best > max(scores.threshold(CLAIM_LEVEL), 0.0) else 0.0
 
 
-def _best_law(trials: Iterable[CandidateFit]) -> dict[str, CandidateFit]:
+def _best_law(
+    trials: Iterable[CandidateFit], may_stand: Callable[[CandidateFit], bool] = lambda trial: True
+) -> dict[str, CandidateFit]:
     best: dict[str, CandidateFit] = {}
     for trial in sorted(trials, key=lambda trial: trial.evidence):
-        best.setdefault(trial.added[-1], trial)
+        if trial.added[-1] not in best and may_stand(trial):
+            best[trial.added[-1]] = trial
     return best
 
 
@@ -696,8 +699,6 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
             return "its gain does not repeat itself from run to run"
         if effect.place is effects.Place.WATER and not clear(gained[study.turns_back]):
             return "the runs that turn back do not show it"
-    elif may_be_the_log(study, trial):
-        return "a lag of half a sample is a shift of the instants at which commands switch"
     if study.cycle is not None and term.name == PERIODIC and study.cycle.holds(term.values[PERIOD]):
         return "its period is that of the controller's limit cycle"
     stopped = any(
@@ -706,19 +707,29 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
     )
     if stopped:
         return "its size goes to the limit of what is allowed"
+    if not study.driven and may_be_the_log(study, trial):
+        return "a lag of half a sample is a shift of the instants at which commands switch"
     zero = study.driven and may_be_nothing(study, trial, term.name)
     return "the 95 % interval of its size holds zero" if zero else ""
 
 
+NARROWEST = 0.25  # of the width of a lag's linearised interval: as narrow as its exact one may be
+
+
 def may_be_the_log(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     """Whether a trial's last effect makes nothing later than a logger may, by half a sample: it is shorter than a whole
-    one, and its 95 % interval holds a half."""
+    one, and its 95 % interval holds a half. The exact one, which takes long, is asked for where it can decide."""
     term, end = trial.model.terms[-1], len(trial.model.theta)
     effect, places = effects.get(term.name), range(end - len(term.values), end)
-    if not effect.late(term.values) < 2.0 * study.logger_delay:  # also where it makes nothing late
-        return False
-    covariance = study.covariance(trial.model, trial.fit)
-    return effect.late([estimate_of(trial.fit, covariance, i).ci95[0] for i in places]) <= study.logger_delay
+    late = effect.late(term.values)
+    if not study.logger_delay < late < 2.0 * study.logger_delay:
+        return late <= study.logger_delay
+
+    def least(covariance: Floats) -> float:
+        return effect.late([estimate_of(trial.fit, covariance, i).ci95[0] for i in places])
+
+    surely = late - NARROWEST * (late - least(run_covariance(trial.fit))) <= study.logger_delay
+    return surely or least(study.covariance(trial.model, trial.fit)) <= study.logger_delay
 
 
 def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit, name: str) -> bool:
