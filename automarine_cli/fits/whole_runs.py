@@ -381,10 +381,11 @@ def directional_drag(fit: "OutputErrorFit") -> Ways:
     return Ways(dof, role, drag, distance, float(2.0 * special.stdtr(freedom(axes[j]), -abs(half) / error)))
 
 
-ENOUGH_RUNS = 8
+FEW_RUNS, ENOUGH_RUNS = 8, 16
 MIN_JACKKNIFE_DOF = 3.0
-"""From this many runs on, and with so many degrees of freedom, standard errors are the jackknife's alone; with fewer
-the larger of it and the likelihood's. A run that shows a parameter alone leaves nothing to resample."""
+"""From ENOUGH_RUNS on standard errors are the jackknife's alone; with fewer they are at least the likelihood's, for the
+spread of ten runs is now and then far too small. With less than FEW_RUNS, or so few degrees of freedom, the likelihood
+tells what goes together: a run that shows a parameter alone leaves nothing to resample."""
 
 MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
 
@@ -518,7 +519,7 @@ def _first_speeds(batch: Batch, blocks: RunEffects) -> Floats:
 
 
 def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
-    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
+    """Covariance of phi with the run as the unit (see FEW_RUNS), (p, p).
 
     Given the `changes` (R, p) of `left_out_changes`, it is exact where instants are confined to their sample intervals;
     without, it is the linearised jackknife, which is too wide there.
@@ -527,9 +528,12 @@ def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
         return mixed.covariance
     by_runs = jackknife(mixed.left_out if changes is None else changes) + mixed.error_of_known
     few = np.array([_few_carry(mixed, axis) for axis in np.eye(len(mixed.phi))])
-    if not few[mixed.parameters.of_model].any():
-        return by_runs + mixed.of_bounds
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.inside_bounds, by_runs))
+    if not few[mixed.parameters.of_model].any():
+        floor = likely if len(mixed.left_out) < ENOUGH_RUNS else 0.0
+        grow = np.divide(np.maximum(between, floor), between, out=np.ones_like(between), where=between > 0)
+        grow = np.minimum(grow, MAX_GROWTH)
+        return by_runs * np.outer(grow, grow) + mixed.of_bounds
     ratio = np.divide(between, likely, out=np.ones_like(between), where=likely > 0)  # none at a bound
     grow = np.clip(ratio, few.astype(float), MAX_GROWTH)
     return mixed.inside_bounds * np.outer(grow, grow) + mixed.of_bounds
@@ -537,7 +541,7 @@ def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
 
 def _few_carry(mixed: Fit, direction: Floats) -> bool:
     """Whether too few runs show what lies along `direction` (p,) of phi for their spread to tell its error."""
-    return len(mixed.left_out) < ENOUGH_RUNS or degrees_of_freedom(mixed, direction) < MIN_JACKKNIFE_DOF
+    return len(mixed.left_out) < FEW_RUNS or degrees_of_freedom(mixed, direction) < MIN_JACKKNIFE_DOF
 
 
 def run_dof(mixed: Fit, direction: Floats) -> float:

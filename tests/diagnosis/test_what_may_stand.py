@@ -50,9 +50,12 @@ def test_a_lag_of_half_a_sample_is_a_shift_of_the_switches(
     assert study.logger_delay == pytest.approx(0.05)
     model = BASE.with_effect(name, values)
     stderrs = error * (np.arange(len(model.theta)) == len(BASE.theta))
-    sizes = [Estimate.from_stderr(*of, 30.0, "") for of in zip(model.theta, stderrs)]
     monkeypatch.setattr(DiagnosisProblem, "covariance", lambda *of: np.diag(stderrs**2))
-    monkeypatch.setattr(search, "estimate_of", lambda fit, covariance, i: sizes[i])
+    linearised = np.diag((2.0 * stderrs) ** 2)
+    monkeypatch.setattr(search, "run_covariance", lambda fit: linearised)
+    monkeypatch.setattr(
+        search, "estimate_of", lambda fit, c, i: Estimate.from_stderr(model.theta[i], np.sqrt(c[i, i]), 30.0, "")
+    )
     of_fit = {"at_bound": (), "driven": False}
     fit, gained = (SimpleNamespace(predictive=predictive, **of_fit) for predictive in (np.zeros(3), np.ones(3)))
     before, trial = (CandidateFit(*of, 0.0) for of in (((), BASE, fit), ((name,), model, gained)))

@@ -12,7 +12,7 @@ from scipy import integrate, optimize, special, stats
 from tolerances import assert_close
 
 from automarine_cli.errors import FitError
-from automarine_cli.fits import linear_mixed
+from automarine_cli.fits import linear_mixed, whole_runs
 from automarine_cli.fits.linear_mixed import (
     Block,
     Grams,
@@ -22,7 +22,7 @@ from automarine_cli.fits.linear_mixed import (
     scored_deviance,
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, Slot, fit_mixed, jackknife
-from automarine_cli.fits.whole_runs import degrees_of_freedom, left_out_changes, run_covariance, run_dof
+from automarine_cli.fits.whole_runs import ENOUGH_RUNS, degrees_of_freedom, left_out_changes, run_covariance, run_dof
 from automarine_cli.models.parameter import Parameter, Parameters
 
 Floats = NDArray[np.float64]
@@ -329,7 +329,8 @@ def test_what_cannot_be_fitted_is_refused() -> None:
 # How far each run pulls the parameters
 
 
-def test_of_a_linear_problem_it_is_the_linearised_jackknife() -> None:
+def test_of_a_linear_problem_it_is_the_linearised_jackknife(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(whole_runs, "ENOUGH_RUNS", RUNS)
     linear, fit = linear_fit()
     moved, expected = left_out_changes(linear.problem(), fit), fit.left_out - fit.phi
     np.testing.assert_allclose(moved, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
@@ -369,5 +370,10 @@ def test_what_one_run_shows_has_the_error_of_its_readings() -> None:
     assert 0.75 < np.sqrt(np.mean((errors / stderrs) ** 2)) < 1.25  # 1 expected, with an error of 0.11
     assert np.mean(np.abs(errors) < reach * stderrs) >= 0.875
     assert np.all(reach < 2.3)
-    alike = slope_fit(np.ones(10))
-    assert run_covariance(alike) == pytest.approx(jackknife(alike.left_out))
+    alike = [slope_fit(np.ones(ENOUGH_RUNS), seed) for seed in range(40)]
+    spreads = np.array([(jackknife(fit.left_out)[0, 0], fit.inside_bounds[0, 0]) for fit in alike])
+    assert [run_covariance(fit)[0, 0] for fit in alike] == pytest.approx(spreads[:, 0])
+    few = [slope_fit(np.ones(ENOUGH_RUNS - 1), seed) for seed in range(40)]
+    spreads = np.array([(jackknife(fit.left_out)[0, 0], fit.inside_bounds[0, 0]) for fit in few])
+    assert [run_covariance(fit)[0, 0] for fit in few] == pytest.approx(spreads.max(axis=1))
+    assert 0 < np.mean(spreads[:, 0] < spreads[:, 1]) < 1
