@@ -707,13 +707,13 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
     )
     if stopped:
         return "its size goes to the limit of what is allowed"
-    if not study.driven and may_be_the_log(study, trial):
-        return "a lag of half a sample is a shift of the instants at which commands switch"
-    zero = study.driven and may_be_nothing(study, trial, term.name)
-    return "the 95 % interval of its size holds zero" if zero else ""
+    if study.driven:
+        return "the 95 % interval of its size holds zero" if may_be_nothing(study, trial, term.name) else ""
+    shifts = may_be_the_log(study, trial)
+    return "a lag of half a sample is a shift of the instants at which commands switch" if shifts else ""
 
 
-NARROWEST = 0.25  # of the width of a lag's linearised interval: as narrow as its exact one may be
+MIN_EXACT_WIDTH = 0.25  # of the width of a lag's linearised interval: as narrow as its exact one may be
 
 
 def may_be_the_log(study: DiagnosisProblem, trial: CandidateFit) -> bool:
@@ -728,7 +728,7 @@ def may_be_the_log(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     def least(covariance: Floats) -> float:
         return effect.late([estimate_of(trial.fit, covariance, i).ci95[0] for i in places])
 
-    surely = late - NARROWEST * (late - least(run_covariance(trial.fit))) <= study.logger_delay
+    surely = late - MIN_EXACT_WIDTH * (late - least(run_covariance(trial.fit))) <= study.logger_delay
     return surely or least(study.covariance(trial.model, trial.fit)) <= study.logger_delay
 
 

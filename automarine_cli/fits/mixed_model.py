@@ -288,7 +288,7 @@ PHI_STEP = 1e-6
 RUN_STEP = 1e-6  # step of the one-sided differences by run effects, whose scales are all of the order of one
 SETTLED_STDERRS = 1e-2  # a fit has converged when no parameter would move by more than this share of its standard error
 MAX_FOLLOWING = 5  # how often the run effects may be fitted again before a trial step is given up
-CUT = 0.25  # share of a step, or less, that counts as cut short
+CUT_SHARE = 0.25  # share of a step, or less, that counts as cut short
 MIN_CUT_GAIN = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
@@ -338,11 +338,11 @@ def fit_mixed(
         old, point = (point, _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)))
         gain = _penalised(problem, variances, old) - _penalised(problem, variances, point)
         taken = _taken(problem, old, point, new_phi)
-        is_cut = taken <= CUT
+        is_cut = taken <= CUT_SHARE
         stuck = is_cut and gain < MIN_CUT_GAIN
         ends = gain < least_gain and float(pull @ change) < FAR_FROM_IT * least_gain
         converged |= ends and share == 1.0 and not is_cut
-        share *= min(1.0, taken / (2.0 * CUT))  # in a curved valley the next step is cut as short as this one
+        share *= min(1.0, taken / (2.0 * CUT_SHARE))  # in a curved valley the next step is cut as short as this one
     return _report(problem, point, variances, bounds, step, converged)
 
 

@@ -381,11 +381,11 @@ def directional_drag(fit: "OutputErrorFit") -> Ways:
     return Ways(dof, role, drag, distance, float(2.0 * special.stdtr(freedom(axes[j]), -abs(half) / error)))
 
 
-FEW_RUNS, ENOUGH_RUNS = 8, 16
+MIN_JACKKNIFE_RUNS, ENOUGH_RUNS = 8, 16
 MIN_JACKKNIFE_DOF = 3.0
 """From ENOUGH_RUNS on standard errors are the jackknife's alone; with fewer they are at least the likelihood's, for the
-spread of ten runs is now and then far too small. With less than FEW_RUNS, or so few degrees of freedom, the likelihood
-tells what goes together: a run that shows a parameter alone leaves nothing to resample."""
+spread of ten runs is now and then far too small. With less than MIN_JACKKNIFE_RUNS, or so few degrees of freedom, the
+likelihood tells what goes together: a run that shows a parameter alone leaves nothing to resample."""
 
 MAX_GROWTH = 1e6  # of a standard error by leaving runs out; beyond it the runs say nothing at all
 
@@ -519,7 +519,7 @@ def _first_speeds(batch: Batch, blocks: RunEffects) -> Floats:
 
 
 def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
-    """Covariance of phi with the run as the unit (see FEW_RUNS), (p, p).
+    """Covariance of phi with the run as the unit (see MIN_JACKKNIFE_RUNS), (p, p).
 
     Given the `changes` (R, p) of `left_out_changes`, it is exact where instants are confined to their sample intervals;
     without, it is the linearised jackknife, which is too wide there.
@@ -530,9 +530,8 @@ def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
     few = np.array([_few_carry(mixed, axis) for axis in np.eye(len(mixed.phi))])
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.inside_bounds, by_runs))
     if not few[mixed.parameters.of_model].any():
-        floor = likely if len(mixed.left_out) < ENOUGH_RUNS else 0.0
-        grow = np.divide(np.maximum(between, floor), between, out=np.ones_like(between), where=between > 0)
-        grow = np.minimum(grow, MAX_GROWTH)
+        ratio = np.divide(likely, between, out=np.ones_like(between), where=between > 0)
+        grow = np.clip(ratio, 1.0, MAX_GROWTH if len(mixed.left_out) < ENOUGH_RUNS else 1.0)
         return by_runs * np.outer(grow, grow) + mixed.of_bounds
     ratio = np.divide(between, likely, out=np.ones_like(between), where=likely > 0)  # none at a bound
     grow = np.clip(ratio, few.astype(float), MAX_GROWTH)
@@ -541,7 +540,7 @@ def run_covariance(mixed: Fit, changes: Floats | None = None) -> Floats:
 
 def _few_carry(mixed: Fit, direction: Floats) -> bool:
     """Whether too few runs show what lies along `direction` (p,) of phi for their spread to tell its error."""
-    return len(mixed.left_out) < FEW_RUNS or degrees_of_freedom(mixed, direction) < MIN_JACKKNIFE_DOF
+    return len(mixed.left_out) < MIN_JACKKNIFE_RUNS or degrees_of_freedom(mixed, direction) < MIN_JACKKNIFE_DOF
 
 
 def run_dof(mixed: Fit, direction: Floats) -> float:

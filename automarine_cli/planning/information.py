@@ -27,7 +27,7 @@ from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives
-from automarine_cli.fits.whole_runs import FEW_RUNS, runs_that_carry, varying_terms, whole_run_problem
+from automarine_cli.fits.whole_runs import MIN_JACKKNIFE_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.model import BASE_TERMS, COMMAND_DELAY, DELAY, Model
 from automarine_cli.models.parameter import Parameters
 from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, StoredModels, file_and_models
@@ -285,7 +285,7 @@ class Fitting:
         """Predict the estimates that a fit would report: the model's values, with these runs' (R, p, p) intervals."""
         per_run = moving(per_run)
         dof = dict.fromkeys(self.estimands, float(max(len(per_run) - 1, 1)))
-        if len(per_run) >= FEW_RUNS:
+        if len(per_run) >= MIN_JACKKNIFE_RUNS:
             dof = {name: runs_that_carry(per_run, of.direction) for name, of in self.estimands.items()}
         return self.estimates(reported_covariance(per_run), dof)
 
@@ -306,7 +306,7 @@ def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArr
 
 def reported_covariance(per_run: Floats) -> Floats:
     """Return the covariance (p, p) that a fit to runs of these informations (R, p, p) reports, on average: from
-    FEW_RUNS on the jackknife over runs, (R - 1)/R sum (A - A_i)^-1 A_i A^-1, as run i moves the solution by
+    MIN_JACKKNIFE_RUNS on the jackknife over runs, (R - 1)/R sum (A - A_i)^-1 A_i A^-1, as run i moves the solution by
     (A - A_i)^-1 g_i, and g_i has covariance A_i - A_i A^-1 A_i; with fewer the larger of it and the likelihood's."""
     total = per_run.sum(axis=0)
     inverse = linear_mixed.covariance_of(total)
@@ -316,7 +316,7 @@ def reported_covariance(per_run: Floats) -> Floats:
     without = np.array([linear_mixed.covariance_of(total - information) for information in per_run])
     jackknife = (runs - 1) / runs * np.sum(without @ per_run, axis=0) @ inverse
     jackknife = 0.5 * (jackknife + jackknife.T)
-    if runs >= FEW_RUNS:
+    if runs >= MIN_JACKKNIFE_RUNS:
         return np.asarray(jackknife)
     grow = np.sqrt(np.maximum(np.diagonal(jackknife) / np.maximum(np.diagonal(inverse), 1e-300), 1.0))
     return np.asarray(inverse * np.outer(grow, grow))
