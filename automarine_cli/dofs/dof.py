@@ -313,18 +313,16 @@ YAW = Dof(
         "moment": (("tau", "nu"), ("tau_Nm", "N m")),
     },
     nicknames={
-        "heading": ("heading", "yaw", "psi", "hdg", "compass", "head", "azimuth", "course", "yaw_deg", "yaw_rad"),
-        "yaw_rate": ("yaw_rate", "yawrate", "yaw_speed", "heading_rate", "gyro_z", "r"),
+        "heading": ("head", "hdt", "azimuth", "course", "yaw_deg", "yaw_rad"),
+        "yaw_rate": ("yaw_speed", "heading_rate", "wz", "gz", "r"),
         "moment": (
             "tau", "moment", "torque", "nm", "yaw_moment", "tau_nm", "mz", "torque_z",
             "moment_z", "tau_z", "yaw_torque",
         ),
-        "n_port": ("n_port", "port", "port_cmd", "left", "n_left", "cmd_port"),
-        "n_stbd": ("n_stbd", "stbd", "starboard", "stbd_cmd", "right", "n_right", "cmd_stbd"),
     },
     plain_names={
         "heading": ("heading", "yaw", "psi", "hdg", "compass"),
-        "yaw_rate": ("yaw_rate", "yawrate"),
+        "yaw_rate": ("yaw_rate", "yawrate", "gyro_z", "omega_z", "angular_velocity_z"),
         "n_port": ("n_port", "port", "left", "cmd_port", "port_cmd", "n_left"),
         "n_stbd": ("n_stbd", "stbd", "starboard", "right", "cmd_stbd", "stbd_cmd", "n_right"),
     },
@@ -378,8 +376,8 @@ def swing(
 ROLL = swing(
     "roll", 3, "K", "phi", "φ", "p", ("starboard down", "port down"),
     nicknames={
-        "roll": ("roll", "phi", "heel", "roll_angle", "heel_angle", "bank"),
-        "roll_rate": ("roll_rate", "rollspeed", "roll_speed", "p", "gyro_x"),
+        "roll": ("bank",),
+        "roll_rate": ("p",),
         "moment_K": ("roll_moment", "heeling_moment", "roll_torque", "torque_x", "moment_x", "tau_k"),
     },
     plain_names={
@@ -391,8 +389,7 @@ ROLL = swing(
 PITCH = swing(
     "pitch", 4, "M", "theta", "θ", "q", ("bow up", "bow down"),
     nicknames={
-        "pitch": ("pitch", "theta", "trim", "pitch_angle", "trim_angle"),
-        "pitch_rate": ("pitch_rate", "pitchspeed", "pitch_speed", "q", "gyro_y"),
+        "pitch_rate": ("q",),
         "moment_M": ("pitch_moment", "trimming_moment", "pitch_torque", "torque_y", "moment_y", "tau_m"),
     },
     plain_names={
@@ -435,9 +432,7 @@ SURGE = translation(
     thrusters=("n_port", "n_stbd"), sides=(1.0, 1.0), mounts=("port", "starboard"),
     nicknames={
         "distance": ("distance", "dist", "x", "position", "range", "travel", "surge_position", "pos_x"),
-        "surge": (
-            "surge", "u", "u_mps", "u_m_s", "speed", "speed_mps", "speed_m_s", "surge_speed", "forward_speed", "vx",
-        ),
+        "surge": ("u", "speed", "speed_mps", "speed_m_s", "vx", "sog", "stw"),
         "force_X": ("force_x", "surge_force", "thrust_x", "fx", "tau_x", "x_force"),
     },
     plain_names={"surge": ("surge", "u_mps", "u_m_s", "surge_speed", "surge_mps", "forward_speed", "surge_velocity")},
@@ -448,7 +443,7 @@ SWAY = translation(
     "sway", 1, "Y", "v", "y", "distance", ("starboard", "port"), to="to ",
     nicknames={
         "distance": ("distance", "dist", "y", "position", "range", "travel", "sway_position", "pos_y"),
-        "sway": ("sway", "v_mps", "v_m_s", "sway_speed", "lateral_speed", "vy"),
+        "sway": ("vy",),
         "force_Y": ("force_y", "sway_force", "lateral_force", "thrust_y", "fy", "tau_y", "y_force"),
     },
     plain_names={"sway": ("sway", "v_mps", "v_m_s", "sway_speed", "sway_mps", "lateral_speed", "sway_velocity")},

@@ -51,7 +51,8 @@ SIGNALS: Mapping[str, Signal] = {
     ),
     "rudder": Signal(
         {"rudder_deg": "deg", "rudder_rad": "rad"}, ANGLES, 0.0, 0.5, -1,
-        words=("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "fin", "elevator"), commanded=True,
+        words=("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "steering_angle", "fin", "elevator"),
+        commanded=True,
     ),
     "surge": Signal({"surge_m_s": "m/s"}, SPEEDS, 0.0, 0.4),
     "sway": Signal({"sway_m_s": "m/s"}, SPEEDS, 0.0, 0.2, -1),
@@ -198,9 +199,14 @@ WORDS: Mapping[str, Sequence[str]] = {
     "force": ("force", "thrust", "load", "newtons", "pull", "mean_force", "total_force"),
     **{quantity: signal.words for quantity, signal in SIGNALS.items()},
     **{
-        quantity: [word for other in DOFS.values() for word in other.nicknames.get(quantity, ())]
+        quantity: [
+            word
+            for called in ("plain_names", "nicknames")
+            for other in DOFS.values()
+            for word in getattr(other, called).get(quantity, ())
+        ]
         for dof in DOFS.values()
-        for quantity in dof.nicknames
+        for quantity in (*dof.plain_names, *dof.nicknames)
     },
 }
 
@@ -223,6 +229,11 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 RATE_WORDS = ("rate", "speed", "velocity", "vel", "gyro", "radps", "dps", "radsec", "degps")
 """Words in names of columns that are how fast something changes, and so no position."""
+WISH_WORDS = {
+    "setpoint", "sp", "ref", "reference", "cmd", "command", "desired", "des", "target", "goal", "demand", "err",
+    "error",
+}  # fmt: skip
+"""Words in names of columns that hold what a motion should be, or what is left to it."""
 SWING_DOFS = tuple(dof for dof in DOFS.values() if dof.restoring)  # words in names of their columns begin with theirs
 
 
@@ -235,18 +246,22 @@ def other_axis(name: str, quantity: str = "") -> bool:
 def likely_column(quantity: str, names: Iterable[str]) -> str | None:
     """Suggest the column that may be meant by a quantity, by its usual words first; None for nothing near."""
     words = (*WORDS.get(quantity, ()), *(name.lower() for name in names_of(quantity)))
-    position = any(quantity == dof.position for dof in DOFS.values())
+    moved = [dof for dof in DOFS.values() if quantity in (dof.position, dof.velocity)]
+    aside = {*(WISH_WORDS if moved else ()), *(RATE_WORDS if quantity in {dof.position for dof in moved} else ())}
+    plain_words = {word for dof in moved for word in dof.plain_names.get(quantity, ())} - {"psi"}  # a pressure too
     best, score = None, 0.75
     for name in islice(names, MAX_LOOKED_AT):
         if len(name) > LONGEST_GUESSED:
             continue
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-        if other_axis(name, quantity) or (position and set(plain.split("_")) & set(RATE_WORDS)):
+        if other_axis(name, quantity) or aside & set(plain.split("_")):
             continue
         alike = [difflib.SequenceMatcher(None, plain, word).ratio() for word in words]
         likeness = max(alike) - 1e-6 * alike.index(max(alike))
         if any(len(word) > 2 and plain.startswith(word + "_") for word in words):
             likeness = max(likeness, 0.9)
+        elif any(f"_{word}_" in f"_{plain}_" for word in plain_words):  # imu.yaw
+            likeness = max(likeness, 0.85)
         if plain and likeness > score:
             best, score = name, likeness
     return best

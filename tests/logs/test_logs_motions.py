@@ -85,6 +85,18 @@ def test_what_a_column_is_recognised_as() -> None:
     assert recognise("moment", ["rudder_deg"], {"rudder_deg": Span(-20.0, 20.0, 0.1, 2.0)}) is None
 
 
+def test_a_column_with_its_sensor_before_its_name_is_asked_about() -> None:
+    turning = {
+        name: Span(-179.0, 179.0, 0.3, 358.0)
+        for name in ("imu.yaw", "attitude/yaw", "magnetic_heading", "heading_setpoint", "yaw_ref", "tank_psi")
+    }
+    asked = {name: recognise("heading", ["yaw_ref", name], turning) for name in turning}
+    assert {name for name, column in asked.items() if column} == {"imu.yaw", "attitude/yaw", "magnetic_heading"}
+    assert all(column is None or (column.source == name and column.open) for name, column in asked.items())
+    rate = recognise("yaw_rate", ["imu_gyro_z_rad_s"], {"imu_gyro_z_rad_s": Span(-0.5, 0.5, 0.01, 0.1)})
+    assert rate is not None and rate.key == "yaw_rate_rad_s" and rate.open
+
+
 @pytest.mark.parametrize(
     ("quantity", "column", "line"),
     [
