@@ -30,6 +30,7 @@ from automarine_cli.fits.preference import (
 from automarine_cli.fits.steps import (
     Consistency,
     Start,
+    StepAnswer,
     StepData,
     data_of_steps,
     fit_halves,
@@ -270,6 +271,7 @@ PREDICTING = "predicting runs left out"
 MIN_STEPS = 3
 MIN_DRIVEN = 2  # driven runs from which on each is predicted by the others
 FEWEST_SAMPLES = 20  # of a whole run
+MIN_NOISE_RATIO = 1.3  # ratio of what a model leaves to the noise of the positions from which on something is missing
 
 
 def identify_turns(
@@ -329,12 +331,28 @@ def _fit_steps(
     else:
         whole = data_of_steps(turns, chosen.names, whole=True)
         answer = fit_whole_or_half(whole, half, starts, priors, two_way, map_jobs)
-    fits, preference = answer.fits, answer.preference
+    fits, preference = answer.fits, _prefer_steps(answer, turns, answer.data is not half, chosen)
     seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, tail=tail)
     return YawFit(
         half.unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, priors=priors,
         consistency=answer.consistency, whole_steps=answer.data is not half,
     )  # fmt: skip
+
+
+def _prefer_steps(answer: StepAnswer, turns: Sequence[HalfTurn], whole: bool, chosen: ChannelChoice) -> Preference:
+    """Choose the model by likelihood; where that one leaves more than the noise of the positions, something pushes
+    that no model of steps knows, likelihood counts it as noise from reading to reading, and predictions of steps left
+    out decide."""
+    fits, preference, dof = answer.fits, answer.preference, turns[0].step.run.dof
+    noise, left = float(np.median([turn.step.run.noise for turn in turns])), fits[preference.number].noise
+    if left is None or left <= MIN_NOISE_RATIO * noise:
+        return preference
+    stops = [turn.step.stop if whole and dof.wraps else turn.kept.stop for turn in turns]
+    some = np.unique(np.linspace(0, len(turns) - 1, min(len(turns), driven.MAX_RUNS_TRIED)).astype(int))
+    parts = [turns[i].step.run.cut(turns[i].looked_at[0], stops[i]) for i in some]
+    course = make_course(parts, np.ones(len(some), dtype=bool), channels=chosen.names)
+    tried = [replace(fit, mixed=replace(fit.mixed, left_out=fit.mixed.left_out[some])) for fit in fits.values()]
+    return prefer_quiet(fits, dict(zip(fits, driven.whole_predictions(course, tried, alone=True))), dof)
 
 
 def _rough_start(rough: VelocityErrorFit, dof: Dof, number: str) -> Start:

@@ -14,7 +14,7 @@ from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.characteristics import AMPLITUDE_DEG, AT_AMPLITUDE, Nomoto, Swing, mean_miss
 from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
-from automarine_cli.fits.identify import YawFit, effect_estimates
+from automarine_cli.fits.identify import MIN_NOISE_RATIO, YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
@@ -151,7 +151,6 @@ def design_cautions(levels: Sequence[float], unit: str, dof: Dof) -> Iterator[Ca
         yield Caution("", DRAG_ROLES, says)
 
 
-MIN_NOISE_RATIO = 1.3  # ratio of what a model leaves to the noise of the headings from which on something is missing
 MIN_DECIDING_SHARE = 0.8  # share of the spread over fits without one run from which on that run decides alone
 WILD_GAIN = 0.25  # scatter of the thrust from run to run beyond what batteries and water do
 MIN_MOVED_STDERRS = 3.0  # standard errors
