@@ -34,6 +34,7 @@ from automarine_cli.diagnosis.search import (
     attempt_on,
     clear,
     gain_exponent,
+    is_of_early_logs,
     may_be_nothing,
     obstacle,
     search,
@@ -59,7 +60,7 @@ from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
-from automarine_cli.runs.run import ExcludedRun, Run, runs_json
+from automarine_cli.runs.run import ExcludedRun, Run, runs_json, with_later_commands
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
@@ -737,12 +738,17 @@ def _diagnose_study(
 
     def search_on(first: SearchStep) -> bool:
         nonlocal at_once
+        if is_of_early_logs(study, first):
+            return False
         at_once = learn_at_once(study, first, seed, map_fn)
         if at_once is None:
             goes_on()
         return at_once is None
 
     searched = search(study, seed, map_fn, search_on)
+    if any(is_of_early_logs(study, look) for look in searched.rounds):
+        later = [with_later_commands(run) for run in unfitted]
+        return _diagnose_study(study.with_later_commands(), later, seed, map_fn, chosen, number, goes_on)
     where = find_where(searched.study, searched.base, seed)
 
     def explained(outcome: SearchResult) -> bool:

@@ -732,6 +732,15 @@ def may_be_the_log(study: DiagnosisProblem, trial: CandidateFit) -> bool:
     return surely or least(study.covariance(trial.model, trial.fit)) <= study.logger_delay
 
 
+def is_of_early_logs(study: DiagnosisProblem, look: SearchStep) -> bool:
+    """Whether what explains most is no more than commands that are logged up to a sample before they act."""
+    if study.driven or study.is_early or not look.trials:
+        return False
+    best = look.trials[0]
+    delays = effects.get(best.added[-1]).delays
+    return delays and look.gain(best) > look.threshold and may_be_the_log(study, best)
+
+
 def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit, name: str) -> bool:
     """Whether the sizes of an effect of a trial, all together, are within their errors of nothing.
 

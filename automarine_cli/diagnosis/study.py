@@ -25,7 +25,7 @@ from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covari
 from automarine_cli.models.model import COMMAND_DELAY, Model, Term
 from automarine_cli.models.parameter import Parameters
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import Run, position_noise
+from automarine_cli.runs.run import Run, position_noise, with_later_commands
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
@@ -180,13 +180,19 @@ class DiagnosisProblem:
     Runs that are `driven` are judged by the innovations of a filter, in which a disturbance is a process (see
     fits/innovations.py): a controller in the loop, wind, waves, wash. The others are simulated whole, and nothing but
     noise, gains and instants differs between a run and its simulation. `channels` are the sensors that count, None for
-    the position alone; gaps are looked at in the position either way."""
+    the position alone; gaps are looked at in the position either way. `is_early`: the commands of `runs` are a sample
+    later than the logs have them."""
 
     runs: tuple[Run, ...]
     base: Model
     driven: bool
     signals: tuple[str, ...]
     channels: tuple[str, ...] | None = None
+    is_early: bool = False
+
+    def with_later_commands(self) -> "DiagnosisProblem":
+        """Return the same of logs that have every command a sample before it acts."""
+        return replace(self, runs=tuple(map(with_later_commands, self.runs)), is_early=True)
 
     @cached_property
     def batch(self) -> Batch:
@@ -394,7 +400,7 @@ class DiagnosisProblem:
     def command_delay(self, fit: Fit) -> float:
         """Give the command delay [s] of a fit to these runs as files have it."""
         delay = float(fit.of_chance[COMMAND_DELAY])
-        return delay if fit.driven else 2.0 * self.logger_delay * float(instant(np.array(delay)))
+        return delay if fit.driven else 2.0 * self.logger_delay * float(instant(np.array(delay)) + self.is_early)
 
     def predictions(self, model: Model, fit: InnovationsFit) -> tuple[Predicted, ...]:
         """What the model predicts of these runs, from the filtered state, over each of HORIZONS, worked out once a fit;

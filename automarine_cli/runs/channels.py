@@ -153,6 +153,11 @@ def agreement(runs: Sequence[Run]) -> Agreement:
     of_scale = _scale(moving, 0.0 if fixed else late)
     clock = fixed is None or misfit < float(_misfit(moving, np.zeros(1), None).sum())
     period = max(_pace(moving, "position"), _pace(moving, "velocity"))
+    # a small scale alone looks like a small delay, and the other way round
+    if fixed and max(abs(of_scale[1] - 1.0) / of_scale[2], abs(late) / late_error) > FAULT_STDERRS:
+        apart, error, _ = _delay(moving, None)
+        if abs(apart) <= MAX_SHIFT_PERIODS * period:
+            late, late_error, of_scale = apart, error, _scale(moving, apart)
     return Agreement(len(moving), *of_scale, late, late_error, clock, period, nothing.follows, stuck)
 
 
@@ -294,6 +299,7 @@ MIN_CORRELATION = 0.7  # Of either sign, of velocity and position below which th
 MIN_BIASED_CORRELATION = 0.9  # The same where the vehicle hardly changed its velocity, and a bias may hide in it
 MIN_SCALE_ERROR = 0.03  # What is less is none: tilt, deviation and the sums of slow loggers make it
 MIN_DELAY_PERIODS = 1.5  # Delay that is none, in times between readings
+MAX_SHIFT_PERIODS = 0.5  # Delay up to which no reading can tell an effect from a sensor, in times between readings
 FAULT_STDERRS = 5.0
 UNIT_RATIO = 1.25  # A scale this near to that of a mistaken unit, as a factor, is that
 
@@ -309,20 +315,41 @@ class ChannelVerdict:
 
 @dataclass(frozen=True)
 class ChannelChoice:
-    """The sensors of a campaign: `names` that count (None: no choice), `stuck` runs without their velocity."""
+    """The sensors of a campaign: `names` that count (None: no choice), `stuck` runs without their velocity; of the
+    others it is put right by the `scale` and by how `late` [s] it is against the position."""
 
     verdicts: tuple[ChannelVerdict, ...] = ()
     names: tuple[str, ...] | None = None
     stuck: frozenset[str] = frozenset()
+    scale: float = 1.0
+    late: float = 0.0
 
     def cleaned(self, run: Run) -> Run:
-        """The run without readings of a sensor that is stuck in it."""
-        return _without_velocity(run) if run.name in self.stuck else run
+        """The run without readings of a sensor that is stuck in it, and those of another put right."""
+        return _without_velocity(run) if run.name in self.stuck else self._put_right(run)
 
     def believed(self, run: Run) -> Run:
-        """The run without a velocity that does not count, if only some sensors do."""
+        """The run without a velocity that does not count, if only some sensors do, or with it put right."""
         counts = self.names is None or (run.dof.velocity in self.names and run.name not in self.stuck)
-        return run if counts else _without_velocity(run)
+        return self._put_right(run) if counts else _without_velocity(run)
+
+    def _put_right(self, run: Run) -> Run:
+        readings = run.extras.get(run.dof.velocity)
+        if readings is None or (self.scale == 1.0 and self.late == 0.0):
+            return run
+        readings = self.scale * readings
+        if self.late and np.all(np.isfinite(readings)):
+            readings = advanced(readings, self.late / run.sample_period)
+        return replace(run, extras={**run.extras, run.dof.velocity: readings})
+
+
+def advanced(readings: Floats, samples: float) -> Floats:
+    """Give readings (N,) a share of a sample later, by their spectrum: their noise stays as white and as large."""
+    line = np.linspace(readings[0], readings[-1], len(readings))
+    mirrored = np.concatenate([readings - line, (line - readings)[-2:0:-1]])
+    turned = np.exp(2j * np.pi * samples * np.fft.rfftfreq(len(mirrored)))
+    shifted = np.fft.irfft(turned * np.fft.rfft(mirrored), len(mirrored))[: len(readings)]
+    return np.asarray(shifted + line + samples * (line[-1] - line[0]) / (len(line) - 1))
 
 
 def _without_velocity(run: Run) -> Run:
@@ -362,16 +389,38 @@ def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_po
     trouble = trouble_of(sensors, dof, late_position) if logged[dof.position] else ""
     position = logged[dof.position] and (names is None or dof.position in names)
     velocity = dof.velocity in names if names else which == ALL or not trouble
-    why, of_position = trouble, "" if position else not_named
+    why, of_position, scale, late = trouble, "" if position else not_named, 1.0, 0.0
     if names and not velocity:
         why = not_named
     elif velocity and not trouble:
         why = _stuck_in(sensors, dof)
+        scale, late = _small_errors(sensors) if position else (1.0, 0.0)
+        why = " ".join(filter(None, [why, _put_right(scale, late, dof)]))
     if not logged[dof.position]:
         words = dof.words
         of_position = f"The logs hold no {words.position}: that shown is a sum of the {words.rate}, and no evidence."
     verdicts = (ChannelVerdict(dof.position, position, of_position), ChannelVerdict(dof.velocity, velocity, why))
-    return ChannelChoice(verdicts, tuple(v.quantity for v in verdicts if v.used), frozenset(sensors.stuck))
+    return ChannelChoice(verdicts, tuple(v.quantity for v in verdicts if v.used), frozenset(sensors.stuck), scale, late)
+
+
+def _small_errors(sensors: Agreement) -> tuple[float, float]:
+    """Scale and lateness [s] of a velocity, too small to speak against it, that are beyond doubt: 1 and 0 if not.
+
+    A hundredth of a scale or a third of a sample looks like an effect where both sensors count."""
+    late = sensors.late if abs(sensors.late) > FAULT_STDERRS * sensors.late_error else 0.0
+    scale = sensors.scale if abs(sensors.scale - 1.0) > FAULT_STDERRS * sensors.scale_error else 1.0
+    within = abs(scale - 1.0) <= MIN_SCALE_ERROR and abs(late) <= MAX_SHIFT_PERIODS * sensors.period
+    return (scale, late) if within else (1.0, 0.0)
+
+
+def _put_right(scale: float, late: float, dof: Dof) -> str:
+    """Say what of a velocity is put right; empty for nothing."""
+    parts = []
+    if scale != 1.0:
+        parts.append(f"reads {100 * abs(1 / scale - 1):.2g} % {'less' if scale > 1 else 'more'} than")
+    if late != 0.0:
+        parts.append(f"is {1000 * abs(late):.2g} ms {'late against' if late > 0 else 'ahead of'}")
+    return f"The {dof.words.rate} {' and '.join(parts)} the {dof.words.position}: it is put right." if parts else ""
 
 
 def trouble_of(sensors: Agreement, dof: Dof, late_position: bool = False) -> str:

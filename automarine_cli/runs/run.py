@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import ExcludedRun, RunError
-from automarine_cli.logs.columns import PULSES, names_of
+from automarine_cli.logs.columns import PULSES, SIGNALS, THRUSTERS, names_of
 from automarine_cli.logs.find import stem_of
 from automarine_cli.pipeline.records import to_mapping
 from automarine_cli.quantities import CLOCK, SINCE, Floats
@@ -83,6 +83,17 @@ def fresh_readings(read: Floats) -> NDArray[np.bool_]:
     if median(moved[~same]) >= QUANTISED_RATIO * moved[~same].min():
         fresh[at[1:][same]] = False
     return fresh
+
+
+def with_later_commands(run: "Run") -> "Run":
+    """Return the run with every command a sample later."""
+
+    def later(values: Floats) -> Floats:
+        return np.concatenate([values[:1], values[:-1]])
+
+    commanded = {*THRUSTERS, *(name for name, signal in SIGNALS.items() if signal.commanded)}
+    extras = {name: later(values) if name in commanded else values for name, values in run.extras.items()}
+    return replace(run, moment=None if run.moment is None else later(run.moment), extras=extras)
 
 
 MAX_EXTRAPOLATION, IMPOSSIBLE_EXTRAPOLATION = 1.05, 3.0  # times the range of the map: a guess; of another map

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from few_candidates import few_candidates
 from made_runs import INERTIA, K_RR
+from stirred import INERTIA as WATER_INERTIA
+from stirred import K_R, steps_in_water
+from stirred import K_RR as WATER_K_RR
 from tank import pool_campaign
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, parameter_estimates
@@ -19,6 +22,7 @@ from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
 BASE = Model.base("3", INERTIA, [K_RR], "nu", YAW)
+IN_WATER = Model.base("2", 4.0, [6.0, 1.2], "N m", YAW)
 LAGS = {"input-delay": 0.15, "thruster-lag": 0.2, "sensor-lag": 0.2}
 SIZES = (0.15, 0.3, 0.45, 0.6, 0.8)
 PERIOD, REST = 0.1, 2.0
@@ -87,6 +91,40 @@ def test_runs_held_out_may_lack_the_gyro() -> None:
     found = format_value(runs[:14], hold_out=[replace(run, extras={}) for run in runs[14:]])
     assert [named.name for named in found.effects] == ["thruster-lag"]
     assert found.held_out is not None and found.held_out.gap.after < found.held_out.gap.before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("sensors", "late"),
+    [
+        ({"gyro_late": 0.03}, 0.0),
+        ({"gyro_scale": 0.985}, 0.0),
+        ({"heading_late": 0.03}, 0.03),
+        ({"heading_late": 0.04, "gyro_late": 0.04}, 0.04),  # as late as the half of a sample that a logger makes
+    ],
+)
+def test_what_loggers_and_gyros_do_is_no_effect(sensors: dict[str, float], late: float, seed: int) -> None:
+    """Such sensors were called current-deviation, tether-spring, or three effects."""
+    found = diagnose_runs(steps_in_water(seed=seed, **sensors), IN_WATER, number="2")
+    assert found.verdict == "nothing-missing"
+    assert found.extended["command_delay_s"] == pytest.approx(0.05 + late, abs=0.006)  # since the middle of a sample
+    assert all(
+        abs(after.value - truth) < 4.0 * after.stderr
+        for truth, (_, after) in zip((WATER_INERTIA, WATER_K_RR, K_R), found.base.values())
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("lag", "names"), [(0.0, []), (0.25, ["thruster-lag"])])
+def test_in_stirred_water_steps_are_judged_with_a_disturbance(lag: float, names: list[str]) -> None:
+    """Gains and starts of runs alone leave such steps unexplained."""
+    found = diagnose_runs(steps_in_water(0.15, lag, seed=2), IN_WATER, number="2")
+    assert found.driven and [named.name for named in found.effects] == names
+    assert found.verdict == ("named" if names else "nothing-missing")
+    assert abs(found.base["I_r"][1].value - WATER_INERTIA) < 3.0 * found.base["I_r"][1].stderr
+    for named in found.effects:
+        assert named.parameters["T"].ci95[0] < lag < named.parameters["T"].ci95[1]
 
 
 @pytest.mark.slow

@@ -5,9 +5,13 @@ import pytest
 from identified import identify
 from made_campaigns import campaign
 from made_runs import INERTIA, K_RR, mirrored
+from stirred import INERTIA as WATER_INERTIA
+from stirred import K_R, steps_in_water
+from stirred import K_RR as WATER_K_RR
 from tank import pool_campaign
 
 from automarine_cli.estimate import Estimate
+from automarine_cli.fits.preference import prefer
 from automarine_cli.runs.run import Run
 
 LATE = 3  # samples of 0.1 s
@@ -36,6 +40,18 @@ def test_whole_steps_with_a_delay_hold_the_truth() -> None:
     assert other.delay.value == pytest.approx(best.delay.value, abs=1e-6)
     assert other.estimates["I_r"].value == pytest.approx(best.estimates["I_r"].value, rel=1e-6)
     assert np.sqrt(np.mean(np.square(scores))) < 1.6 and np.abs(scores).max() < 3.5
+
+
+def test_in_stirred_water_predictions_choose_the_model() -> None:
+    """Likelihood takes the pushes for noise from reading to reading."""
+    fit = identify(steps_in_water(0.1, seed=4))
+    assert prefer(fit.output_error).number == "3" and fit.preference.number == "2"
+    assert fit.preference.because.startswith("Model 2 predicts runs left out of the fit")
+    for name, truth in (("I_r", WATER_INERTIA), ("k_rr", WATER_K_RR), ("k_r", K_R)):
+        low, high = fit.preferred.estimates[name].ci95
+        assert low < truth < high
+    low, high = fit.output_error["3"].estimates["k_rr"].ci95
+    assert not low < WATER_K_RR < high
 
 
 @pytest.mark.slow

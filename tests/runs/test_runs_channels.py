@@ -11,7 +11,7 @@ from scipy.signal import savgol_filter
 from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.channels import Agreement, choose_channels, trouble_of
+from automarine_cli.runs.channels import Agreement, advanced, choose_channels, trouble_of
 from automarine_cli.runs.load import standstill
 from automarine_cli.runs.run import Run
 
@@ -97,6 +97,39 @@ def test_a_heading_that_is_read_late_may_be_what_is_looked_for(honest: list[Run]
     ahead, late = (changed(honest, FAULTS[name][0]) for name in ("ahead", "late"))
     assert choose_channels(ahead, YAW, late_position=True).names == ("heading", "yaw_rate")
     assert choose_channels(late, YAW, late_position=True).names == ("heading",)
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize(("scale", "late"), [(1.0, 0.03), (1.0, -0.03), (0.985, 0.0), (1.02, 0.03)])
+def test_what_is_too_small_for_a_fault_is_put_right(scale: float, late: float, mirror: bool, honest: list[Run]) -> None:
+    runs = changed(honest, lambda run, rate: scale * later(late)(run, rate))
+    channels = choose_channels(mirrored(runs) if mirror else runs, YAW)
+    assert channels.names == ("heading", "yaw_rate") and channels.verdicts[1].why.endswith("it is put right.")
+    assert channels.scale == pytest.approx(1 / scale, abs=0.004) and channels.late == pytest.approx(late, abs=0.008)
+    assert (channels.scale == 1.0) == (scale == 1.0) and (channels.late == 0.0) == (late == 0.0)
+
+    def off(run: Run, true: Run) -> float:
+        rise = np.abs(np.gradient(true.extras["yaw_rate"], true.time)) > 0.1
+        return float(np.mean((run.extras["yaw_rate"] - true.extras["yaw_rate"])[rise]))
+
+    mended = np.array([[off(channels.cleaned(run), true), off(run, true)] for run, true in zip(runs, honest)])
+    assert mirror or np.abs(mended[:, 0]).mean() < 0.6 * np.abs(mended[:, 1]).mean()
+    assert choose_channels(runs, YAW, "yaw_rate").late == 0.0  # with nothing to compare it with
+    asked = choose_channels(runs, YAW, "position").cleaned(runs[0])
+    assert asked is runs[0]
+
+
+def test_readings_of_another_time_keep_their_noise() -> None:
+    time, random = np.arange(400), np.random.default_rng(2)
+    slow = 0.3 + 0.01 * time + np.sin(time / 20.0)
+    inner = slice(20, -20)
+    assert advanced(slow, 0.4)[inner] == pytest.approx(
+        (0.304 + 0.01 * time + np.sin((time + 0.4) / 20.0))[inner], abs=2e-3
+    )
+    noise = random.standard_normal((50, 400))
+    moved = np.array([advanced(row, 0.5) for row in noise])
+    assert moved[:, inner].std() == pytest.approx(noise[:, inner].std(), rel=0.02)
+    assert abs(np.mean(moved[:, 20:-20] * moved[:, 21:-19])) < 0.02  # nor do neighbours share any
 
 
 def test_stuck_in_one_run_is_left_out_of_that_run(honest: list[Run]) -> None:

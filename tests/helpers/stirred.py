@@ -1,0 +1,47 @@
+"""Steps with their coast-downs in stirred water, by an integrator of its own, and what late or wrong sensors read."""
+
+import numpy as np
+
+from automarine_cli.dofs import YAW
+from automarine_cli.runs.run import Run
+
+INERTIA, K_R, K_RR, LARGEST = 4.2, 1.1, 6.5, 4.5  # N m s², N m s, N m s², N m
+SHARES = (0.12, 0.25, 0.5, 0.8)
+STEP_S, STIRRED_S = 0.002, 8.0
+ON_S, OFF_S, END_S = 2.0, 14.0, 22.0
+
+
+def steps_in_water(
+    push: float = 0.0, lag: float = 0.0, *, heading_late: float = 0.0, gyro_late: float = 0.0, gyro_scale: float = 1.0,
+    seed: int = 1, period: float = 0.1,
+) -> list[Run]:  # fmt: skip
+    """Two runs of each moment to either side; a moment of standard deviation `push` [N m] that lasts STIRRED_S acts on
+    them, and their thrust has a `lag` [s]. Switches come with a sample."""
+    rng = np.random.default_rng(seed)
+    size = LARGEST * np.repeat([side * share for share in SHARES for side in (1.0, -1.0)], 2)
+    time = STEP_S * np.arange(round(END_S / STEP_S) + 1)
+    on = (time > ON_S - 1e-9) & (time < OFF_S - 1e-9)
+    heading, rate = np.zeros((2, len(time), len(size)))
+    heading[0] = rng.uniform(-np.pi, np.pi, len(size))
+    moment, pushing = np.zeros(len(size)), push * rng.standard_normal(len(size))
+    fade = np.exp(-STEP_S / STIRRED_S)
+    for k in range(len(time) - 1):
+        moment = size * on[k] + (moment - size * on[k]) * (np.exp(-STEP_S / lag) if lag else 0.0)
+
+        def pull(r: np.ndarray, acts: np.ndarray = moment + pushing) -> np.ndarray:
+            return (acts - K_R * r - K_RR * r * np.abs(r)) / INERTIA
+
+        middle = rate[k] + 0.5 * STEP_S * pull(rate[k])
+        rate[k + 1] = rate[k] + STEP_S * pull(middle)
+        heading[k + 1] = heading[k] + STEP_S * middle
+        pushing = fade * pushing + push * np.sqrt(1.0 - fade**2) * rng.standard_normal(len(size))
+    read, runs = np.arange(1.0, END_S - 1.0, period), []
+    for i, of_run in enumerate(size):
+        angle, speed = (
+            np.interp(read - late, time, of[:, i]) for of, late in ((heading, heading_late), (rate, gyro_late))
+        )
+        noise = np.deg2rad([[0.3], [0.4]]) * rng.standard_normal((2, len(read)))
+        command = np.where((read > ON_S - 1e-9) & (read < OFF_S - 1e-9), of_run, 0.0)
+        extras = {"yaw_rate": gyro_scale * speed + noise[1]}
+        runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + read, angle + noise[0], command, "N m", extras, dof=YAW))
+    return runs
