@@ -3,7 +3,6 @@ suspected, nothing missing or unexplained."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -48,7 +47,7 @@ from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.kalman import MAX_Z, Predicted
 from automarine_cli.fits.characteristics import steering_json, steering_of
-from automarine_cli.fits.driven import ForecastScore, shows_disturbance, worth_of
+from automarine_cli.fits.driven import ForecastScore, worth_of
 from automarine_cli.fits.identify import valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
@@ -716,16 +715,7 @@ def diagnose_runs(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {MIN_RUNS}"
         )
     study = study_of(fitted, base, chosen.names, driven)
-    ask = partial(
-        _diagnose_study, unfitted=unfitted, seed=seed, map_fn=map_fn, chosen=chosen, number=number, goes_on=goes_on
-    )
-    diagnosis = ask(study)
-    if study.driven or diagnosis.verdict != UNEXPLAINED:
-        return diagnosis
-    if not shows_disturbance(study.runs, base, study.at_rest, chosen.names):
-        return diagnosis
-    disturbed = ask(replace(study, driven=True))
-    return diagnosis if disturbed.verdict == UNEXPLAINED else disturbed
+    return _diagnose_study(study, unfitted, seed, map_fn, chosen, number, goes_on)
 
 
 def _diagnose_study(

@@ -300,6 +300,7 @@ MIN_BIASED_CORRELATION = 0.9  # The same where the vehicle hardly changed its ve
 MIN_SCALE_ERROR = 0.03  # What is less is none: tilt, deviation and the sums of slow loggers make it
 MIN_DELAY_PERIODS = 1.5  # Delay that is none, in times between readings
 MAX_SHIFT_PERIODS = 0.5  # Delay up to which no reading can tell an effect from a sensor, in times between readings
+HELD_PERIODS = 1.5  # Samples between new readings from which on a sensor is slower than the log
 FAULT_STDERRS = 5.0
 UNIT_RATIO = 1.25  # A scale this near to that of a mistaken unit, as a factor, is that
 
@@ -394,7 +395,7 @@ def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_po
         why = not_named
     elif velocity and not trouble:
         why = _stuck_in(sensors, dof)
-        scale, late = _small_errors(sensors) if position else (1.0, 0.0)
+        scale, late = _small_errors(sensors, runs) if position else (1.0, 0.0)
         why = " ".join(filter(None, [why, _put_right(scale, late, dof)]))
     if not logged[dof.position]:
         words = dof.words
@@ -403,14 +404,16 @@ def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_po
     return ChannelChoice(verdicts, tuple(v.quantity for v in verdicts if v.used), frozenset(sensors.stuck), scale, late)
 
 
-def _small_errors(sensors: Agreement) -> tuple[float, float]:
+def _small_errors(sensors: Agreement, runs: Sequence[Run]) -> tuple[float, float]:
     """Scale and lateness [s] of a velocity, too small to speak against it, that are beyond doubt: 1 and 0 if not.
 
-    A hundredth of a scale or a third of a sample looks like an effect where both sensors count."""
+    A hundredth of a scale or a third of a sample looks like an effect where both sensors count. A sensor slower than
+    the log is late because its readings are held."""
+    sampled = median(np.array([run.sample_period for run in runs]))
     late = sensors.late if abs(sensors.late) > FAULT_STDERRS * sensors.late_error else 0.0
     scale = sensors.scale if abs(sensors.scale - 1.0) > FAULT_STDERRS * sensors.scale_error else 1.0
-    within = abs(scale - 1.0) <= MIN_SCALE_ERROR and abs(late) <= MAX_SHIFT_PERIODS * sensors.period
-    return (scale, late) if within else (1.0, 0.0)
+    within = abs(scale - 1.0) <= MIN_SCALE_ERROR and abs(late) <= MAX_SHIFT_PERIODS * sampled
+    return (scale, late) if within and sensors.period <= HELD_PERIODS * sampled else (1.0, 0.0)
 
 
 def _put_right(scale: float, late: float, dof: Dof) -> str:
@@ -419,7 +422,7 @@ def _put_right(scale: float, late: float, dof: Dof) -> str:
     if scale != 1.0:
         parts.append(f"reads {100 * abs(1 / scale - 1):.2g} % {'less' if scale > 1 else 'more'} than")
     if late != 0.0:
-        parts.append(f"is {1000 * abs(late):.2g} ms {'late against' if late > 0 else 'ahead of'}")
+        parts.append(f"is {abs(late):.2g} s {'late against' if late > 0 else 'ahead of'}")
     return f"The {dof.words.rate} {' and '.join(parts)} the {dof.words.position}: it is put right." if parts else ""
 
 

@@ -116,18 +116,6 @@ def test_what_loggers_and_gyros_do_is_no_effect(sensors: dict[str, float], late:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("lag", "names"), [(0.0, []), (0.25, ["thruster-lag"])])
-def test_in_stirred_water_steps_are_judged_with_a_disturbance(lag: float, names: list[str]) -> None:
-    """Gains and starts of runs alone leave such steps unexplained."""
-    found = diagnose_runs(steps_in_water(0.15, lag, seed=2), IN_WATER, number="2")
-    assert found.driven and [named.name for named in found.effects] == names
-    assert found.verdict == ("named" if names else "nothing-missing")
-    assert abs(found.base["I_r"][1].value - WATER_INERTIA) < 3.0 * found.base["I_r"][1].stderr
-    for named in found.effects:
-        assert named.parameters["T"].ci95[0] < lag < named.parameters["T"].ci95[1]
-
-
-@pytest.mark.slow
 def test_a_delay_is_found_from_every_start() -> None:
     """It shares its direction with the instants at which commands switch."""
     delay = {"name": "input-delay", "t_d": 0.25}
