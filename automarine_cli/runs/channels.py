@@ -13,7 +13,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs.columns import names_of
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import NORMAL, Run, median, position_noise, slope, summed
+from automarine_cli.runs.run import NORMAL, Run, filled, median, position_noise, slope, summed
 from automarine_cli.text import listed
 
 MIN_VELOCITIES = 8  # Readings of a velocity that is compared
@@ -327,20 +327,21 @@ class ChannelChoice:
 
     def cleaned(self, run: Run) -> Run:
         """The run without readings of a sensor that is stuck in it, and those of another put right."""
-        return _without_velocity(run) if run.name in self.stuck else self._put_right(run)
+        return _without_velocity(run) if run.name in self.stuck else self._corrected(run)
 
     def believed(self, run: Run) -> Run:
         """The run without a velocity that does not count, if only some sensors do, or with it put right."""
         counts = self.names is None or (run.dof.velocity in self.names and run.name not in self.stuck)
-        return self._put_right(run) if counts else _without_velocity(run)
+        return self._corrected(run) if counts else _without_velocity(run)
 
-    def _put_right(self, run: Run) -> Run:
+    def _corrected(self, run: Run) -> Run:
         readings = run.extras.get(run.dof.velocity)
         if readings is None or (self.scale == 1.0 and self.late == 0.0):
             return run
         readings = self.scale * readings
-        if self.late and np.all(np.isfinite(readings)):
-            readings = advanced(readings, self.late / run.sample_period)
+        if self.late:
+            later = advanced(filled(run.time, readings), self.late / run.sample_period)
+            readings = np.where(np.isfinite(readings), later, np.nan)
         return replace(run, extras={**run.extras, run.dof.velocity: readings})
 
 
@@ -396,7 +397,7 @@ def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_po
     elif velocity and not trouble:
         why = _stuck_in(sensors, dof)
         scale, late = _small_errors(sensors, runs) if position else (1.0, 0.0)
-        why = " ".join(filter(None, [why, _put_right(scale, late, dof)]))
+        why = " ".join(filter(None, [why, _says_corrected(scale, late, dof)]))
     if not logged[dof.position]:
         words = dof.words
         of_position = f"The logs hold no {words.position}: that shown is a sum of the {words.rate}, and no evidence."
@@ -416,7 +417,7 @@ def _small_errors(sensors: Agreement, runs: Sequence[Run]) -> tuple[float, float
     return (scale, late) if within and sensors.period <= HELD_PERIODS * sampled else (1.0, 0.0)
 
 
-def _put_right(scale: float, late: float, dof: Dof) -> str:
+def _says_corrected(scale: float, late: float, dof: Dof) -> str:
     """Say what of a velocity is put right; empty for nothing."""
     parts = []
     if scale != 1.0:

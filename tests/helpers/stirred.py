@@ -12,23 +12,22 @@ ON_S, OFF_S, END_S = 2.0, 14.0, 22.0
 
 
 def steps_in_water(
-    push: float = 0.0, lag: float = 0.0, *, heading_late: float = 0.0, gyro_late: float = 0.0, gyro_scale: float = 1.0,
+    push: float = 0.0, *, heading_late: float = 0.0, gyro_late: float = 0.0, gyro_scale: float = 1.0,
     seed: int = 1, period: float = 0.1,
 ) -> list[Run]:  # fmt: skip
     """Two runs of each moment to either side; a moment of standard deviation `push` [N m] that lasts STIRRED_S acts on
-    them, and their thrust has a `lag` [s]. Switches come with a sample."""
+    them. Switches come with a sample."""
     rng = np.random.default_rng(seed)
     size = LARGEST * np.repeat([side * share for share in SHARES for side in (1.0, -1.0)], 2)
     time = STEP_S * np.arange(round(END_S / STEP_S) + 1)
     on = (time > ON_S - 1e-9) & (time < OFF_S - 1e-9)
     heading, rate = np.zeros((2, len(time), len(size)))
     heading[0] = rng.uniform(-np.pi, np.pi, len(size))
-    moment, pushing = np.zeros(len(size)), push * rng.standard_normal(len(size))
+    pushing = push * rng.standard_normal(len(size))
     fade = np.exp(-STEP_S / STIRRED_S)
     for k in range(len(time) - 1):
-        moment = size * on[k] + (moment - size * on[k]) * (np.exp(-STEP_S / lag) if lag else 0.0)
 
-        def pull(r: np.ndarray, acts: np.ndarray = moment + pushing) -> np.ndarray:
+        def pull(r: np.ndarray, acts: np.ndarray = size * on[k] + pushing) -> np.ndarray:
             return (acts - K_R * r - K_RR * r * np.abs(r)) / INERTIA
 
         middle = rate[k] + 0.5 * STEP_S * pull(rate[k])

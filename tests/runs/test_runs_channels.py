@@ -113,7 +113,12 @@ def test_what_is_too_small_for_a_fault_is_put_right(scale: float, late: float, m
         return float(np.mean((run.extras["yaw_rate"] - true.extras["yaw_rate"])[rise]))
 
     mended = np.array([[off(channels.cleaned(run), true), off(run, true)] for run, true in zip(runs, honest)])
-    assert mirror or np.abs(mended[:, 0]).mean() < 0.6 * np.abs(mended[:, 1]).mean()
+    assert np.abs(mended[:, 0]).mean() < 0.6 * np.abs(mended[:, 1]).mean()
+    gap = np.arange(len(runs[0])) // 3 == 9
+    holed, whole = (channels.cleaned(run).extras["yaw_rate"] for run in (
+        changed(runs[:1], lambda run, rate: np.where(gap, np.nan, rate))[0], runs[0]
+    ))  # fmt: skip
+    assert np.array_equal(np.isnan(holed), gap) and holed[40:] == pytest.approx(whole[40:], abs=0.01)
     assert choose_channels(runs, YAW, "yaw_rate").late == 0.0  # with nothing to compare it with
     asked = choose_channels(runs, YAW, "position").cleaned(runs[0])
     assert asked is runs[0]
