@@ -169,7 +169,7 @@ def _command(dof: Dof, *particular: Callable[[Function], Function]) -> Command:
     effect_names = options.Checked("fits.driven:parse_effects", dof, type=options.Names())
     with_effects = option(
         "--with", "with_effects", default="", type=effect_names, metavar="EFFECTS", seldom=True,
-        help="Effects to fit together with the drag, such as dead-band,input-delay; fits whole runs.",
+        help="Effects to fit with the drag, each in its likeliest law, such as dead-band,input-delay; fits whole runs.",
     )  # fmt: skip
 
     fit: Function = partial(_fit, dof)

@@ -40,7 +40,6 @@ from automarine_cli.fits.driven import (
     judged_of,
     worth_of,
 )
-from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.preference import forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import rough_model
@@ -52,6 +51,7 @@ from automarine_cli.pipeline.records import ResultKind, ResultRecord, Shown, key
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice, unbiased_velocity
 from automarine_cli.runs.checks import without_undriven
+from automarine_cli.runs.half_turn import start_at_rest
 from automarine_cli.runs.load import GAP_IN_PERIODS, LoadedRuns, load_runs, require_usable
 from automarine_cli.runs.run import ExcludedRun, Run, command_warnings, position_noise, runs_json
 from automarine_cli.simulation.batch import make_batch
@@ -495,7 +495,7 @@ def predictions_of(
 ) -> dict[str, tuple[Predicted, ...]]:
     """Predict with every model of a file from the filtered states of `runs`; none where neither these are driven nor
     those that were fitted, or no filter follows them. `channels` names what counts, None for positions."""
-    at_rest = np.array([starts_at_rest(run) for run in runs])
+    at_rest = start_at_rest(runs)
     try:
         rough = rough_model("2", make_batch(runs, MAX_STEPS_S[0]))  # what runs are hangs on no model to be judged
     except FitError:

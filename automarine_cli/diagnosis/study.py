@@ -17,7 +17,6 @@ from automarine_cli.filters.course import SLOW_ANSWER_S, SLOW_STEP_S, Course, ma
 from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
-from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, fits_of
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
@@ -25,6 +24,7 @@ from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covari
 from automarine_cli.models.model import COMMAND_DELAY, Model, Term
 from automarine_cli.models.parameter import Parameters
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.half_turn import start_at_rest
 from automarine_cli.runs.run import Run, position_noise, with_later_commands
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -216,7 +216,7 @@ class DiagnosisProblem:
 
     @cached_property
     def at_rest(self) -> NDArray[np.bool_]:
-        return np.array([starts_at_rest(run) for run in self.runs])
+        return start_at_rest(self.runs)
 
     @cached_property
     def largest(self) -> float:
@@ -426,7 +426,7 @@ def study_of(
     runs: Sequence[Run], base: Model, channels: tuple[str, ...] | None = None, driven: bool = False
 ) -> DiagnosisProblem:
     """A study of `runs`; whether they are driven, the fit of their base says, else the evidence."""
-    driven = driven or disturbed(runs, base, np.array([starts_at_rest(run) for run in runs]), channels)
+    driven = driven or disturbed(runs, base, start_at_rest(runs), channels)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
     return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted({*needed, *base.signals})), channels=channels)

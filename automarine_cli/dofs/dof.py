@@ -76,6 +76,7 @@ class Words:
     the_other: str = "the other"  # than one_way
     way: str = "direction"  # one of the two
     rate_sensor: str = "speed sensor"  # what measures the velocity
+    drift: str = "a current, or a speed sensor with a bias"  # what makes a position drift
     gone_key: str = "covered"  # of how far it went
     way_key: str = "travel"  # of how far a step is to go, as a key begins
     range_key: str = "covered_m"  # the key of how far a run went in all
@@ -294,8 +295,8 @@ YAW = Dof(
         reach="half a turn", whole_way="a whole revolution and more", back_again="an unwinding turn", move="turn",
         moves="turns", moved="turned", moving="turning", unit="degree", units="degrees", spring="torsional spring",
         stiffness="torsional stiffness", both_ways="to both sides", each_way="to each side", one_way="to one side",
-        other_way="counter-clockwise", the_other="to the other", way="side", rate_sensor="gyro", gone_key="turned",
-        way_key="turn", range_key="turns",
+        other_way="counter-clockwise", the_other="to the other", way="side", rate_sensor="gyro",
+        drift="a gyro with a bias", gone_key="turned", way_key="turn", range_key="turns",
     ),
     units=Units(
         base="rad", log="deg", per_base=1 / DEGREE, shown="deg", shown_per_base=1 / DEGREE, mark="°",
@@ -357,7 +358,7 @@ def swing(
             travelled=f"{name} since the start", step="swing", reach="the swing", whole_way="several swings",
             back_again="swings from both sides", move="swing", moves="swings", moved="swung", moving="swinging",
             unit="degree", units="degrees", spring="torsional spring", stiffness="torsional stiffness",
-            rate_sensor="gyro", gone_key="swung", way_key="swing", range_key="swung_deg",
+            rate_sensor="gyro", drift="a gyro with a bias", gone_key="swung", way_key="swing", range_key="swung_deg",
         ),
         units=Units(
             base="rad", log="deg", per_base=1 / DEGREE, shown="deg", shown_per_base=1 / DEGREE, mark="°",

@@ -8,7 +8,7 @@ class GyroDrift(Effect):
     place = Place.SENSOR
     parameters = (Parameter("g", "drift of the {position}", "{x}/s", -0.2, 0.2, 0.003),)
     equation = "{x}_m = {x} + g t"
-    says = "The {position} drifts with time, as from a {rate_sensor} with a bias."
+    says = "The {position} drifts with time, as from {drift}."
     reveals = "a rest record: the {position} creeps while the vehicle stands"
     mistaken_for = ("bias-moment", "thrust-asymmetry")
     separated_by = (

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import partial, reduce
 from itertools import product
 
 import numpy as np
@@ -33,7 +33,7 @@ from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.half_turn import segments
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.batch import Batch, make_batch
 
 START_INERTIAS, START_DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)  # shares of rough values, to start from
 START_DISTURBANCES, START_THRUST_NOISES = (0.02, 0.2), (0.005, 0.1)
@@ -318,13 +318,36 @@ def _with_bias(covariance: Floats, fit: Fit, bias: Floats) -> Floats:
     return widened
 
 
-def start_of(name: str, course: Course, place: int = 0) -> list[float]:
-    """Give values from which the fit of an effect on the degree of freedom in that place starts; what others refer to
-    is that of the logs."""
+def start_of(name: str, course: Course, place: int = 0, law: int = 0) -> list[float]:
+    """Give values from which the fit of an effect in one of its laws starts, on the degree of freedom in that place;
+    what others refer to is that of the logs."""
     parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded[place]).max()) or 1.0
     logged = {signal: float(column[course.width > 0].mean()) for signal, column in course.signals.items()}
     references = {"moment": largest, "clock": float(course.start.min()), **logged}
-    return [references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest) for p in parameters]
+    return [
+        float(law) if p.choices else references.get(p.reference, p.off) if p.held else p.scaled(p.start, largest)
+        for p in parameters
+    ]
+
+
+def starts_in_likeliest_laws(names: Sequence[str], course: Course, batch: Batch, priors: Priors) -> list[list[float]]:
+    """Values from which the fits of effects start, each in its law, those under which the runs are likeliest beside
+    both drags (Akaike's criterion)."""
+    several = list(product(*([start_of(name, course, law=i) for i in range(laws_of(name))] for name in names)))
+    if len(several) == 1:
+        return list(several[0])
+    rough = rough_model("2", batch)
+    models = [reduce(lambda model, of: model.with_effect(*of), zip(names, starts), rough) for starts in several]
+    problems = [driven_problem(model, course).informed(priors) for model in models]
+    fits = fits_of(problems, [*map(base_starts, problems)], brief=True)
+    scores = [-np.inf if fit is None else fit.log_likelihood - len(of.free) for of, fit in zip(problems, fits)]
+    return list(several[int(np.argmax(scores))])
+
+
+def laws_of(name: str) -> int:
+    """How many laws a fit chooses from: the first alone of what differs from run to run or reads further columns."""
+    effect = effects.get(name)
+    return 1 if effect.per_run or effect.columns else max(1, *(len(p.choices) for p in effect.parameters))
 
 
 def _runaway(model: Model, fit: Fit, course: Course) -> str:
@@ -463,10 +486,13 @@ def fit_driven_models(
     """Fit models to driven runs, each by its number and what it has beside its drag."""
     batch, two_way, numbers = make_batch(runs, MAX_STEPS_S[0]), both_ways(runs), [number for number, _ in models]
 
+    names = tuple(dict.fromkeys(name for _, with_effects in models for name in with_effects))
+    start = dict(zip(names, starts_in_likeliest_laws(names, course, batch, priors)))
+
     def rough(number: str, with_effects: Sequence[str], sided: bool) -> Model:
         model = rough_model(number, batch, sided)
         for name in with_effects:
-            model = model.with_effect(name, start_of(name, course))
+            model = model.with_effect(name, start[name])
         return model
 
     ways = (False, True) if batch.dof.directional and two_way else (False,)

@@ -45,7 +45,7 @@ from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import STEERED
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import coasts, still, without_stuck, without_undriven
-from automarine_cli.runs.half_turn import HalfTurn, find_steps, released, without_contrary
+from automarine_cli.runs.half_turn import HalfTurn, released, start_at_rest, without_contrary
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -404,7 +404,7 @@ def _fit_whole(
         priors = {dof.parameter("inertia"): Prior(1.0), **priors}
         if not dof.restoring:  # an inertia of 1 is one in no unit of moments
             moving = tuple(replace(run, moment_unit=dof.units.forces[0]) for run in moving)
-    at_rest = np.array([starts_at_rest(run) for run in moving])
+    at_rest = start_at_rest(moving)
     steered, asked = moving[0].moment_unit == STEERED, with_effects
     with_effects = (*with_effects, *(name for name in effects_of_rudder(moving) if name not in with_effects))
     signals = tuple(dict.fromkeys(need for name in with_effects for need in effects.get(name).needs))
@@ -565,11 +565,3 @@ def _fit_whole_model(
             return fit
     answers = f"model {number} answers within {1000 * fit.model.fastest(largest):.0f} ms, faster than these logs show"
     raise FitError(f"{answers}; check the units of {runs[0].dof.words.force} and time")
-
-
-def starts_at_rest(run: Run) -> bool:
-    """Whether the run begins with the vehicle standing still at zero moment, or where a constant force acts at any."""
-    if run.dof.has_constant:
-        return bool(released(run))
-    steps = find_steps(run)
-    return bool(steps) and steps[0].rest is not None and steps[0].rest.start <= 2

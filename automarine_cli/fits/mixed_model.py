@@ -292,6 +292,7 @@ CUT_SHARE = 0.25  # share of a step, or less, that counts as cut short
 MIN_CUT_GAIN = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
+NEARLY_STDERRS = 0.3  # still to go, of each standard error, within which a search that is stuck counts as converged
 
 FAR_FROM_IT = 10.0  # times the least gain: a step that promised more and gained less ends no fit
 MAX_PHI_STEP = 1.0  # largest change of the logarithm of a positive parameter in one step
@@ -342,6 +343,7 @@ def fit_mixed(
         stuck = is_cut and gain < MIN_CUT_GAIN
         ends = gain < least_gain and float(pull @ change) < FAR_FROM_IT * least_gain
         converged |= ends and share == 1.0 and not is_cut
+        converged |= stuck and bool(np.all(np.abs(change) <= NEARLY_STDERRS * precision))
         share *= min(1.0, taken / (2.0 * CUT_SHARE))  # in a curved valley the next step is cut as short as this one
     return _report(problem, point, variances, bounds, step, converged)
 

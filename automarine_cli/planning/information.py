@@ -23,7 +23,6 @@ from automarine_cli.estimate import Estimate, Given
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import driven_problem, starts_near
-from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives
@@ -34,6 +33,7 @@ from automarine_cli.models.store import DIAGNOSIS, DiagnosisFile, ModelFile, Sto
 from automarine_cli.pipeline.records import Source, read_plain
 from automarine_cli.planning.candidates import PaperRun
 from automarine_cli.quantities import STEERED, Floats
+from automarine_cli.runs.half_turn import start_at_rest
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate, step_for
@@ -164,7 +164,7 @@ class Fitting:
         # drag that is zero has no logarithm: that of a steered vehicle is often all in its coupling with the speed
         none = [term.name for term in self.model.terms if term.base and self.steered and not any(term.values)]
         parameters = self.model.parameters(log_drag=True, signed_drag=True, dropped=none)
-        return whole_run_problem(self.model, parameters, batch, np.array([starts_at_rest(run) for run in runs]))
+        return whole_run_problem(self.model, parameters, batch, start_at_rest(runs))
 
     def driven(self, candidates: Sequence[PaperRun]) -> tuple[DrivenProblem, Floats]:
         """Set up the likelihood of the candidates' runs where something is random, and its phi; what they read is what
@@ -178,7 +178,7 @@ class Fitting:
             position, rate = (x[: len(run)] + size * draw.standard_normal(len(run)) for x, size in zip(states, sizes))
             rates = {dof.velocity: rate} if self.logger.channels else {}
             noisy.append(replace(run, position=position, extras={**run.extras, **rates}))
-        at_rest = np.array([starts_at_rest(run) for run in runs])
+        at_rest = start_at_rest(runs)
         course = make_course(noisy, at_rest, self.logger.signals, channels=self.logger.channels)
         problem = driven_problem(self.model, course)
         return problem, problem.parameters.search(starts_near(problem, [self.model.theta], dict(self.random)))[0]

@@ -9,12 +9,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import special
 
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import is_slow, longest_repeat, undriven
 from automarine_cli.runs.load import Mask
-from automarine_cli.runs.run import ExcludedRun, Run, slope
+from automarine_cli.runs.run import ExcludedRun, Run, filled, position_noise, slope
 
 SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are one
 MIN_STEP_SAMPLES = 5  # a shorter stretch of one moment is part of a changing command
@@ -164,6 +166,39 @@ def released(run: Run) -> int:
         start, _ = _rest(run, first, stop, _least_change(run.command))
         return first if start < first and start <= 2 else 0
     return 0
+
+
+MIN_P_REST = 1e-3  # of what vehicles at rest would show
+LEAST_DRIFT = 0.002  # of a run's mean slope: a rest's slope is never told better
+
+
+def start_at_rest(runs: Sequence[Run]) -> NDArray[np.bool_]:
+    """Which runs (R,) begin with the vehicle standing still at zero moment, or where a constant force acts at any.
+
+    None does where all rests together show a motion that is too slow for each to show: what pushes a vehicle that
+    nobody holds has begun before its log. By slopes of positions and velocities, whatever the bias of their sensor.
+    """
+    if runs and runs[0].dof.has_constant:
+        return np.array([released(run) > 0 for run in runs])
+    firsts = [next(iter(find_steps(run)), None) for run in runs]
+    pauses = [step.rest if step and step.rest and step.rest.start <= 2 else None for step in firsts]
+    z = np.array([z for run, pause in zip(runs, pauses) if pause for z in _drifts(run, pause)])
+    to_one_side = special.erfc(abs(z.sum()) / np.sqrt(2.0 * max(len(z), 1)))
+    moves = min(special.chdtrc(max(len(z), 1), z @ z), to_one_side) < MIN_P_REST
+    return np.array([pause is not None and not moves for pause in pauses], dtype=bool)
+
+
+def _drifts(run: Run, pause: slice) -> list[float]:
+    """Slopes of the position and, where it is logged, the velocity over a pause, in standard errors."""
+    time, velocity, drifts = run.time[pause], run.channel(run.dof.velocity), list[float]()
+    for readings in (run.position, velocity):
+        if readings is None or len(time) <= MIN_REST_SAMPLES or not np.isfinite(readings[pause]).all():
+            continue
+        noise = run.noise if readings is run.position else position_noise(run.time, filled(run.time, readings))
+        rate, error = slope(time, readings[pause])
+        least = LEAST_DRIFT * float(np.ptp(readings)) / (run.time[-1] - run.time[0])
+        drifts.append(rate / max(error * noise, least) if rate else 0.0)
+    return drifts
 
 
 def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:

@@ -15,10 +15,10 @@ from automarine_cli.errors import AutomarineError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import carried, follow, shown_channel
 from automarine_cli.fits.driven import by_model_alone, driven_problem
-from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit
 from automarine_cli.models.model import Model
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.half_turn import start_at_rest
 from automarine_cli.runs.run import Run
 
 
@@ -33,7 +33,7 @@ class Fitted:
     def on(self, runs: Sequence[Run]) -> tuple[DrivenProblem, Course]:
         """The likelihood of other runs, and these as the filter has them."""
         channels = None if self.driven is None else tuple(self.driven.readings)
-        at_rest = np.array([starts_at_rest(run) for run in runs])
+        at_rest = start_at_rest(runs)
         course = make_course(runs, at_rest, self.model.signals, channels=channels)
         return driven_problem(self.model, course), course
 

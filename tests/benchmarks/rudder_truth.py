@@ -23,8 +23,8 @@ from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits import driven
 from automarine_cli.fits.characteristics import answer_to_rudder, overshoots
-from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.models.parameter import NOTHING_KNOWN
+from automarine_cli.runs.half_turn import start_at_rest
 from automarine_cli.runs.load import load_runs
 
 LENGTH_M, K_PRIME, T_PRIME = 2.0, 1.5, 0.8
@@ -62,7 +62,7 @@ def fitted(item: tuple[float, int]) -> dict[str, Any]:
             log_of(truth, angle, noise, turn).to_csv(folder / f"{name}.csv", index=False)
         log_of(truth, 15.0, None).to_csv(left_out / "z15.csv", index=False)
         runs, others = (tuple(load_runs([each], dof=YAW).runs) for each in (folder, left_out))
-    course = make_course(runs, np.array([starts_at_rest(run) for run in runs]))
+    course = make_course(runs, start_at_rest(runs))
     [(fit, why)] = driven.fit_driven_models([("1", ())], runs, course, NOTHING_KNOWN)
     if fit is None:
         return {"speed_m_s": speed, "seed": seed, "refused": why}

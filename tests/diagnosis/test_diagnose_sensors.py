@@ -116,6 +116,16 @@ def test_what_loggers_and_gyros_do_is_no_effect(sensors: dict[str, float], late:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("push", [0.15, -0.15])
+def test_what_pushes_before_the_log_begins_is_named_alone(push: float) -> None:
+    """Held to be at rest, vehicles under way got a drift and an asymmetry beside a bias that was too small."""
+    found = diagnose_runs(steps_in_water(constant=push, seed=3), IN_WATER, number="2")
+    (named,) = found.effects
+    size = named.parameters["b"]
+    assert (found.verdict, named.name) == ("named", "bias-moment") and abs(size.value - push) < 3.0 * size.stderr
+
+
+@pytest.mark.slow
 def test_a_delay_is_found_from_every_start() -> None:
     """It shares its direction with the instants at which commands switch."""
     delay = {"name": "input-delay", "t_d": 0.25}

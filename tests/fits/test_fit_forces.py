@@ -13,8 +13,8 @@ from automarine_cli.commands.fit_motion import FITS
 from automarine_cli.dofs import DOFS, HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.estimate import Estimate
-from automarine_cli.fits.identify import YawFit, starts_at_rest
-from automarine_cli.runs.half_turn import Trim
+from automarine_cli.fits.identify import YawFit
+from automarine_cli.runs.half_turn import Trim, start_at_rest
 from automarine_cli.runs.load import load_runs
 
 TRUTH = {
@@ -103,7 +103,7 @@ def test_a_floating_vehicle_that_drifts_has_a_start_speed_of_its_own() -> None:
     for run in load_runs(LOGS["heave"], dof=HEAVE).runs:
         first = int(np.flatnonzero(run.command)[0])
         runs.append(run.cut(first + 8, len(run)))
-    assert not any(starts_at_rest(run) for run in runs)
+    assert not start_at_rest(runs).any()
     fit = identify(runs, "whole-runs").output_error["3"]
     for name, truth in TRUTH["heave"].items():
         assert holds(fit.estimates[name], truth, 0.2), name

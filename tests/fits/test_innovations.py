@@ -14,6 +14,7 @@ from made_campaigns import shifted
 from made_driven import Sea, steered, turned
 from made_runs import written
 from made_sequences import model_file
+from stirred import steps_in_water
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
@@ -257,6 +258,15 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
             warnings_of(fit)
         )
     assert "readings at 50 Hz were averaged over 0.06 s, commands count exactly" in fit.why_no_velocity_error
+
+
+@pytest.mark.slow
+def test_a_fit_chooses_the_law_of_its_effect() -> None:
+    """In the propeller's law the lag of the thrust ended as a delay."""
+    fit = identify_turns(YAW, (), (), lambda: steps_in_water(thrust_lag=0.4, seed=2), with_effects=("thruster-lag",))
+    (effect,) = fit.to_json()["models"][fit.preference.number]["effects"]  # type: ignore[index]
+    lag, law = (effect["parameters"][name] for name in ("T", "law"))
+    assert law["value"] == 1.0 and abs(lag["value"] - 0.4) < 3.0 * lag["stderr"] < 0.3
 
 
 @pytest.mark.slow

@@ -12,22 +12,26 @@ ON_S, OFF_S, END_S = 2.0, 14.0, 22.0
 
 
 def steps_in_water(
-    push: float = 0.0, *, heading_late: float = 0.0, gyro_late: float = 0.0, gyro_scale: float = 1.0,
-    seed: int = 1, period: float = 0.1,
+    push: float = 0.0, *, constant: float = 0.0, thrust_lag: float = 0.0, heading_late: float = 0.0,
+    gyro_late: float = 0.0, gyro_scale: float = 1.0, gyro_bias: float = 0.0, seed: int = 1, period: float = 0.1,
 ) -> list[Run]:  # fmt: skip
     """Two runs of each moment to either side; a moment of standard deviation `push` [N m] that lasts STIRRED_S acts on
-    them. Switches come with a sample."""
+    them, and a `constant` one, from a second before the log on. Thrust takes `thrust_lag` [s], of first order. Switches
+    come with a sample."""
     rng = np.random.default_rng(seed)
     size = LARGEST * np.repeat([side * share for share in SHARES for side in (1.0, -1.0)], 2)
     time = STEP_S * np.arange(round(END_S / STEP_S) + 1)
     on = (time > ON_S - 1e-9) & (time < OFF_S - 1e-9)
     heading, rate = np.zeros((2, len(time), len(size)))
     heading[0] = rng.uniform(-np.pi, np.pi, len(size))
-    pushing = push * rng.standard_normal(len(size))
+    pushing, thrust = push * rng.standard_normal(len(size)), np.zeros(len(size))
     fade = np.exp(-STEP_S / STIRRED_S)
     for k in range(len(time) - 1):
 
-        def pull(r: np.ndarray, acts: np.ndarray = size * on[k] + pushing) -> np.ndarray:
+        late = np.exp(-STEP_S / thrust_lag) if thrust_lag else 0.0
+        thrust = late * thrust + (1.0 - late) * size * on[k]
+
+        def pull(r: np.ndarray, acts: np.ndarray = thrust + pushing + constant) -> np.ndarray:
             return (acts - K_R * r - K_RR * r * np.abs(r)) / INERTIA
 
         middle = rate[k] + 0.5 * STEP_S * pull(rate[k])
@@ -41,6 +45,6 @@ def steps_in_water(
         )
         noise = np.deg2rad([[0.3], [0.4]]) * rng.standard_normal((2, len(read)))
         command = np.where((read > ON_S - 1e-9) & (read < OFF_S - 1e-9), of_run, 0.0)
-        extras = {"yaw_rate": gyro_scale * speed + noise[1]}
+        extras = {"yaw_rate": gyro_scale * speed + gyro_bias + noise[1]}
         runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + read, angle + noise[0], command, "N m", extras, dof=YAW))
     return runs

@@ -9,12 +9,13 @@ import pandas as pd
 import pytest
 from identified import identify
 from specified import make_runs
+from stirred import steps_in_water
 
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, YAW
 from automarine_cli.errors import LogError, ModelError, RunError, SettingError
 from automarine_cli.logs import ColumnMap
 from automarine_cli.logs.columns import read_column_map
-from automarine_cli.runs.half_turn import find_steps, half_turns, released
+from automarine_cli.runs.half_turn import find_steps, half_turns, released, start_at_rest
 from automarine_cli.runs.load import EQUATORIAL_RADIUS, find_glitches, load_runs, local_plane, repeats, unwrap
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.specification import specification_from
@@ -121,6 +122,14 @@ def test_who_is_let_go_and_rises_does_not_start_from_rest() -> None:
     assert released(run) == 0 and not find_steps(run)[0].from_rest
     held = made([[15.0, 5.0]])
     assert released(held) == 20 and find_steps(held)[0].from_rest
+
+
+def test_rests_together_show_a_push_that_none_shows_alone() -> None:
+    still, biased, pushed = (
+        steps_in_water(seed=2, **more) for more in ({}, {"gyro_bias": 0.02}, {"constant": 0.08})
+    )
+    assert start_at_rest(still).all() and start_at_rest(biased).all()
+    assert not start_at_rest(pushed).any() and any(start_at_rest([run]).any() for run in pushed)
 
 
 def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
