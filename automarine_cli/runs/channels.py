@@ -156,7 +156,7 @@ def agreement(runs: Sequence[Run]) -> Agreement:
     # a small scale alone looks like a small delay, and the other way round
     if fixed and max(abs(of_scale[1] - 1.0) / of_scale[2], abs(late) / late_error) > FAULT_STDERRS:
         apart, error, _ = _delay(moving, None)
-        if abs(apart) <= MAX_SHIFT_PERIODS * period:
+        if -MAX_SHIFT_PERIODS * period <= apart <= MIN_DELAY_PERIODS * period:
             late, late_error, of_scale = apart, error, _scale(moving, apart)
     return Agreement(len(moving), *of_scale, late, late_error, clock, period, nothing.follows, stuck)
 
@@ -299,7 +299,7 @@ MIN_CORRELATION = 0.7  # Of either sign, of velocity and position below which th
 MIN_BIASED_CORRELATION = 0.9  # The same where the vehicle hardly changed its velocity, and a bias may hide in it
 MIN_SCALE_ERROR = 0.03  # What is less is none: tilt, deviation and the sums of slow loggers make it
 MIN_DELAY_PERIODS = 1.5  # Delay that is none, in times between readings
-MAX_SHIFT_PERIODS = 0.5  # Delay up to which no reading can tell an effect from a sensor, in times between readings
+MAX_SHIFT_PERIODS = 0.5  # By which a position may be late for its sensor, in times between readings; effects have more
 HELD_PERIODS = 1.5  # Samples between new readings from which on a sensor is slower than the log
 FAULT_STDERRS = 5.0
 UNIT_RATIO = 1.25  # A scale this near to that of a mistaken unit, as a factor, is that
@@ -408,12 +408,13 @@ def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_po
 def _small_errors(sensors: Agreement, runs: Sequence[Run]) -> tuple[float, float]:
     """Scale and lateness [s] of a velocity, too small to speak against it, that are beyond doubt: 1 and 0 if not.
 
-    A hundredth of a scale or a third of a sample looks like an effect where both sensors count. A sensor slower than
-    the log is late because its readings are held."""
+    A hundredth of a scale or a third of a sample looks like an effect where both sensors count; no effect makes a
+    velocity late by more. A sensor slower than the log is late because its readings are held."""
     sampled = median(np.array([run.sample_period for run in runs]))
     late = sensors.late if abs(sensors.late) > FAULT_STDERRS * sensors.late_error else 0.0
     scale = sensors.scale if abs(sensors.scale - 1.0) > FAULT_STDERRS * sensors.scale_error else 1.0
-    within = abs(scale - 1.0) <= MIN_SCALE_ERROR and abs(late) <= MAX_SHIFT_PERIODS * sampled
+    shifted = -MAX_SHIFT_PERIODS * sampled <= late <= MIN_DELAY_PERIODS * sampled
+    within = abs(scale - 1.0) <= MIN_SCALE_ERROR and shifted
     return (scale, late) if within and sensors.period <= HELD_PERIODS * sampled else (1.0, 0.0)
 
 

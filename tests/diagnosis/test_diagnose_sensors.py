@@ -99,6 +99,7 @@ def test_runs_held_out_may_lack_the_gyro() -> None:
     ("sensors", "late"),
     [
         ({"gyro_late": 0.03}, 0.0),
+        ({"gyro_late": 0.09}, 0.0),
         ({"gyro_scale": 0.985}, 0.0),
         ({"heading_late": 0.03}, 0.03),
         ({"heading_late": 0.04, "gyro_late": 0.04}, 0.04),  # as late as the half of a sample that a logger makes
