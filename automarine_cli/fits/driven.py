@@ -1,6 +1,7 @@
 """A model of one motion on driven runs: how its parameters are searched, where fits start, of what use it is."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from itertools import product
@@ -16,7 +17,8 @@ from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import NO_START, DrivenProblem, Fit, InnovationsFit, fits_of, randomness
-from automarine_cli.fits.linear_mixed import DISTURBANCE
+from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, SWITCHES
+from automarine_cli.fits.mixed_model import MixedFit, fit_mixed
 from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, STEERED_HORIZONS_S, forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import (
     OutputErrorFit,
@@ -26,6 +28,7 @@ from automarine_cli.fits.whole_runs import (
     rough_model,
     run_covariance,
     run_dof,
+    whole_run_problem,
 )
 from automarine_cli.models.model import MAX_DELAY_S, Model, base_roles
 from automarine_cli.models.parameter import Parameters, Priors
@@ -151,6 +154,8 @@ MIN_PROPOSED_GAIN = 10.0  # deviance beyond its penalty that an effect has to ga
 BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
 MIN_GAIN_SHARE, MAX_LOSS = 0.02, 0.10  # by which forecasts of the second estimator have to be better, or may be worse
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
+THRUSTER_LAG, MIN_LATE_STDERRS = "thruster-lag", 4.0  # looked for where commands are late beyond half a sample
+BRIEF_SCATTER, BRIEF_STDERRS = 0.01, 0.05  # scatter of thrust with which its fits begin, and where they end
 
 
 @dataclass(frozen=True)
@@ -435,9 +440,8 @@ def worth_of(predictions: Sequence[Predicted]) -> tuple[ForecastScore, ...]:
     )
 
 
-def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErrorFit, dict[str, float]]:
-    """The fit with intervals that allow for what it lacks, and the deviance gained by each of PROPOSED that the
-    evidence asks for.
+def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
+    """The fit with intervals that allow for what it lacks, and each of PROPOSED that the evidence asks for.
 
     The square of the shift by which the best of them moves the parameters is added to their covariance. Both are
     estimated alike, also where that is the middle of two estimates.
@@ -462,9 +466,42 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> tuple[OutputErro
                 phi = phi + fit.to_forecasts * (fit_forecasts(wider, phi, wide.theta[None]).phi - phi)
             gains[name], shifts[name] = gain, phi[:count] - narrow.phi[:count]
     if not gains:
-        return fit, {}
+        return fit
     shift = shifts[max(gains, key=lambda name: gains[name])]
-    return replace(fit, covariance=_with_bias(fit.covariance, narrow, shift)), gains
+    return replace(fit, covariance=_with_bias(fit.covariance, narrow, shift), proposed=gains)
+
+
+def inflate_for_lag(
+    runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, fit: OutputErrorFit,
+    disturbed: bool = False,
+) -> OutputErrorFit:  # fmt: skip
+    """The fit of runs to which commands come late, with intervals that allow for thrusters that lag in place of a
+    delay, if the evidence asks for them; both are fitted to the runs by simulation."""
+    half_sample = 0.5 * float(np.median([run.sample_period for run in runs]))
+    if fit.delay.value - half_sample < MIN_LATE_STDERRS * fit.delay.stderr:
+        return fit
+    narrow, count, batch = fit.mixed, len(fit.model.theta), make_batch(runs, MAX_STEPS_S[0], channels=channels)
+    course = make_course(runs, at_rest, channels=channels)
+    factors = {GAIN: max(narrow.factor(GAIN), BRIEF_SCATTER), SWITCHES: 0.5, DISTURBANCE: 0.03}
+
+    def fitted(model: Model, *late: float) -> MixedFit:
+        parameters = model.parameters(log_drag=True, signed_drag=True)
+        problem = whole_run_problem(model, parameters, batch, at_rest, disturbed=disturbed)
+        begins = np.array([factors[name] for name in problem.effects.factor_names])
+        theta, informed = np.array([*narrow.of_model, *late]), problem.informed(narrow.parameters.priors)
+        return fit_mixed(informed, theta, noise=narrow.noise, factors=begins, settled=BRIEF_STDERRS)
+
+    lags = list[MixedFit]()
+    for law in range(laws_of(THRUSTER_LAG)):
+        late = [fit.delay.value, *start_of(THRUSTER_LAG, course, law=law)[1:]]
+        with suppress(FitError):
+            lags.append(fitted(fit.model.with_effect(THRUSTER_LAG, late), *late, 0.0))
+    best = max(lags, key=lambda lag: lag.log_likelihood, default=narrow)
+    gain = 2.0 * (best.log_likelihood - fitted(fit.model, fit.delay.value).log_likelihood)
+    if gain <= MIN_PROPOSED_GAIN + np.log(max(len(runs), 2)):
+        return fit
+    shift = best.phi[:count] - narrow.phi[:count]
+    return replace(fit, covariance=_with_bias(fit.covariance, narrow, shift), proposed={THRUSTER_LAG: gain})
 
 
 MIN_WAY = 0.1  # share of all that the runs went that has to go each way before drag may differ between the ways
@@ -546,8 +583,8 @@ motion, and in the plane."""
 @dataclass(frozen=True)
 class Judgement:
     """What the preferred model is worth, by quantity and horizon, on each of so many `runs` by a fit to the others: of
-    positions of one motion, or of heading and either place on the water or speeds. `proposed` is what the evidence
-    would add (the deviance gained, by effect), `large` a sentence where something else than the commands pushes hard.
+    positions of one motion, or of heading and either place on the water or speeds. `large` is a sentence where
+    something else than the commands pushes hard.
 
     For people to look at, where a filter followed the runs: `predictions` of the position on the nodes of the `course`.
     """
@@ -556,7 +593,6 @@ class Judgement:
     runs: int
     predictions: tuple[Predicted, ...] = field(default=(), repr=False)
     course: Course | None = field(default=None, repr=False)
-    proposed: Mapping[str, float] = field(default_factory=dict)
     large: str = ""
 
     @property
@@ -601,16 +637,7 @@ class Judgement:
         return score.sentence(f"{begin} the {quantity}", on, dof, *rivals)
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
-        sentences = (*([] if self.of_use else [self.sentence(dof)]), *filter(None, [self.large]))
-        if not self.proposed:
-            return sentences
-        names = ",".join(self.proposed)
-        asks = "; ".join(
-            f"{name} ({effects.get(name).card(dof).says.rstrip('.').lower()}) gains {gain:.0f} in deviance"
-            for name, gain in self.proposed.items()
-        )
-        need = f"The data need more than drag: {asks}. The intervals allow for it; fit it with --with {names}."
-        return (*sentences, need)
+        return (*([] if self.of_use else [self.sentence(dof)]), *filter(None, [self.large]))
 
     def to_json(self, dof: Dof) -> dict[str, object]:
         """For the result file: one entry a horizon, errors as root mean squares."""

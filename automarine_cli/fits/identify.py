@@ -138,6 +138,7 @@ class YawFit(Shown):
             "valid_range": valid_range([turn.moment for turn in self.turns] or ends, fit.model),
             "effects": effects_json(effect_estimates(fit)),
             **self._driven_json(),
+            **({"proposed": dict(fit.proposed)} if fit.proposed else {}),
             **_scatter_json(fit),
             **({"consistency": self.consistency.to_json()} if self.consistency else {}),
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
@@ -196,7 +197,7 @@ class YawFit(Shown):
             return json
         if mixed.driven:
             random = random_estimates(mixed, self.preferred.covariance, self.dof)
-            json = {"driven": True, "random": random, "proposed": dict(use.proposed)}
+            json = {"driven": True, "random": random, "proposed": {}}
         return json | {"prediction": use.to_json(self.dof)}
 
     def _model_json(self, number: str) -> dict[str, object]:
@@ -268,6 +269,7 @@ def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
 
 
 PREDICTING = "predicting runs left out"
+WIDENING_INTERVALS = "widening intervals"
 MIN_STEPS = 3
 MIN_DRIVEN = 2  # driven runs from which on each is predicted by the others
 FEWEST_SAMPLES = 20  # of a whole run
@@ -331,11 +333,14 @@ def _fit_steps(
     else:
         whole = data_of_steps(turns, chosen.names, whole=True)
         answer = fit_whole_or_half(whole, half, starts, priors, two_way, map_jobs)
-    fits, preference = answer.fits, _prefer_steps(answer, turns, answer.data is not half, chosen)
+    whole_steps, preference = answer.data is not half, _prefer_steps(answer, turns, answer.data is not half, chosen)
+    late = partial(driven.inflate_for_lag, *_parts(turns, whole_steps), chosen.names)
+    [fit] = map_jobs(late, [answer.fits[preference.number]], WIDENING_INTERVALS)
+    fits = {**answer.fits, preference.number: fit}
     seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, tail=tail)
     return YawFit(
         half.unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, priors=priors,
-        consistency=answer.consistency, whole_steps=answer.data is not half,
+        consistency=answer.consistency, whole_steps=whole_steps,
     )  # fmt: skip
 
 
@@ -347,12 +352,17 @@ def _prefer_steps(answer: StepAnswer, turns: Sequence[HalfTurn], whole: bool, ch
     noise, left = float(np.median([turn.step.run.noise for turn in turns])), fits[preference.number].noise
     if left is None or left <= MIN_NOISE_RATIO * noise:
         return preference
-    stops = [turn.step.stop if whole and dof.wraps else turn.kept.stop for turn in turns]
     some = np.unique(np.linspace(0, len(turns) - 1, min(len(turns), driven.MAX_RUNS_TRIED)).astype(int))
-    parts = [turns[i].step.run.cut(turns[i].looked_at[0], stops[i]) for i in some]
-    course = make_course(parts, np.ones(len(some), dtype=bool), channels=chosen.names)
+    course = make_course(*_parts([turns[i] for i in some], whole), channels=chosen.names)
     tried = [replace(fit, mixed=replace(fit.mixed, left_out=fit.mixed.left_out[some])) for fit in fits.values()]
     return prefer_quiet(fits, dict(zip(fits, driven.whole_predictions(course, tried, alone=True))), dof)
+
+
+def _parts(turns: Sequence[HalfTurn], to_end: bool) -> tuple[list[Run], NDArray[np.bool_]]:
+    """The runs as far as their steps are fitted, and that they begin at rest."""
+    stops = [turn.step.stop if to_end and turn.step.run.dof.wraps else turn.kept.stop for turn in turns]
+    parts = [turn.step.run.cut(turn.looked_at[0], stop) for turn, stop in zip(turns, stops)]
+    return parts, np.ones(len(turns), dtype=bool)
 
 
 def _rough_start(rough: VelocityErrorFit, dof: Dof, number: str) -> Start:
@@ -428,6 +438,8 @@ def _fit_whole(
         fit = fits[preference.number]
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
         use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
+        late = partial(driven.inflate_for_lag, moving, at_rest, chosen.names, disturbed=True)
+        [fits[preference.number]] = map_jobs(late, [fit], WIDENING_INTERVALS)
         if asks and few_steps:
             with suppress(FitError):  # where innovations fit no model
                 rivals, best, judgement, without, _ = by_innovations()
@@ -522,10 +534,10 @@ def _fit_driven(
     number = preference.number
     if estimator := fits[number].estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
-    [(fit, proposed)] = map_jobs(inflate, [fits[number]], "widening intervals")
+    [fit] = map_jobs(inflate, [fits[number]], WIDENING_INTERVALS)
     large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
     worth = {dof.position: driven.worth_of(ahead[number])}
-    use = driven.Judgement(worth, len(course.names), ahead[number], course, proposed, large)
+    use = driven.Judgement(worth, len(course.names), ahead[number], course, large)
     return {**every, number: fit}, preference, use, refused, norrbin
 
 

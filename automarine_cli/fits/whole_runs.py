@@ -3,7 +3,7 @@ cannot show.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -397,7 +397,7 @@ class OutputErrorFit:
 
     `covariance` (p, p) is that of phi with the run as the unit, `scatters` says whether the thrust may from run to run;
     `ways` the drag of each way where that was asked. `estimator` says by what the parameters of driven runs were
-    estimated and why.
+    estimated and why, `proposed` what the evidence would add (the deviance gained, by effect).
     """
 
     number: str
@@ -408,6 +408,7 @@ class OutputErrorFit:
     ways: Ways | None = None
     estimator: str = ""
     to_forecasts: float = 0.0
+    proposed: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def delay(self) -> Estimate:

@@ -184,6 +184,17 @@ def warnings_of(fit: YawFit) -> tuple[str, ...]:
     return (*warnings, *grave)
 
 
+def _needs_more(fit: OutputErrorFit) -> list[str]:
+    """Say what the evidence would add to a model; nothing where it asks for nothing."""
+    asks = "; ".join(
+        f"{name} ({effects.get(name).card(fit.model.dof).says.rstrip('.').lower()}) gains {gain:.0f} in deviance"
+        for name, gain in fit.proposed.items()
+    )
+    names = ",".join(fit.proposed)
+    need = f"The data need more than drag: {asks}. The intervals allow for it; fit it with --with {names}."
+    return [need] if names else []
+
+
 def fit_warnings(
     fits: Mapping[str, OutputErrorFit], preference: Preference, names_of_runs: Sequence[str],
     position_noise: float | None = None,
@@ -193,7 +204,7 @@ def fit_warnings(
     fit = fits[preference.number]
     dof = fit.model.dof
     words, mark, base = dof.words, dof.units.mark, dof.units.base
-    sentences = _one_run_that_decides(fit, names_of_runs)
+    sentences = [*_needs_more(fit), *_one_run_that_decides(fit, names_of_runs)]
     if fit.gain_scatter.value > WILD_GAIN:
         gains = np.exp(fit.mixed.effects_of(GAIN)[:, 0])
         gains = gains / np.median(gains)

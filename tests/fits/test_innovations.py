@@ -281,7 +281,7 @@ def test_results_of_driven_runs_show_effects() -> None:
     (effect,) = fit.to_json()["models"]["3"]["effects"]  # type: ignore[index]
     assert values["3"] == effect["parameters"]["t_d"]["value"] == pytest.approx(0.3, abs=0.2)
     linear = replace(fit, preference=replace(fit.preference, number="1"))
-    assert linear.use is not None and linear.to_json()["proposed"] == dict(linear.use.proposed)
+    assert linear.to_json()["proposed"] == dict(linear.preferred.proposed)
 
 
 def test_a_search_ends_quietly_where_slopes_are_as_large_as_numbers_go() -> None:

@@ -55,6 +55,18 @@ def test_in_stirred_water_predictions_choose_the_model() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("late", "asks"), [({"thrust_lag": 0.4}, True), ({"heading_late": 0.3, "gyro_late": 0.3}, False)]
+)
+def test_thrust_that_lags_is_told_from_commands_that_act_late(late: dict[str, float], asks: bool) -> None:
+    """With a delay in place of the lag the inertia was an eighth too large, its interval a fiftieth wide."""
+    fit = identify(steps_in_water(seed=3, **late)).preferred
+    inertia = fit.estimates["I_r"]
+    assert [*fit.proposed] == ["thruster-lag"] * asks and inertia.ci95[0] < WATER_INERTIA < inertia.ci95[1]
+    assert (inertia.stderr > 0.05 * WATER_INERTIA) == asks
+
+
+@pytest.mark.slow
 def test_half_turns_answer_where_the_water_turns_with_the_vehicle() -> None:
     """Whole steps alone put the drag of a swirl into the vehicle's own."""
     swirl = {"name": "water-swirl", "chi": 0.15, "T_w": 10.0}
