@@ -27,7 +27,6 @@ def steps_in_water(
     pushing, thrust = push * rng.standard_normal(len(size)), np.zeros(len(size))
     fade = np.exp(-STEP_S / STIRRED_S)
     for k in range(len(time) - 1):
-
         late = np.exp(-STEP_S / thrust_lag) if thrust_lag else 0.0
         thrust = late * thrust + (1.0 - late) * size * on[k]
 

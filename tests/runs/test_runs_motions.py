@@ -125,9 +125,7 @@ def test_who_is_let_go_and_rises_does_not_start_from_rest() -> None:
 
 
 def test_rests_together_show_a_push_that_none_shows_alone() -> None:
-    still, biased, pushed = (
-        steps_in_water(seed=2, **more) for more in ({}, {"gyro_bias": 0.02}, {"constant": 0.08})
-    )
+    still, biased, pushed = (steps_in_water(seed=2, **more) for more in ({}, {"gyro_bias": 0.02}, {"constant": 0.08}))
     assert start_at_rest(still).all() and start_at_rest(biased).all()
     assert not start_at_rest(pushed).any() and any(start_at_rest([run]).any() for run in pushed)
 
