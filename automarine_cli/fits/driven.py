@@ -30,7 +30,7 @@ from automarine_cli.fits.whole_runs import (
     run_dof,
     whole_run_problem,
 )
-from automarine_cli.models.model import MAX_DELAY_S, Model, base_roles
+from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, base_roles
 from automarine_cli.models.parameter import Parameters, Priors
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import STEERED, Floats
@@ -41,6 +41,7 @@ from automarine_cli.simulation.batch import Batch, make_batch
 START_INERTIAS, START_DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)  # shares of rough values, to start from
 START_DISTURBANCES, START_THRUST_NOISES = (0.02, 0.2), (0.005, 0.1)
 """Disturbances, as shares of the acceleration of the largest command, and noises of thrust, to start from."""
+START_DELAYS = (0.0, 0.2, 0.4)  # s, between which the likelihood of commands that change all the time has maxima
 
 
 MIN_DISTURBANCE_GAIN = 10.0  # deviance beyond its penalty that a disturbance has to gain
@@ -90,8 +91,12 @@ def base_starts(problem: DrivenProblem) -> Floats:
     swings = np.array([entry.role == "restoring" for entry in problem.parameters[1 : len(model.theta)]])
     middling = max(model.inertia, float(problem.course.length.max()) * slope)
     push = float(np.abs(problem.course.commanded).max()) / max(middling, 1e-9)
-    for inertia, drag, size, unsteady in product(START_INERTIAS, START_DRAGS, START_DISTURBANCES, START_THRUST_NOISES):
-        random = size * push / inertia, middle[1], unsteady, *middle[3:]
+    place = next(i for i, chance in enumerate(problem.parameters.nuisance) if chance.name == COMMAND_DELAY)
+    delays = [delay for delay in START_DELAYS if delay <= max(problem.parameters.nuisance[place].upper, 0.0)]
+    sizes = START_INERTIAS, START_DRAGS, START_DISTURBANCES, START_THRUST_NOISES, delays
+    for inertia, drag, size, unsteady, delay in product(*sizes):
+        random = [size * push / inertia, middle[1], unsteady, *middle[3:]]
+        random[place] = delay
         shares = np.where(swings, inertia, drag)  # a period is known better than inertia
         starts.append([inertia * middling, *(shares * model.theta[1:]), *random])
     return problem.parameters.within(starts)
@@ -441,26 +446,31 @@ def worth_of(predictions: Sequence[Predicted]) -> tuple[ForecastScore, ...]:
 
 
 def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
-    """The fit with intervals that allow for what it lacks, and each of PROPOSED that the evidence asks for.
+    """The fit with intervals that allow for what it lacks, and each of PROPOSED that the evidence asks for; where
+    commands come late, thrusters that lag in place of a delay as well, in any law.
 
     The square of the shift by which the best of them moves the parameters is added to their covariance. Both are
     estimated alike, also where that is the middle of two estimates.
     """
     narrow, count, have = fit.mixed, len(fit.model.theta), {term.name for term in fit.model.terms}
     gains, shifts = dict[str, float](), dict[str, Floats]()
-    for name in PROPOSED:
+    tried = [(name, start_of(name, course), narrow.of_chance) for name in PROPOSED]
+    if comes_late(fit, course.half_width):
+        at_once = {**narrow.of_chance, COMMAND_DELAY: 0.0}
+        lags = [start_of(THRUSTER_LAG, course, law=law) for law in range(laws_of(THRUSTER_LAG))]
+        tried += [(THRUSTER_LAG, [fit.delay.value, *start[1:]], at_once) for start in lags]
+    for name, start, chances in tried:
         if name in have:
             continue
-        start = start_of(name, course)
         wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.priors)
         theta = np.array([*narrow.of_model, *start])
-        problems, starts = [wider], [starts_near(wider, [theta], narrow.of_chance)]
+        problems, starts = [wider], [starts_near(wider, [theta], chances)]
         if fit.to_forecasts:  # at which innovations are not most likely
             problems, starts = [wider, _informed(course, fit)], [*starts, narrow.theta[None]]
         wide, *bases = fits_of(problems, starts, brief=True)
         likelihood = next((base.log_likelihood for base in bases if base), narrow.log_likelihood)
         gain = 2.0 * (wide.log_likelihood - likelihood) if wide else 0.0
-        if wide and gain > MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2)):
+        if wide and gain > max(gains.get(name, 0.0), MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2))):
             phi = wide.phi
             if fit.to_forecasts:
                 phi = phi + fit.to_forecasts * (fit_forecasts(wider, phi, wide.theta[None]).phi - phi)
@@ -471,14 +481,18 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
     return replace(fit, covariance=_with_bias(fit.covariance, narrow, shift), proposed=gains)
 
 
+def comes_late(fit: OutputErrorFit, half_sample: float) -> bool:
+    """Whether commands act later than half a sample [s] beyond doubt."""
+    return fit.delay.value - half_sample >= MIN_LATE_STDERRS * fit.delay.stderr
+
+
 def inflate_for_lag(
     runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, fit: OutputErrorFit,
     disturbed: bool = False,
 ) -> OutputErrorFit:  # fmt: skip
     """The fit of runs to which commands come late, with intervals that allow for thrusters that lag in place of a
     delay, if the evidence asks for them; both are fitted to the runs by simulation."""
-    half_sample = 0.5 * float(np.median([run.sample_period for run in runs]))
-    if fit.delay.value - half_sample < MIN_LATE_STDERRS * fit.delay.stderr:
+    if not comes_late(fit, 0.5 * float(np.median([run.sample_period for run in runs]))):
         return fit
     narrow, count, batch = fit.mixed, len(fit.model.theta), make_batch(runs, MAX_STEPS_S[0], channels=channels)
     course = make_course(runs, at_rest, channels=channels)

@@ -221,7 +221,7 @@ def _thrusters(look: Survey) -> Iterator[Line]:
         yield from ("", "[thrusters]")
         sources = [column.source for column in look.columns if column.key in YAW.thrusters]
         thrusts = all(map(in_newtons, sources))
-        why = "a thrusters.json of this vehicle: there are no bollard tests to make one of"
+        why = "a thrusters.json of this vehicle, as no bollard test makes one; or let tau be a sum of both (guide logs)"
         yield "map", *(("newtons", f"{listed(sources)} are thrusts by their names") if thrusts else (OPEN, why))
 
 

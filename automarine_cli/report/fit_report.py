@@ -90,7 +90,7 @@ def _doubts(fit: OutputErrorFit, role: str) -> Iterator[Caution]:
         mend = "something else acts on these runs: look for it with `automarine diagnose`"
         mend = f"the interval holds zero: take a model without it, or {remedy}" if high >= 0 else mend
         says = f"{band}, {why}, which no vehicle has; {mend}."
-    elif not says and high - low > estimate.value:
+    elif not says and not fit.proposed and high - low > estimate.value:
         says = f"{band}, an interval wider than the value; these runs hold little information on it: {remedy}."
     if says:
         yield Caution(fit.number, (role,), f"Model {fit.number}: {says}", grave)

@@ -14,7 +14,7 @@ from made_campaigns import shifted
 from made_driven import Sea, steered, turned
 from made_runs import written
 from made_sequences import model_file
-from stirred import steps_in_water
+from stirred import INERTIA, K_R, K_RR, controlled, steps_in_water
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
@@ -202,7 +202,7 @@ def test_the_evidence_asks_for_a_disturbance_where_there_is_one() -> None:
 
 def test_commands_that_move_nothing_give_no_model() -> None:
     """Runs whose logged commands are those of other runs: nothing in the motion answers them."""
-    runs, others = steered(3, 1, Sea(size=1.0), length=33.0), steered(3, 2, length=33.0, free=True, held=0.5)
+    runs, others = steered(3, 3, Sea(size=1.0), length=33.0), steered(3, 4, length=33.0, free=True, held=0.5)
     unrelated = [run.with_moment(other.command, "nu").cut(12, len(run)) for run, other in zip(runs, others)]
     course = make_course(unrelated, np.zeros(3, dtype=bool))
     with pytest.raises(FitError, match=r"these runs do not determine the model: .* add runs with larger and quicker"):
@@ -267,6 +267,27 @@ def test_a_fit_chooses_the_law_of_its_effect() -> None:
     (effect,) = fit.to_json()["models"][fit.preference.number]["effects"]  # type: ignore[index]
     lag, law = (effect["parameters"][name] for name in ("T", "law"))
     assert law["value"] == 1.0 and abs(lag["value"] - 0.4) < 3.0 * lag["stderr"] < 0.3
+
+
+@pytest.mark.slow
+def test_a_long_delay_in_a_closed_loop_is_reached() -> None:
+    """From no delay the search ended at half of it, with an inertia a quarter too large and a tenth of it wide."""
+    fit = identify_turns(YAW, (), (), lambda: controlled(delay=0.3)).preferred
+    for name, truth in (("I_r", INERTIA), ("k_rr", K_RR), ("k_r", K_R)):
+        assert abs(fit.estimates[name].value - truth) < 3.0 * fit.estimates[name].stderr < 0.3 * truth, name
+    assert fit.delay.value == pytest.approx(0.35, abs=0.02) and not fit.proposed
+
+
+@pytest.mark.slow
+def test_a_lag_in_a_closed_loop_is_allowed_for_and_found() -> None:
+    runs = controlled(thrust_lag=0.4)
+    plain, lagging = (
+        identify_turns(YAW, (), (), lambda: runs, with_effects=names).preferred for names in ((), ("thruster-lag",))
+    )
+    low, high = plain.estimates["I_r"].ci95
+    assert "thruster-lag" in plain.proposed and low < INERTIA < high
+    inertia = lagging.estimates["I_r"]
+    assert abs(inertia.value - INERTIA) < 3.0 * inertia.stderr < 0.2 * INERTIA
 
 
 @pytest.mark.slow

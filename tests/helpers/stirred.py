@@ -47,3 +47,40 @@ def steps_in_water(
         extras = {"yaw_rate": gyro_scale * speed + gyro_bias + noise[1]}
         runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + read, angle + noise[0], command, "N m", extras, dof=YAW))
     return runs
+
+
+def controlled(thrust_lag: float = 0.0, delay: float = 0.0, seed: int = 1) -> list[Run]:
+    """Eight runs of a minute in which a controller holds headings that change every eight seconds, by noisy sensors at
+    10 Hz and in slow pushes; commands act `delay` [s] late, thrust takes `thrust_lag` [s]."""
+    rng, step, period, count = np.random.default_rng(seed), 0.01, 0.1, 8
+    heading, rate, thrust = rng.uniform(-1.0, 1.0, count), np.zeros(count), np.zeros(count)
+    pushing, wanted, fade = 0.1 * rng.standard_normal(count), heading.copy(), np.exp(-step / STIRRED_S)
+    follows = -np.expm1(-step / thrust_lag) if thrust_lag else 1.0
+    waiting, logged = [np.zeros(count)] * round(delay / step), []
+    for k in range(round(60.0 / step)):
+        if k % round(8.0 / step) == 0:
+            wanted = heading + rng.uniform(-1.5, 1.5, count)
+        if k % round(period / step) == 0:
+            angle, speed = (x + np.deg2rad(n) * rng.standard_normal(count) for x, n in ((heading, 0.3), (rate, 0.4)))
+            command = np.clip(4.0 * (wanted - angle) - 3.0 * speed, -LARGEST, LARGEST)
+            logged.append((angle, speed, command))
+        waiting.append(command)
+        thrust = thrust + follows * (waiting.pop(0) - thrust)
+        pushing = fade * pushing + 0.1 * np.sqrt(1.0 - fade**2) * rng.standard_normal(count)
+        rate = rate + step * (thrust + pushing - K_R * rate - K_RR * rate * np.abs(rate)) / INERTIA
+        heading = heading + step * rate
+    angles, speeds, commands = np.array(logged).transpose(1, 2, 0)
+    time = period * np.arange(len(logged))
+    return [
+        Run(
+            f"run_{i:02d}",
+            "made.csv",
+            100.0 * i + time,
+            angles[i],
+            commands[i],
+            "N m",
+            {"yaw_rate": speeds[i]},
+            dof=YAW,
+        )
+        for i in range(count)
+    ]
