@@ -92,7 +92,8 @@ def base_starts(problem: DrivenProblem) -> Floats:
     middling = max(model.inertia, float(problem.course.length.max()) * slope)
     push = float(np.abs(problem.course.commanded).max()) / max(middling, 1e-9)
     place = next(i for i, chance in enumerate(problem.parameters.nuisance) if chance.name == COMMAND_DELAY)
-    delays = [delay for delay in START_DELAYS if delay <= max(problem.parameters.nuisance[place].upper, 0.0)]
+    latest = 0.0 if problem.course.moment_unit == STEERED else max(problem.parameters.nuisance[place].upper, 0.0)
+    delays = [delay for delay in START_DELAYS if delay <= latest]
     sizes = START_INERTIAS, START_DRAGS, START_DISTURBANCES, START_THRUST_NOISES, delays
     for inertia, drag, size, unsteady, delay in product(*sizes):
         random = [size * push / inertia, middle[1], unsteady, *middle[3:]]
