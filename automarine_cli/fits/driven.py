@@ -511,9 +511,10 @@ def inflate_for_lag(
         late = [fit.delay.value, *start_of(THRUSTER_LAG, course, law=law)[1:]]
         with suppress(FitError):
             lags.append(fitted(fit.model.with_effect(THRUSTER_LAG, late), *late, 0.0))
-    best = max(lags, key=lambda lag: lag.log_likelihood, default=narrow)
-    gain = 2.0 * (best.log_likelihood - fitted(fit.model, fit.delay.value).log_likelihood)
-    if gain <= MIN_PROPOSED_GAIN + np.log(max(len(runs), 2)):
+    gain, best = 0.0, max(lags, key=lambda lag: lag.log_likelihood, default=None)
+    with suppress(FitError):
+        gain = 2.0 * (best.log_likelihood - fitted(fit.model, fit.delay.value).log_likelihood) if best else 0.0
+    if best is None or gain <= MIN_PROPOSED_GAIN + np.log(max(len(runs), 2)):
         return fit
     shift = best.phi[:count] - narrow.phi[:count]
     return replace(fit, covariance=_with_bias(fit.covariance, narrow, shift), proposed={THRUSTER_LAG: gain})
