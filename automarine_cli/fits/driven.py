@@ -17,10 +17,11 @@ from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import NO_START, DrivenProblem, Fit, InnovationsFit, fits_of, randomness
-from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, SWITCHES
+from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN
 from automarine_cli.fits.mixed_model import MixedFit, fit_mixed
 from automarine_cli.fits.preference import COMPARISON_HORIZONS_S, STEERED_HORIZONS_S, forecast_losses, is_ahead
 from automarine_cli.fits.whole_runs import (
+    START_SCATTERS,
     OutputErrorFit,
     directional_drag,
     fit_by_direction,
@@ -161,7 +162,7 @@ BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
 MIN_GAIN_SHARE, MAX_LOSS = 0.02, 0.10  # by which forecasts of the second estimator have to be better, or may be worse
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
 THRUSTER_LAG, MIN_LATE_STDERRS = "thruster-lag", 4.0  # looked for where commands are late beyond half a sample
-BRIEF_SCATTER, BRIEF_STDERRS = 0.01, 0.05  # scatter of thrust with which its fits begin, and where they end
+BRIEF_STDERRS = 0.05  # within which its fits end
 
 
 @dataclass(frozen=True)
@@ -458,8 +459,7 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
     tried = [(name, start_of(name, course), narrow.of_chance) for name in PROPOSED]
     if comes_late(fit, course.half_width):
         at_once = {**narrow.of_chance, COMMAND_DELAY: 0.0}
-        lags = [start_of(THRUSTER_LAG, course, law=law) for law in range(laws_of(THRUSTER_LAG))]
-        tried += [(THRUSTER_LAG, [fit.delay.value, *start[1:]], at_once) for start in lags]
+        tried += [(THRUSTER_LAG, start, at_once) for start in lags_like(fit.delay.value, course)]
     for name, start, chances in tried:
         if name in have:
             continue
@@ -482,6 +482,11 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
     return replace(fit, covariance=_with_bias(fit.covariance, narrow, shift), proposed=gains)
 
 
+def lags_like(delay: float, course: Course) -> list[list[float]]:
+    """Give the values of thrusters that lag for as long as a `delay` [s], in each law."""
+    return [[delay, *start_of(THRUSTER_LAG, course, law=law)[1:]] for law in range(laws_of(THRUSTER_LAG))]
+
+
 def comes_late(fit: OutputErrorFit, half_sample: float) -> bool:
     """Whether commands act later than half a sample [s] beyond doubt."""
     return fit.delay.value - half_sample >= MIN_LATE_STDERRS * fit.delay.stderr
@@ -497,7 +502,7 @@ def inflate_for_lag(
         return fit
     narrow, count, batch = fit.mixed, len(fit.model.theta), make_batch(runs, MAX_STEPS_S[0], channels=channels)
     course = make_course(runs, at_rest, channels=channels)
-    factors = {GAIN: max(narrow.factor(GAIN), BRIEF_SCATTER), SWITCHES: 0.5, DISTURBANCE: 0.03}
+    factors = {**START_SCATTERS, GAIN: max(narrow.factor(GAIN), START_SCATTERS[GAIN])}
 
     def fitted(model: Model, *late: float) -> MixedFit:
         parameters = model.parameters(log_drag=True, signed_drag=True)
@@ -507,8 +512,7 @@ def inflate_for_lag(
         return fit_mixed(informed, theta, noise=narrow.noise, factors=begins, settled=BRIEF_STDERRS)
 
     lags = list[MixedFit]()
-    for law in range(laws_of(THRUSTER_LAG)):
-        late = [fit.delay.value, *start_of(THRUSTER_LAG, course, law=law)[1:]]
+    for late in lags_like(fit.delay.value, course):
         with suppress(FitError):
             lags.append(fitted(fit.model.with_effect(THRUSTER_LAG, late), *late, 0.0))
     gain, best = 0.0, max(lags, key=lambda lag: lag.log_likelihood, default=None)

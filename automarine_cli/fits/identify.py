@@ -138,7 +138,6 @@ class YawFit(Shown):
             "valid_range": valid_range([turn.moment for turn in self.turns] or ends, fit.model),
             "effects": effects_json(effect_estimates(fit)),
             **self._driven_json(),
-            **({"proposed": dict(fit.proposed)} if fit.proposed else {}),
             **_scatter_json(fit),
             **({"consistency": self.consistency.to_json()} if self.consistency else {}),
             **channels_json(self.channels, channel_noises(fit.mixed, dof)),
@@ -191,14 +190,12 @@ class YawFit(Shown):
         return {"swing": swing} if swing else {}
 
     def _driven_json(self) -> dict[str, object]:
-        """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
-        mixed, use, json = self.preferred.mixed, self.use, dict[str, object]()
-        if use is None:
-            return json
-        if mixed.driven:
-            random = random_estimates(mixed, self.preferred.covariance, self.dof)
-            json = {"driven": True, "random": random, "proposed": {}}
-        return json | {"prediction": use.to_json(self.dof)}
+        """What not every fit has: what the evidence would add, of whole runs what the model predicts of those left out,
+        and of driven ones what is random."""
+        fit, mixed, use = self.preferred, self.preferred.mixed, self.use
+        random = {"driven": True, "random": random_estimates(mixed, fit.covariance, self.dof)} if mixed.driven else {}
+        proposed = {"proposed": dict(fit.proposed)} if random or fit.proposed else {}
+        return {**random, **proposed, **({} if use is None else {"prediction": use.to_json(self.dof)})}
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit, dof = self.output_error[number], self.dof
@@ -333,7 +330,8 @@ def _fit_steps(
     else:
         whole = data_of_steps(turns, chosen.names, whole=True)
         answer = fit_whole_or_half(whole, half, starts, priors, two_way, map_jobs)
-    whole_steps, preference = answer.data is not half, _prefer_steps(answer, turns, answer.data is not half, chosen)
+    whole_steps = answer.data is not half
+    preference = _prefer_steps(answer, turns, whole_steps, chosen)
     late = partial(driven.inflate_for_lag, *_parts(turns, whole_steps), chosen.names)
     [fit] = map_jobs(late, [answer.fits[preference.number]], WIDENING_INTERVALS)
     fits = {**answer.fits, preference.number: fit}

@@ -476,6 +476,9 @@ class OutputErrorFit:
 FIRST_WAYS = 3.0  # times the beginning of a step, over which the first speed of a run is taken
 
 
+START_SCATTERS = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}  # of run effects, from which fits begin
+
+
 def fit_whole_runs(
     batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False, priors: Priors = NOTHING_KNOWN
 ) -> OutputErrorFit:
@@ -490,8 +493,7 @@ def fit_whole_runs(
     parameters = rough.parameters(log_drag=True, signed_drag=True)
     problem = whole_run_problem(rough, parameters, batch, at_rest).informed(priors)
     pooled = replace(problem, effects=problem.effects.without(GAIN))
-    begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
-    factors = np.array([begins[name] for name in problem.effects.factor_names])
+    factors = np.array([START_SCATTERS[name] for name in problem.effects.factor_names])
     begin, moving = np.append(rough.theta, 0.0), _first_speeds(batch, problem.effects)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors, run_effects=moving)

@@ -186,13 +186,14 @@ def warnings_of(fit: YawFit) -> tuple[str, ...]:
 
 def _needs_more(fit: OutputErrorFit) -> list[str]:
     """Say what the evidence would add to a model; nothing where it asks for nothing."""
+    if not fit.proposed:
+        return []
     asks = "; ".join(
         f"{name} ({effects.get(name).card(fit.model.dof).says.rstrip('.').lower()}) gains {gain:.0f} in deviance"
         for name, gain in fit.proposed.items()
     )
     names = ",".join(fit.proposed)
-    need = f"The data need more than drag: {asks}. The intervals allow for it; fit it with --with {names}."
-    return [need] if names else []
+    return [f"The data need more than drag: {asks}. The intervals allow for it; fit it with --with {names}."]
 
 
 def fit_warnings(
