@@ -550,10 +550,12 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
 
     def _from_many_starts(self, current: CandidateFit, done: Fits) -> Fits:
         """Find better fits of the best candidate's laws, if one may stand in a valley: from every shape, and from where
-        its best law ended."""
+        its best law ended. Of driven runs only a dead time may: in a closed loop half of it is likely, too."""
         study, map_fn = self.study, self.map_fn
         best = min(done.values(), key=lambda trial: trial.evidence, default=current)
-        if study.driven or current.evidence - best.evidence < VALLEY or self.reaches_noise(best, STANDS):
+        if best is current or current.evidence - best.evidence < VALLEY:
+            return {}
+        if not effects.get(best.added[-1]).delays if study.driven else self.reaches_noise(best, STANDS):
             return {}
         name, term = best.added[-1], best.model.terms[-1]
         by_law: dict[tuple[object, ...], list[Floats]] = {}

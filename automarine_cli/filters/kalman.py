@@ -272,12 +272,18 @@ def thrust_of(model: Model, course: Course, theta: Floats, late: Floats) -> tupl
 
 def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats, Floats]:
     """What the actuators deliver over the filter's steps, `late` (P,) [s] after the log has it: means and
-    slopes, (K, D, P, R)."""
-    commands = list(course.commands)
+    slopes, (K, D, P, R).
+
+    A dead time is read off the commands as they are held, like `late`: means of late commands over fine steps, averaged
+    again over the filter's, would be smeared over two of them."""
+    commands, instants = list(course.commands), [late] * len(course.commands)
     for term in actuators(terms):
-        commanded = commands[term.dof]
-        commands[term.dof] = replace(commanded, force=term.effect.deliver(commanded, term.wide()))
-    lines = [course.averaged(command.force, late) for command in commands]
+        commanded, values = commands[term.dof], term.wide()
+        if term.effect.delays and term.effect.shifts([value.flat[0] for value in values]):
+            instants[term.dof] = instants[term.dof] + values[0][:, 0, 0]
+        else:
+            commands[term.dof] = replace(commanded, force=term.effect.deliver(commanded, values))
+    lines = [course.averaged(command.force, instant) for command, instant in zip(commands, instants)]
     mean, slope = (_by_step(np.stack(part)) for part in zip(*lines))
     return mean, slope
 

@@ -8,7 +8,7 @@ import pytest
 from few_candidates import few_candidates
 from made_runs import INERTIA, K_RR
 from stirred import INERTIA as WATER_INERTIA
-from stirred import K_R, steps_in_water
+from stirred import K_R, controlled, steps_in_water
 from stirred import K_RR as WATER_K_RR
 from tank import pool_campaign
 
@@ -124,6 +124,17 @@ def test_what_pushes_before_the_log_begins_is_named_alone(push: float) -> None:
     (named,) = found.effects
     size = named.parameters["b"]
     assert (found.verdict, named.name) == ("named", "bias-moment") and abs(size.value - push) < 3.0 * size.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_dead_time_in_a_closed_loop_is_named_alone(seed: int) -> None:
+    """Smeared over two samples, it got a history-force and a learned curve beside it."""
+    found = diagnose_runs(controlled(delay=0.3, seed=seed), IN_WATER, number="2")
+    (named,) = found.effects
+    time = named.parameters["t_d"]  # since the middle of a sample
+    assert (found.verdict, named.name, named.law) == ("named", "input-delay", "every change")
+    assert time.value == pytest.approx(0.35, abs=0.01)
 
 
 @pytest.mark.slow

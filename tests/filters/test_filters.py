@@ -97,6 +97,20 @@ def test_no_reading_is_told_by_the_command_that_answers_it() -> None:
         assert np.abs(first - second).max() < 0.02 < 0.3 * 4.0  # which is what the command of the row would explain
 
 
+@pytest.mark.parametrize("late", [0.07, 0.13, 0.35])
+def test_a_dead_time_is_a_delay_of_all_commands(late: float) -> None:
+    """Before a lag, too: it shifts what the lag makes of them."""
+    time = 0.1 * np.arange(80)
+    course = make_course([noisy(logged(time, np.sin(time), np.sign(np.cos(3.0 * time)) + np.sin(7.0 * time)))], REST)
+    for model in (MODEL, MODEL.with_effect("thruster-lag", (0.2, 0.0, 1.0, 1.0))):
+        dead = model.with_effect("input-delay", (late, 0.0, 0.1))
+        first, second = (
+            follow(m, course, m.theta[None], replace(noises(thrust=0.0), late=np.array([by]))).innovation
+            for m, by in ((model, late), (dead, 0.0))
+        )
+        np.testing.assert_allclose(first, second, atol=1e-12)
+
+
 @pytest.mark.parametrize("late", [-0.1, 0.0, 0.1])  # half samples: what is late falls together with the grid
 def test_signals_that_are_commanded_come_as_late_as_the_command(late: float) -> None:
     """A rudder in the race of a thrust that is logged, beside the command of both together."""
