@@ -85,6 +85,7 @@ def _coherence(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | Non
 MAX_STRETCH_S = 20.0  # Longer runs are cut up, for biases wander
 MIN_STRETCH_SAMPLES = 12
 MIN_STRETCHES, MAX_COMPARED = 3, 200  # Stretches whose scatter tells anything, and that are looked at, evenly
+LATE_SAMPLES = range(6)  # By how many samples commands may act late, where jumps of the acceleration are looked for
 STRETCH_GAP = 3.0  # Sample periods; a longer hole parts two stretches
 MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0  # times what noise makes of sums and positions
 MAX_CLOCK_LAG_S = 5.0  # Clocks are not looked at further apart
@@ -97,13 +98,14 @@ MIN_BEND = 0.04  # Share of all its way by which a position then leaves a straig
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples of a run in which both sensors read, (n,) each; time since the first [s]. `way_noise` is the velocity's
-    noise in one sample [rad or m], whose sum is a random walk."""
+    """Samples of a run in which both sensors read, (n,) each; time since the first [s], and the `command`, zero where
+    none is logged. `way_noise` is the velocity's noise in one sample [rad or m], whose sum is a random walk."""
 
     time: Floats
     position: Floats
     velocity: Floats
     summed: Floats
+    command: Floats
     period: float
     position_noise: float
     way_noise: float
@@ -140,6 +142,7 @@ def agreement(runs: Sequence[Run]) -> Agreement:
             parts += stretches(run, readings)
     if len(parts) > MAX_COMPARED:
         parts = [parts[i] for i in np.linspace(0, len(parts) - 1, MAX_COMPARED).astype(int)]
+    parts = _summed_past_jumps(parts) if parts else parts
     nothing = Agreement(follows=noise_followed([(part.position, part.velocity) for part in parts]), stuck=stuck)
     going = [part for part in parts if _goes(part)]
     if not going:
@@ -173,8 +176,42 @@ def stretches(run: Run, readings: Floats) -> list[Stretch]:
         if len(chosen) >= MIN_STRETCH_SAMPLES:
             time, position, velocity = run.time[chosen] - run.time[chosen[0]], run.position[chosen], readings[chosen]
             noise, way_noise = position_noise(time, position), position_noise(time, velocity) * period
-            parts.append(Stretch(time, position, velocity, summed(time, velocity), period, noise, way_noise))
+            command = 0.0 * time if run.moment is None else run.command[chosen]
+            parts.append(Stretch(time, position, velocity, summed(time, velocity), command, period, noise, way_noise))
     return parts
+
+
+def _summed_past_jumps(parts: Sequence[Stretch]) -> list[Stretch]:
+    """The stretches with sums that allow for jumps of the acceleration, at which straight lines between readings miss.
+
+    A sum of readings P apart is too large by P²/12 of the acceleration (Euler-Maclaurin), less P² (1/12 - s (1 - s)/2)
+    of each jump at the share s of an interval. With jumps of the command this is P² (s (1 - s)/2 of what the command
+    gives, less 1/12 of what the drag takes), and the latter looks like a delay of P²/(12 T) of a vehicle that answers
+    within T. Both are told by least squares of the accelerations on the commands before and after, and the drag."""
+
+    pulls = np.concatenate([np.diff(part.velocity) / np.diff(part.time) for part in parts])
+    acting = [np.concatenate([_acting(part, late) for part in parts]) for late in LATE_SAMPLES]
+    fits = [np.linalg.lstsq(terms, pulls)[0] for terms in acting]
+    late = int(np.argmin([np.square(pulls - terms @ fit).sum() for terms, fit in zip(acting, fits)]))
+    before, after, linear, quadratic = fits[late]
+    if (gain := before + after) == 0.0:  # no command
+        return list(parts)
+    share, corrected = float(np.clip(before / gain, 0.0, 1.0)), list[Stretch]()
+    for part in parts:
+        drag = -(linear + quadratic * np.abs(part.velocity)) * part.velocity
+        jumped = 0.5 * share * (1.0 - share) * gain * _held_back(part.command, late)
+        corrected.append(replace(part, summed=part.summed - part.period**2 * (jumped - drag / 12.0)))
+    return corrected
+
+
+def _acting(part: Stretch, late: int) -> Floats:
+    """What accelerates in each interval, (n - 1, 4): commands at its begin and end, `late` samples later, and drag."""
+    command, middle = _held_back(part.command, late), 0.5 * (part.velocity[1:] + part.velocity[:-1])
+    return np.stack([command[:-1], command[1:], middle, middle * np.abs(middle)], axis=1)
+
+
+def _held_back(command: Floats, samples: int) -> Floats:
+    return np.append(np.full(samples, command[0]), command[: len(command) - samples])
 
 
 def _stuck_at(run: Run, readings: Floats) -> float | None:
