@@ -26,6 +26,7 @@ from automarine_cli.fits.steps import StepData
 from automarine_cli.fits.whole_runs import OutputErrorFit, run_dof
 from automarine_cli.models.model import COMMAND_DELAY, Model, steady_rate
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.channels import unbiased_velocity
 from automarine_cli.runs.load import TO_PORT
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -276,10 +277,27 @@ def overshoots(model: Model, run: Run) -> list[tuple[float, float]]:
 
 def _from_log(model: Model, run: Run, first: int, last: int, water: Floats) -> Trajectory:
     """Simulate a run from the logged heading and rate of its `first` sample to the `last` one."""
-    ends = np.clip(run.time[first] + 0.5 * RATE_WINDOW_S * np.array([-1.0, 1.0]), run.time[0], run.time[-1])
-    rate = np.diff(np.interp(ends, run.time, run.position)) / np.diff(ends)
-    batch = make_batch([run.cut(first, last + 1)], STEP_S, model.signals)
-    return simulate(model, batch, start=Start(run.position[None, [first]], rate[None], water=water))
+    return _simulated(model, run.cut(first, last + 1), _rate_at(model, run, first, water), water)
+
+
+def _simulated(model: Model, run: Run, rate: float, water: Floats) -> Trajectory:
+    start = Start(run.position[None, [0]], np.array([[rate]]), water=water)
+    return simulate(model, make_batch([run], STEP_S, model.signals), start=start)
+
+
+def _rate_at(model: Model, run: Run, sample: int, water: Floats) -> float:
+    """Rate at a sample by those logged over RATE_WINDOW_S before it; without them that to which the model comes from
+    the slope of the headings then: one about the sample knows already what an execute does."""
+    now, rates = run.time[sample], unbiased_velocity(run)
+    if rates is not None:
+        before = (run.time > now - RATE_WINDOW_S) & (run.time <= now) & np.isfinite(rates)
+        if np.count_nonzero(before) > 2:
+            return float(np.polynomial.Polynomial.fit(run.time[before], rates[before], 1)(now))
+    back = int(np.searchsorted(run.time, now - RATE_WINDOW_S))
+    ends = np.clip(run.time[back] + 0.5 * RATE_WINDOW_S * np.array([-1.0, 1.0]), run.time[0], run.time[-1])
+    rate = float(np.diff(np.interp(ends, run.time, run.position))[0] / np.diff(ends)[0])
+    path = _simulated(model, run.cut(back, sample + 1), rate, water) if back < sample else None
+    return rate if path is None else float(path.velocity[0, 0, sample - back])
 
 
 def overshoots_json(pairs: Sequence[tuple[float, float]]) -> dict[str, list[float]]:

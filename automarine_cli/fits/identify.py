@@ -449,7 +449,7 @@ def _fit_whole(
     words, nomoto = dof.words, None
     if steered and "1" in fits:
         fastest = float(course.fastest[0])
-        nomoto = answer_to_rudder(moving, fits["1"], norrbin, fits[preference.number].model, fastest, length)
+        nomoto = answer_to_rudder(moving, fits["1"], norrbin, fits[preference.number].answering, fastest, length)
     option = "--with" if asked else "--fit-to whole-runs"
     why = (
         f"Steps end at an angle, not at a {words.speed}, and have no velocity errors; the whole runs were fitted {how}"

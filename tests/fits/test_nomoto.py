@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_rudder import MEMORY_TIME, Boat
+from made_rudder import MEMORY_TIME, QUICK_INERTIA, QUICK_LINEAR, QUICK_QUADRATIC, Boat, quick_zigzag
 from scipy import integrate
 
 from automarine_cli.commands.fit_motion import fit_yaw
@@ -56,7 +56,16 @@ def test_overshoots_of_the_model_that_made_the_log_are_those_of_the_log(memory: 
         model = model.with_effect("history-force", (memory * inertia, MEMORY_TIME, 0.0))
     pairs = np.rad2deg(overshoots(model, run))
     assert len(pairs) >= 5 and len(executes(run.command)) >= len(pairs)
-    assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 2.0 and abs(np.diff(pairs).mean()) < 1.0
+    assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 1.0 and abs(np.diff(pairs).mean()) < 0.5
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_overshoots_begin_with_the_logged_rate(side: float) -> None:
+    """Of a boat that answers in half a second, the rate of the headings about the execute took 1.4 of 10 degrees."""
+    model = Model.base("2", QUICK_INERTIA, (QUICK_QUADRATIC, QUICK_LINEAR), STEERED, YAW).delayed(0.1)
+    pairs = np.rad2deg([pair for seed in range(3) for pair in overshoots(model, quick_zigzag(seed, side))])
+    assert len(pairs) > 30 and pairs[:, 0].mean() > 6.0
+    assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 0.7 and abs(np.diff(pairs).mean()) < 0.2
 
 
 @pytest.mark.slow

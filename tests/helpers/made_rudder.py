@@ -7,6 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from automarine_cli.dofs import YAW
+from automarine_cli.quantities import STEERED
+from automarine_cli.runs.run import Run
+
 STEP, EVERY = 0.02, 10  # s; steps of a row
 RUDDER_RATE = np.deg2rad(20.0)  # per s
 SPEED_LOSS = 0.5  # m/s² per (rad/s)²
@@ -83,6 +87,30 @@ class Boat:
             "command_delay_s": estimate(0.0, "s") | {"stderr": 0.002},
             "nomoto": {"speed_m_s": SPEED, "positive_rudder_turns_to": "starboard" if self.side > 0 else "port"},
         }  # fmt: skip
+
+
+QUICK_INERTIA, QUICK_LINEAR, QUICK_QUADRATIC = 1.0 / 2.6, 1.0 / 2.6, 1.55 / 2.6  # rad s², rad s, rad s²
+
+
+def quick_zigzag(seed: int, side: float = 1.0, late: float = 0.0) -> Run:
+    """Log a zigzag at 5 Hz of a boat that answers in half a second: the rudder goes over with a sample, and the gyro is
+    read `late` [s]."""
+    random, step, every = np.random.default_rng(seed), 0.002, 100
+    psi, r, rudder = 0.0, 0.0, side * 0.35
+    states, commands = list[tuple[float, float]](), list[float]()
+    for k in range(30 * 500):
+        if k % every == 0:
+            rudder = -np.sign(rudder) * 0.35 if rudder * psi > 0.1 else rudder
+            commands.append(rudder)
+        states.append((psi, r))
+        pull = (rudder - QUICK_LINEAR * r - QUICK_QUADRATIC * r * abs(r)) / QUICK_INERTIA
+        psi, r = psi + step * (r + 0.5 * step * pull), r + step * pull
+    clock, read = step * np.arange(len(states)), step * every * np.arange(len(commands))
+    heading, gyro = (np.interp(read - by, clock, column) for by, column in zip((0.0, late), np.transpose(states)))
+    heading, gyro = (
+        x + np.deg2rad(0.3) * random.standard_normal(len(read)) for x in (random.uniform(-3.0, 3.0) + heading, gyro)
+    )
+    return Run(f"run_{seed}", "made.csv", read, heading, np.array(commands), STEERED, {"yaw_rate": gyro}, dof=YAW)
 
 
 if __name__ == "__main__":

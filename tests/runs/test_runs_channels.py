@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_campaigns import both_ways, campaign
+from made_rudder import quick_zigzag
 from scipy.signal import savgol_filter
 
 from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
@@ -124,29 +125,10 @@ def test_what_is_too_small_for_a_fault_is_put_right(scale: float, late: float, m
     assert asked is runs[0]
 
 
-def swung(late: float, side: float, seed: int) -> Run:
-    """A zigzag at 5 Hz of a boat that answers in half a second, by an integrator of its own: the rudder goes over with
-    a sample, and the gyro is read `late` [s]."""
-    rng, step, every = np.random.default_rng(seed), 0.002, 100
-    angle, rate, rudder, first = 0.0, 0.0, side * 0.35, rng.uniform(-3.0, 3.0)
-    states, commands = list[tuple[float, float]](), list[float]()
-    for k in range(30 * 500):
-        if k % every == 0:
-            rudder = -np.sign(rudder) * 0.35 if rudder * angle > 0.1 else rudder
-            commands.append(rudder)
-        states.append((angle, rate))
-        pull = 2.6 * rudder - 1.0 * rate - 1.55 * rate * abs(rate)
-        angle, rate = angle + step * (rate + 0.5 * step * pull), rate + step * pull
-    clock, read = step * np.arange(len(states)), step * every * np.arange(len(commands))
-    heading, gyro = (np.interp(read - by, clock, column) for by, column in zip((0.0, late), np.transpose(states)))
-    heading, gyro = (x + np.deg2rad(0.3) * rng.standard_normal(len(read)) for x in (first + heading, gyro))
-    return Run(f"run_{seed}", "made.csv", read, heading, np.array(commands), "rad", {"yaw_rate": gyro}, dof=YAW)
-
-
 @pytest.mark.parametrize("late", [0.0, 0.02, -0.02])
 def test_jumps_of_the_acceleration_are_no_delay(late: float) -> None:
     """Sums of readings 0.2 s apart made 6 ms of them, which got a false sensor-lag and a history-force."""
-    sensors = agreement([swung(late, (-1.0) ** i, seed) for i, seed in enumerate(range(12))])
+    sensors = agreement([quick_zigzag(seed, (-1.0) ** seed, late) for seed in range(12)])
     assert abs(sensors.late - late) < 3.0 * sensors.late_error < 0.003
     assert abs(sensors.scale - 1.0) < 0.005
 
