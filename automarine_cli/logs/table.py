@@ -385,8 +385,7 @@ def require(table: LogTable, quantities: Sequence[str], alternative: str = "") -
     missing = f"{table.source}: no {' and '.join(map(naming.called, lacking))}"
     if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
         raise LogError(f"{missing}; {table.origin.why_not}")
-    free = _free(table.names)
-    lines = [_line(q, guess) for q in lacking if (guess := naming.likely_column(q, free))]
+    lines = [line for quantity in lacking if (line := likely_line(table, quantity))]
     hint = " and ".join(lines or [f'{naming.names_of(lacking[0])[0]} = "NAME"'])
     holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
     raise LogError(
@@ -441,8 +440,12 @@ def means_thruster_test(quantities: Set[str], names: Sequence[str], dof: Dof) ->
     )
 
 
-def _line(quantity: str, column: str) -> str:
-    """The line of a column map for a column; pulses to thrusters rest at 1500 us."""
+def likely_line(table: LogTable, quantity: str) -> str:
+    """Return the line of a column map for the column that may be meant by a quantity, empty where none is; pulses to
+    thrusters rest at 1500 us."""
+    column = naming.likely_column(quantity, _free(table.names))
+    if column is None:
+        return ""
     key, name = naming.likely_canonical(quantity, column), printable(column)
     pulses = quantity in THRUSTERS and naming.unit_in(column) == "us"
     return f'{key} = {{ from = "{name}", subtract = 1500 }}' if pulses else f'{key} = "{name}"'

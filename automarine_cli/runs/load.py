@@ -18,7 +18,7 @@ from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
 from automarine_cli.errors import ExcludedRun, FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log
 from automarine_cli.logs.columns import RUN, driven, names_of
-from automarine_cli.logs.table import GIVE_IT, is_let_go, require, require_motion
+from automarine_cli.logs.table import GIVE_IT, is_let_go, likely_line, require, require_motion
 from automarine_cli.pipeline.parallel import Progress, ordered_map, silent
 from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs import checks
@@ -86,7 +86,7 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     )  # fmt: skip
     if not summed:
         _refuse(checks.stuck(run.position, _any_command(run), dof))
-    parts = _bridged(_summed_up(run) if summed else run)
+    parts = _bridged(_summed_up(run, likely_line(table, dof.position)) if summed else run)
     return parts if commands or dof.restoring else _let_go(parts, table)
 
 
@@ -102,12 +102,13 @@ def _let_go(parts: tuple[Run, ...], table: LogTable) -> tuple[Run, ...]:
     return coasting
 
 
-def _summed_up(run: Run) -> Run:
+def _summed_up(run: Run, line: str) -> Run:
     dof, velocity = run.dof, run.extras[run.dof.velocity]
     fresh = fresh_readings(velocity)  # a held reading is as old as it is long held
     instant = np.interp(run.time, run.time[fresh], velocity[fresh])
     position = summed(run.time, instant - standstill(run.time, instant, _any_command(run), dof))
     note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
+    note += f". If a column of another name is the {dof.words.position}, write {line} {GIVE_IT}" if line else ""
     return replace(run, position=position, summed_up=True).noted(note)
 
 

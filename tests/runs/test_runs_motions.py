@@ -90,6 +90,15 @@ def test_a_speed_alone_is_summed_up_to_trim_by(tmp_path: Path) -> None:
     np.testing.assert_allclose(run.position - run.position[20], 0.25 * pushed**2, atol=0.02)
 
 
+def test_a_position_under_another_name_is_pointed_at(tmp_path: Path) -> None:
+    """It was passed over, and the velocity taken alone."""
+    moving = 0.1 * np.arange(100)
+    run = read(log(tmp_path, "force_X_N,surge_m_s,dist", np.where(moving < 2, 0.0, 4.0), moving, 0.5 * moving**2))
+    plain = read(log(tmp_path, "force_X_N,surge_m_s", np.where(moving < 2, 0.0, 4.0), moving))
+    assert run.summed_up and 'write distance_m = "dist" under [columns]' in run.notes[-1]
+    assert "[columns]" not in plain.notes[-1]
+
+
 @pytest.mark.parametrize(("change", "why"), [
     ({"motion": "list"}, 'vehicle.motion: found "list", expected yaw or surge or heave or sway'),
     ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
