@@ -277,27 +277,21 @@ def overshoots(model: Model, run: Run) -> list[tuple[float, float]]:
 
 def _from_log(model: Model, run: Run, first: int, last: int, water: Floats) -> Trajectory:
     """Simulate a run from the logged heading and rate of its `first` sample to the `last` one."""
-    return _simulated(model, run.cut(first, last + 1), _rate_at(model, run, first, water), water)
+    batch = make_batch([run.cut(first, last + 1)], STEP_S, model.signals)
+    start = Start(run.position[None, [first]], np.array([[_rate_at(run, first)]]), water=water)
+    return simulate(model, batch, start=start)
 
 
-def _simulated(model: Model, run: Run, rate: float, water: Floats) -> Trajectory:
-    start = Start(run.position[None, [0]], np.array([[rate]]), water=water)
-    return simulate(model, make_batch([run], STEP_S, model.signals), start=start)
-
-
-def _rate_at(model: Model, run: Run, sample: int, water: Floats) -> float:
-    """Rate at a sample by those logged over RATE_WINDOW_S before it; without them that to which the model comes from
-    the slope of the headings then: one about the sample knows already what an execute does."""
+def _rate_at(run: Run, sample: int) -> float:
+    """Rate at a sample by those logged over RATE_WINDOW_S before it, which no execute has changed yet; without them by
+    the headings about it."""
     now, rates = run.time[sample], unbiased_velocity(run)
     if rates is not None:
         before = (run.time > now - RATE_WINDOW_S) & (run.time <= now) & np.isfinite(rates)
         if np.count_nonzero(before) > 2:
             return float(np.polynomial.Polynomial.fit(run.time[before], rates[before], 1)(now))
-    back = int(np.searchsorted(run.time, now - RATE_WINDOW_S))
-    ends = np.clip(run.time[back] + 0.5 * RATE_WINDOW_S * np.array([-1.0, 1.0]), run.time[0], run.time[-1])
-    rate = float(np.diff(np.interp(ends, run.time, run.position))[0] / np.diff(ends)[0])
-    path = _simulated(model, run.cut(back, sample + 1), rate, water) if back < sample else None
-    return rate if path is None else float(path.velocity[0, 0, sample - back])
+    ends = np.clip(now + 0.5 * RATE_WINDOW_S * np.array([-1.0, 1.0]), run.time[0], run.time[-1])
+    return float(np.diff(np.interp(ends, run.time, run.position))[0] / np.diff(ends)[0])
 
 
 def overshoots_json(pairs: Sequence[tuple[float, float]]) -> dict[str, list[float]]:

@@ -56,7 +56,7 @@ def test_overshoots_of_the_model_that_made_the_log_are_those_of_the_log(memory: 
         model = model.with_effect("history-force", (memory * inertia, MEMORY_TIME, 0.0))
     pairs = np.rad2deg(overshoots(model, run))
     assert len(pairs) >= 5 and len(executes(run.command)) >= len(pairs)
-    assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 1.0 and abs(np.diff(pairs).mean()) < 0.5
+    assert np.sqrt(np.mean((pairs[:, 0] - pairs[:, 1]) ** 2)) < 2.0 and abs(np.diff(pairs).mean()) < 1.0
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
