@@ -41,4 +41,4 @@ def test_the_driven_log_stays_in_its_band(
     *_, (picture, _), nothing = shown_by(NOTEBOOKS[0], monkeypatch)
     assert picture.startswith(b"\x89PNG") and nothing is None
     first, last = capsys.readouterr().out.splitlines()
-    assert "predicts 5 s ahead to 21.2 deg" in first and last == "inside the band for 94 % of the run"
+    assert "predicts 5 s ahead to 21.3 deg" in first and last == "inside the band for 94 % of the run"
