@@ -188,7 +188,6 @@ def _summed_past_jumps(parts: Sequence[Stretch]) -> list[Stretch]:
     of each jump at the share s of an interval. With jumps of the command this is P² (s (1 - s)/2 of what the command
     gives, less 1/12 of what the drag takes), and the latter looks like a delay of P²/(12 T) of a vehicle that answers
     within T. Both are told by least squares of the accelerations on the commands before and after, and the drag."""
-
     pulls = np.concatenate([np.diff(part.velocity) / np.diff(part.time) for part in parts])
     acting = [np.concatenate([_acting(part, late) for part in parts]) for late in LATE_SAMPLES]
     fits = [np.linalg.lstsq(terms, pulls)[0] for terms in acting]
