@@ -555,9 +555,10 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         best = min(done.values(), key=lambda trial: trial.evidence, default=current)
         if best is current or current.evidence - best.evidence < VALLEY:
             return {}
-        if not effects.get(best.added[-1]).delays if study.driven else self.reaches_noise(best, STANDS):
-            return {}
         name, term = best.added[-1], best.model.terms[-1]
+        may_stand = effects.get(name).delays if study.driven else not self.reaches_noise(best, STANDS)
+        if not may_stand:
+            return {}
         by_law: dict[tuple[object, ...], list[Floats]] = {}
         for probe in candidate_shapes(study, name):
             by_law.setdefault(law_of(name, probe.values[-1]), []).append(probe.values[-1])
