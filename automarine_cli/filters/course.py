@@ -169,7 +169,8 @@ class Course:
     the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
     readings that count as independent, (R, K + 1) each, `often` all readings of positions in their place, `at_rest`
     (R,) which runs begin at rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise`
-    (C,) of each channel, estimated without a model.
+    (C,) of each channel, estimated without a model. `half_width` is half the usual time that a command is held [s]:
+    what a command delay may be by the logger's convention alone.
     """
 
     motion: Motion
@@ -189,16 +190,12 @@ class Course:
     fastest: Floats
     noise: Floats
     moment_unit: str
+    half_width: float
 
     @cached_property
     def time(self) -> Floats:
         """Time of the nodes since the run's first sample [s], (R, K + 1)."""
         return np.concatenate([np.zeros((len(self.names), 1)), np.cumsum(self.length, axis=1)], axis=1)
-
-    @cached_property
-    def half_width(self) -> float:
-        """Half the usual fine step [s]: what a command delay may be by the logger's convention alone."""
-        return 0.5 * float(np.median(self.width[self.width > 0]))
 
     @cached_property
     def commands(self) -> tuple[Commands, ...]:
@@ -313,7 +310,7 @@ def make_course(
         channels=tuple(thinned), often=tuple(often), at_rest=at_rest,
         fastest=np.array([_fastest(runs, position, dof) for position, dof in zip(motion.positions, motion.dofs)]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
-        moment_unit=unit,
+        moment_unit=unit, half_width=0.5 * float(np.median([_held(run) * run.sample_period for run in runs])),
     )  # fmt: skip
 
 
@@ -352,19 +349,26 @@ def _lay(
     )  # fmt: skip
 
 
+def _held(run: Run) -> int:
+    """Samples over which commands are averaged: those of a fast log."""
+    every = max(1, round(MIN_HOLD_S / max(run.sample_period, 1e-9)))
+    return every if len(run.time) >= 2 * every else 1
+
+
 def _fine(run: Run):  # type: ignore[no-untyped-def]
-    """Edges of the fine steps, in the middle between samples and as far beyond the first and the last, and what
-    averages a held column over them.
+    """Edges of the fine steps, which divide from middle to middle between samples and as far beyond the first and the
+    last, and what averages a held column over them.
 
     A command is first seen by the sample after its change, which happened anywhere in the interval before: on average
-    in its middle.
+    in its middle. What lags behind it changes within a sample of a slow log.
     """
     time = run.time
     middle = 0.5 * (time[1:] + time[:-1])
     edges = np.concatenate([[2.0 * time[0] - middle[0]], middle, [2.0 * time[-1] - middle[-1]]])
-    every = max(1, round(MIN_HOLD_S / max(run.sample_period, 1e-9)))
-    if every == 1 or len(time) < 2 * every:
-        return edges, lambda column: column
+    if (every := _held(run)) == 1:
+        parts = max(1, round(run.sample_period / MIN_HOLD_S))
+        finer = np.interp(np.arange(parts * len(time) + 1) / parts, np.arange(len(edges)), edges)
+        return finer, lambda column: np.repeat(column, parts)
     coarse = np.append(edges[:-1:every], edges[-1])
 
     def mean(column: Floats) -> Floats:

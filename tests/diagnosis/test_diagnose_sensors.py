@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from few_candidates import few_candidates
+from made_rudder import QUICK_INERTIA, QUICK_LINEAR, QUICK_QUADRATIC, quick_zigzag
 from made_runs import INERTIA, K_RR
 from stirred import INERTIA as WATER_INERTIA
 from stirred import K_R, controlled, steps_in_water
@@ -17,6 +18,7 @@ from automarine_cli.diagnosis.search import attempt_with, candidate_fit, refitte
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
+from automarine_cli.quantities import STEERED
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -135,6 +137,18 @@ def test_a_dead_time_in_a_closed_loop_is_named_alone(seed: int) -> None:
     time = named.parameters["t_d"]  # since the middle of a sample
     assert (found.verdict, named.name, named.law) == ("named", "input-delay", "every change")
     assert time.value == pytest.approx(0.35, abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_lag_of_the_steering_gear_is_named_alone_in_a_slow_log(side: float) -> None:
+    """Held over each sample, what lags got a deviation of the compass beside it."""
+    runs = [quick_zigzag(seed, side * (-1.0) ** seed, gear=0.7) for seed in range(12)]
+    model = Model.base("2", QUICK_INERTIA, [QUICK_QUADRATIC, QUICK_LINEAR], STEERED, YAW)
+    found = diagnose_runs(runs, model, number="2")
+    (named,) = found.effects
+    assert found.verdict == "named" and named.name in ("thruster-lag", "rudder-rate")
+    assert abs(named.parameters["T"].value - 0.7) < 3.0 * named.parameters["T"].stderr < 0.07
 
 
 @pytest.mark.slow

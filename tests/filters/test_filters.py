@@ -11,8 +11,8 @@ from scipy.linalg import expm
 
 from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.filters import kalman
-from automarine_cli.filters.course import MIN_APART_S, averaged_over, make_course
-from automarine_cli.filters.kalman import FilterResult, Noises, Step, alike, follow, follow_all, predict, shown_channel
+from automarine_cli.filters.course import MIN_APART_S, MIN_HOLD_S, averaged_over, make_course
+from automarine_cli.filters.kalman import FilterResult, Noises, Step, follow, follow_all, predict, shown_channel
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
@@ -109,6 +109,23 @@ def test_a_dead_time_is_a_delay_of_all_commands(late: float) -> None:
             for m, by in ((model, late), (dead, 0.0))
         )
         np.testing.assert_allclose(first, second, atol=1e-12)
+
+
+@pytest.mark.parametrize("period", [0.1, 0.2, 0.5])
+def test_what_lags_changes_within_a_sample_of_a_slow_log(period: float) -> None:
+    """A step of the command with a sample, by the closed form of the lag."""
+    time, lag = period * np.arange(40), 0.6
+    run = noisy(logged(time, 0.0 * time, np.where(time >= 10 * period, 1.0, 0.0)))
+    course = make_course([run], REST, step=period)
+    model = MODEL.with_effect("thruster-lag", (lag, 1.0, 1.0, 1.0))
+    thrust = kalman.thrust_of(model, course, model.theta[None], np.array([0.5 * period]))
+    mean, slope = (x[:, 0, 0, 0] for x in thrust[:2])
+    behind = np.exp(-np.maximum(time - 10 * period, 0.0) / lag)
+    delivered = np.where(time >= 10 * period, 1.0 - behind, 0.0)
+    exact = np.where(time[:-1] >= 10 * period, 1.0 - lag * (behind[:-1] - behind[1:]) / period, 0.0)
+    np.testing.assert_allclose(mean, exact, atol=1e-12)
+    lost = (MIN_HOLD_S / period) ** 2  # by what is held over parts of a step
+    np.testing.assert_allclose(slope, np.diff(delivered) / period, rtol=lost + 0.05, atol=1e-9)
 
 
 @pytest.mark.parametrize("late", [-0.1, 0.0, 0.1])  # half samples: what is late falls together with the grid
@@ -330,9 +347,9 @@ def test_models_alike_but_for_actuators_and_drag_go_through_one_filter_as_each_a
     sizes = range(1, 1 + len(models))
     thetas = [np.linspace(1.0, 1.1, size)[:, None] * model.theta for size, model in zip(sizes, models)]
     several = [Noises.of_all([noises()] * size) for size in sizes]
-    assert alike(models, sizes) == [[0, 1, 2, 4, 5], [3], [6]]
+    assert kalman.alike(models, sizes) == [[0, 1, 2, 4, 5], [3], [6]]
     monkeypatch.setattr(kalman, "MAX_SETS_TIMES_RUNS", 5)
-    assert alike(models, sizes) == [[0, 1], [2], [4], [5], [3], [6]]
+    assert kalman.alike(models, sizes) == [[0, 1], [2], [4], [5], [3], [6]]
     monkeypatch.setattr(kalman, "MAX_SETS_TIMES_RUNS", 1000)
     for model, theta, of_each, together in zip(models, thetas, several, follow_all(models, course, thetas, several)):
         alone = follow(model, course, theta, of_each)

@@ -92,21 +92,26 @@ class Boat:
 QUICK_INERTIA, QUICK_LINEAR, QUICK_QUADRATIC = 1.0 / 2.6, 1.0 / 2.6, 1.55 / 2.6  # rad s², rad s, rad s²
 
 
-def quick_zigzag(seed: int, side: float = 1.0, late: float = 0.0) -> Run:
-    """Log a zigzag at 5 Hz of a boat that answers in half a second: the rudder goes over with a sample, and the gyro is
-    read `late` [s]."""
+def quick_zigzag(seed: int, side: float = 1.0, late: float = 0.0, gear: float = 0.0) -> Run:
+    """Log a zigzag at 5 Hz of a boat that answers in half a second: the rudder goes over with a sample, follows its
+    command with the time constant `gear` [s], and the gyro is read `late` [s], or below zero the heading."""
     random, step, every = np.random.default_rng(seed), 0.002, 100
-    psi, r, rudder = 0.0, 0.0, side * 0.35
+    psi, r, angle, rudder = 0.0, 0.0, 0.0, side * 0.35
+    faded = np.exp(-step / gear) if gear else 0.0
     states, commands = list[tuple[float, float]](), list[float]()
     for k in range(30 * 500):
         if k % every == 0:
             rudder = -np.sign(rudder) * 0.35 if rudder * psi > 0.1 else rudder
             commands.append(rudder)
         states.append((psi, r))
-        pull = (rudder - QUICK_LINEAR * r - QUICK_QUADRATIC * r * abs(r)) / QUICK_INERTIA
+        angle = rudder + faded * (angle - rudder)
+        pull = (angle - QUICK_LINEAR * r - QUICK_QUADRATIC * r * abs(r)) / QUICK_INERTIA
         psi, r = psi + step * (r + 0.5 * step * pull), r + step * pull
     clock, read = step * np.arange(len(states)), step * every * np.arange(len(commands))
-    heading, gyro = (np.interp(read - by, clock, column) for by, column in zip((0.0, late), np.transpose(states)))
+    heading, gyro = (
+        np.interp(read - by, clock, column)
+        for by, column in zip((max(-late, 0.0), max(late, 0.0)), np.transpose(states))
+    )
     heading, gyro = (
         x + np.deg2rad(0.3) * random.standard_normal(len(read)) for x in (random.uniform(-3.0, 3.0) + heading, gyro)
     )
