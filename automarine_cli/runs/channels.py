@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
@@ -249,11 +250,15 @@ def _moves(part: Stretch, scale: float) -> bool:
 
 def _ahead(part: Stretch, delays: Floats) -> Floats:
     """The summed velocities read `delays` (k,) later, (k, n); beyond the ends they go on as there."""
-    edge, far = max(3, min(8, len(part.time) // 4)), 2.0 * MAX_CLOCK_LAG_S
-    first, last = np.median(part.velocity[:edge]), np.median(part.velocity[-edge:])
-    time = np.concatenate([[-far], part.time, [part.time[-1] + far]])
-    summed = np.concatenate([[-far * first], part.summed, [part.summed[-1] + far * last]])
-    return np.interp((part.time + delays[:, None]).ravel(), time, summed).reshape(len(delays), -1)
+    return _way_at(part.time + delays[:, None], part.time, part.summed, part.velocity)
+
+
+def _way_at(at: Floats, time: Floats, way: Floats, velocity: Floats) -> Floats:
+    """The way at other times than the velocity, of any shape, by both; beyond the ends as fast as about there. Straight
+    lines between the samples would make a motion smaller."""
+    edge, inside = max(3, min(8, len(time) // 4)), np.clip(at, time[0], time[-1])
+    beyond = np.where(at < time[0], np.median(velocity[:edge]), np.median(velocity[-edge:])) * (at - inside)
+    return np.asarray(CubicHermiteSpline(time, way, velocity)(inside) + beyond)
 
 
 def _misfit(moving: Sequence[Stretch], delays: Floats, scale: float | None) -> Floats:
@@ -353,7 +358,8 @@ class ChannelVerdict:
 @dataclass(frozen=True)
 class ChannelChoice:
     """The sensors of a campaign: `names` that count (None: no choice), `stuck` runs without their velocity; of the
-    others it is put right by the `scale` and by how `late` [s] it is against the position."""
+    others it is put right by the `scale` and by how `late` [s] it is against the position; where the position is late
+    (below zero), that is put right: commands come before both."""
 
     verdicts: tuple[ChannelVerdict, ...] = ()
     names: tuple[str, ...] | None = None
@@ -374,11 +380,14 @@ class ChannelChoice:
         readings = run.extras.get(run.dof.velocity)
         if readings is None or (self.scale == 1.0 and self.late == 0.0):
             return run
-        readings = self.scale * readings
-        if self.late:
+        readings, position = self.scale * readings, run.position
+        if self.late > 0.0:
             later = advanced(filled(run.time, readings), self.late / run.sample_period)
             readings = np.where(np.isfinite(readings), later, np.nan)
-        return replace(run, extras={**run.extras, run.dof.velocity: readings})
+        elif self.late < 0.0 and not run.summed_up:
+            way = Akima1DInterpolator(run.time, filled(run.time, readings), extrapolate=True).antiderivative()
+            position = position + way(run.time) - way(run.time + self.late)
+        return replace(run, position=position, extras={**run.extras, run.dof.velocity: readings})
 
 
 def advanced(readings: Floats, samples: float) -> Floats:
@@ -455,13 +464,15 @@ def _small_errors(sensors: Agreement, runs: Sequence[Run]) -> tuple[float, float
 
 
 def _says_corrected(scale: float, late: float, dof: Dof) -> str:
-    """Say what of a velocity is put right; empty for nothing."""
-    parts = []
+    """Say what of two sensors is put right; empty for nothing."""
+    said, rate, position = [], dof.words.rate, dof.words.position
     if scale != 1.0:
-        parts.append(f"reads {100 * abs(1 / scale - 1):.2g} % {'less' if scale > 1 else 'more'} than")
+        size = f"{100 * abs(1 / scale - 1):.2g} % {'less' if scale > 1 else 'more'}"
+        said.append(f"The {rate} reads {size} than the {position}")
     if late != 0.0:
-        parts.append(f"is {abs(late):.2g} s {'late against' if late > 0 else 'ahead of'}")
-    return f"The {dof.words.rate} {' and '.join(parts)} the {dof.words.position}: it is put right." if parts else ""
+        first, second = (rate, position) if late > 0 else (position, rate)
+        said.append(f"The {first} is {abs(late):.2g} s late against the {second}")
+    return " ".join(f"{what}: it is put right." for what in said)
 
 
 def trouble_of(sensors: Agreement, dof: Dof, late_position: bool = False) -> str:
