@@ -86,6 +86,7 @@ def _coherence(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | Non
 MAX_STRETCH_S = 20.0  # Longer runs are cut up, for biases wander
 MIN_STRETCH_SAMPLES = 12
 MIN_STRETCHES, MAX_COMPARED = 3, 200  # Stretches whose scatter tells anything, and that are looked at, evenly
+ANSWER_PASSES = 3  # Until jumps of the acceleration and the sums that allow for them agree
 LATE_SAMPLES = range(6)  # By how many samples commands may act late, where jumps of the acceleration are looked for
 STRETCH_GAP = 3.0  # Sample periods; a longer hole parts two stretches
 MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0  # times what noise makes of sums and positions
@@ -113,10 +114,79 @@ class Stretch:
 
 
 @dataclass(frozen=True)
+class Answer:
+    """What accelerates a vehicle between samples, by least squares on commands and velocities: `before` and `after`
+    times the commands at an interval's begin and end, `late` samples later, and drag. The first acts for the share
+    `before` of both, then the acceleration jumps."""
+
+    late: int = 0
+    before: float = 0.0
+    after: float = 0.0
+    linear: float = 0.0
+    quadratic: float = 0.0
+
+    @classmethod
+    def fitted(cls, parts: Sequence[Stretch]) -> "Answer":
+        pulls = np.concatenate([np.diff(part.velocity) / np.diff(part.time) for part in parts])
+        acting = [
+            np.concatenate([_acting(part.command, np.diff(part.summed) / np.diff(part.time), late) for part in parts])
+            for late in LATE_SAMPLES
+        ]
+        fits = [np.linalg.lstsq(terms, pulls)[0] for terms in acting]
+        late = int(np.argmin([np.square(pulls - terms @ fit).sum() for terms, fit in zip(acting, fits)]))
+        return cls(late, *map(float, fits[late]))
+
+    @property
+    def share(self) -> float:
+        gain = self.before + self.after
+        return float(np.clip(self.before / gain, 0.0, 1.0)) if gain else 0.0
+
+    def pull(self, command: Floats) -> Floats:
+        return (self.before + self.after) * _held_back(command, self.late)
+
+    def drag(self, velocity: Floats) -> Floats:
+        return (self.linear + self.quadratic * np.abs(velocity)) * velocity
+
+    def summed(self, part: Stretch) -> Floats:
+        """The sums of a stretch, which allow for jumps of the acceleration: straight lines between readings miss them.
+
+        A sum of readings P apart is too large by P²/12 of the acceleration (Euler-Maclaurin), less P² (1/12 - s (1 -
+        s)/2) of each jump at the share s of an interval. With jumps of the command this is P² (s (1 - s)/2 of what the
+        command gives, less 1/12 of what the drag takes), and the latter looks like a delay of P²/(12 T) of a vehicle
+        that answers within T."""
+        jumped = 0.5 * self.share * (1.0 - self.share) * self.pull(part.command)
+        return np.asarray(part.summed - part.period**2 * (jumped + self.drag(part.velocity) / 12.0))
+
+    def advanced(self, run: Run, velocity: Floats, ahead: float) -> Floats:
+        """Velocities (N,) as they are `ahead` [s] later: what accelerates is added up, and the rest, in which nothing
+        jumps, is shifted by its spectrum."""
+        time, command = run.time, 0.0 * run.time if run.moment is None else run.command
+        switches = np.concatenate([time[:1], time[:-1] + self.share * np.diff(time), time[-1:] + ahead])
+        pushed = np.append(0.0, np.cumsum(self.pull(command) * np.diff(switches)))
+        drag = self.drag(velocity)
+        slowed = summed(time, drag)
+        now = np.interp(time, switches, pushed) + slowed
+        later = np.interp(time + ahead, switches, pushed) + _way_at(time + ahead, time, slowed, drag)
+        return np.asarray(advanced(velocity - now, ahead / run.sample_period) + later)
+
+
+def _acting(command: Floats, velocity: Floats, late: int) -> Floats:
+    """What accelerates in each interval, (n - 1, 4): commands at its begin and end, `late` samples later, and drag of
+    its mean velocity (n - 1,)."""
+    command = _held_back(command, late)
+    return np.stack([command[:-1], command[1:], velocity, velocity * np.abs(velocity)], axis=1)
+
+
+def _held_back(command: Floats, samples: int) -> Floats:
+    return np.append(np.full(samples, command[0]), command[: len(command) - samples])
+
+
+@dataclass(frozen=True)
 class Agreement:
     """What `moving` stretches say of a velocity sensor: `correlation` of its sum with the position; `scale` and `late`
     [s] with standard errors, and whether the `clock` explains more than the scale; `period` [s] of the slower sensor;
-    `follows`: see `noise_followed`; `stuck`: runs in which it repeats this value while the vehicle moves."""
+    `follows`: see `noise_followed`; `stuck`: runs in which it repeats this value while the vehicle moves; `answer`:
+    how velocities go on from sample to sample."""
 
     moving: int = 0
     correlation: float = 0.0
@@ -128,6 +198,7 @@ class Agreement:
     period: float = 0.0
     follows: float | None = None
     stuck: Mapping[str, float] = field(default_factory=dict)
+    answer: Answer = Answer()
 
 
 def agreement(runs: Sequence[Run]) -> Agreement:
@@ -143,8 +214,12 @@ def agreement(runs: Sequence[Run]) -> Agreement:
             parts += stretches(run, readings)
     if len(parts) > MAX_COMPARED:
         parts = [parts[i] for i in np.linspace(0, len(parts) - 1, MAX_COMPARED).astype(int)]
-    parts = _summed_past_jumps(parts) if parts else parts
-    nothing = Agreement(follows=noise_followed([(part.position, part.velocity) for part in parts]), stuck=stuck)
+    answer, uncorrected = Answer(), parts
+    for _ in range(ANSWER_PASSES if parts else 0):
+        answer = Answer.fitted(parts)
+        parts = [replace(part, summed=answer.summed(part)) for part in uncorrected]
+    follows = noise_followed([(part.position, part.velocity) for part in parts])
+    nothing = Agreement(follows=follows, stuck=stuck, answer=answer)
     going = [part for part in parts if _goes(part)]
     if not going:
         return nothing
@@ -162,7 +237,7 @@ def agreement(runs: Sequence[Run]) -> Agreement:
         apart, error, _ = _delay(moving, None)
         if -MAX_SHIFT_PERIODS * period <= apart <= MIN_DELAY_PERIODS * period:
             late, late_error, of_scale = apart, error, _scale(moving, apart)
-    return Agreement(len(moving), *of_scale, late, late_error, clock, period, nothing.follows, stuck)
+    return Agreement(len(moving), *of_scale, late, late_error, clock, period, follows, stuck, answer)
 
 
 def stretches(run: Run, readings: Floats) -> list[Stretch]:
@@ -180,38 +255,6 @@ def stretches(run: Run, readings: Floats) -> list[Stretch]:
             command = 0.0 * time if run.moment is None else run.command[chosen]
             parts.append(Stretch(time, position, velocity, summed(time, velocity), command, period, noise, way_noise))
     return parts
-
-
-def _summed_past_jumps(parts: Sequence[Stretch]) -> list[Stretch]:
-    """The stretches with sums that allow for jumps of the acceleration, at which straight lines between readings miss.
-
-    A sum of readings P apart is too large by P²/12 of the acceleration (Euler-Maclaurin), less P² (1/12 - s (1 - s)/2)
-    of each jump at the share s of an interval. With jumps of the command this is P² (s (1 - s)/2 of what the command
-    gives, less 1/12 of what the drag takes), and the latter looks like a delay of P²/(12 T) of a vehicle that answers
-    within T. Both are told by least squares of the accelerations on the commands before and after, and the drag."""
-    pulls = np.concatenate([np.diff(part.velocity) / np.diff(part.time) for part in parts])
-    acting = [np.concatenate([_acting(part, late) for part in parts]) for late in LATE_SAMPLES]
-    fits = [np.linalg.lstsq(terms, pulls)[0] for terms in acting]
-    late = int(np.argmin([np.square(pulls - terms @ fit).sum() for terms, fit in zip(acting, fits)]))
-    before, after, linear, quadratic = fits[late]
-    if (gain := before + after) == 0.0:  # no command
-        return list(parts)
-    share, corrected = float(np.clip(before / gain, 0.0, 1.0)), list[Stretch]()
-    for part in parts:
-        drag = -(linear + quadratic * np.abs(part.velocity)) * part.velocity
-        jumped = 0.5 * share * (1.0 - share) * gain * _held_back(part.command, late)
-        corrected.append(replace(part, summed=part.summed - part.period**2 * (jumped - drag / 12.0)))
-    return corrected
-
-
-def _acting(part: Stretch, late: int) -> Floats:
-    """What accelerates in each interval, (n - 1, 4): commands at its begin and end, `late` samples later, and drag."""
-    command, middle = _held_back(part.command, late), 0.5 * (part.velocity[1:] + part.velocity[:-1])
-    return np.stack([command[:-1], command[1:], middle, middle * np.abs(middle)], axis=1)
-
-
-def _held_back(command: Floats, samples: int) -> Floats:
-    return np.append(np.full(samples, command[0]), command[: len(command) - samples])
 
 
 def _stuck_at(run: Run, readings: Floats) -> float | None:
@@ -366,6 +409,7 @@ class ChannelChoice:
     stuck: frozenset[str] = frozenset()
     scale: float = 1.0
     late: float = 0.0
+    answer: Answer = Answer()
 
     def cleaned(self, run: Run) -> Run:
         """The run without readings of a sensor that is stuck in it, and those of another put right."""
@@ -382,7 +426,7 @@ class ChannelChoice:
             return run
         readings, position = self.scale * readings, run.position
         if self.late > 0.0:
-            later = advanced(filled(run.time, readings), self.late / run.sample_period)
+            later = self.answer.advanced(run, filled(run.time, readings), self.late)
             readings = np.where(np.isfinite(readings), later, np.nan)
         elif self.late < 0.0 and not run.summed_up:
             way = Akima1DInterpolator(run.time, filled(run.time, readings), extrapolate=True).antiderivative()
@@ -447,7 +491,8 @@ def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_po
         words = dof.words
         of_position = f"The logs hold no {words.position}: that shown is a sum of the {words.rate}, and no evidence."
     verdicts = (ChannelVerdict(dof.position, position, of_position), ChannelVerdict(dof.velocity, velocity, why))
-    return ChannelChoice(verdicts, tuple(v.quantity for v in verdicts if v.used), frozenset(sensors.stuck), scale, late)
+    counted, stuck = tuple(v.quantity for v in verdicts if v.used), frozenset(sensors.stuck)
+    return ChannelChoice(verdicts, counted, stuck, scale, late, sensors.answer)
 
 
 def _small_errors(sensors: Agreement, runs: Sequence[Run]) -> tuple[float, float]:
@@ -465,14 +510,14 @@ def _small_errors(sensors: Agreement, runs: Sequence[Run]) -> tuple[float, float
 
 def _says_corrected(scale: float, late: float, dof: Dof) -> str:
     """Say what of two sensors is put right; empty for nothing."""
-    said, rate, position = [], dof.words.rate, dof.words.position
+    sentences, rate, position = [], dof.words.rate, dof.words.position
     if scale != 1.0:
         size = f"{100 * abs(1 / scale - 1):.2g} % {'less' if scale > 1 else 'more'}"
-        said.append(f"The {rate} reads {size} than the {position}")
+        sentences.append(f"The {rate} reads {size} than the {position}")
     if late != 0.0:
         first, second = (rate, position) if late > 0 else (position, rate)
-        said.append(f"The {first} is {abs(late):.2g} s late against the {second}")
-    return " ".join(f"{what}: it is put right." for what in said)
+        sentences.append(f"The {first} is {abs(late):.2g} s late against the {second}")
+    return " ".join(f"{sentence}: it is put right." for sentence in sentences)
 
 
 def trouble_of(sensors: Agreement, dof: Dof, late_position: bool = False) -> str:
