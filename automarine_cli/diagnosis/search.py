@@ -748,11 +748,11 @@ def may_be_nothing(study: DiagnosisProblem, trial: CandidateFit, name: str) -> b
     """Whether the sizes of an effect of a trial, all together, are within their errors of nothing.
 
     Wald's test with the run as the unit; of one size that is whether its 95 % interval holds zero. Sizes at a bound say
-    nothing, nor do those on a logarithm, which has no zero."""
+    nothing, nor do those on a logarithm, which has no zero, or without limit where they do nothing."""
     effect, fit = effects.get(name), trial.fit
     term = next(term for term in trial.model.terms if term.name == name)
     first = trial.model.index(f"{name}.{effect.names_in(trial.model.dof)[0]}")
-    fixed = np.array(effect.shapes) | np.array(effect.held(term.values))
+    fixed = np.array(effect.shapes) | np.array(effect.held(term.values)) | np.isinf(effect.off)
     sizes = first + np.flatnonzero(~fixed & ~fit.parameters.log[first : first + len(term.values)])
     sizes = np.setdiff1d(sizes, fit.at_bound)
     if not len(sizes) or effect.varies(term.values) or isinstance(effect, Learned):

@@ -1,5 +1,6 @@
 """What keeps an effect from being added, and columns that gains follow or that only stand for time."""
 
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +21,7 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.models.model import Model
 from automarine_cli.models.parameter import Parameter, Parameters
+from automarine_cli.quantities import STEERED
 from automarine_cli.runs.run import Run
 
 BASE = base_for("")
@@ -84,6 +86,18 @@ def test_an_effect_whose_interval_holds_nothing_is_not_added(
     fit: Any = SimpleNamespace(theta=theta, parameters=parameters, at_bound=at_bound, left_out=np.zeros((5, 1)))
     study: Any = SimpleNamespace(covariance=lambda *of: covariance)
     assert may_be_nothing(study, CandidateFit(("coulomb-drag",), model, fit, 0.0), "coulomb-drag") == nothing
+
+
+@pytest.mark.parametrize(("law", "lag", "nothing"), [(0.0, 0.0, False), (1.0, 0.1, True), (1.0, 0.5, False)])
+def test_a_limit_without_which_nothing_is_limited_counts_for_nothing(law: float, lag: float, nothing: bool) -> None:
+    """Its distance from there is infinite, and was no number times a covariance."""
+    model = Model.base("1", 1.0, [1.0], STEERED, YAW).with_effect("rudder-rate", [0.3, law, lag])
+    parameters = Parameters(tuple(map(Parameter, model.parameter_names, model.theta)))
+    fit: Any = SimpleNamespace(theta=model.theta, parameters=parameters, at_bound=(), left_out=np.zeros((5, 1)))
+    study: Any = SimpleNamespace(covariance=lambda *of: 0.01 * np.eye(len(model.theta)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert may_be_nothing(study, CandidateFit(("rudder-rate",), model, fit, 0.0), "rudder-rate") == nothing
 
 
 def in_water(count: int, column: str = "water_temp_C") -> list[Run]:
