@@ -107,11 +107,12 @@ class DrivenProblem:
     @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
     def point(self, phi: Floats, slopes: "Slopes") -> "Point[Slopes]":
         """Give a point of the search: log density of the runs of `slopes` with the prior, minus infinity where a filter
-        diverges, and its slope and curvature."""
+        or its curvature diverges, and its slope and curvature."""
         value = float(slopes.density.sum() + self.prior(phi))
         gradient = slopes.gradient.sum(axis=0) + self.prior_gradient(phi)
         curvature = slopes.information.sum(axis=0) + self.prior_information
-        return Point(phi, value if np.isfinite(value) else -np.inf, gradient, curvature, slopes)
+        finite = np.isfinite(value) and np.isfinite(curvature).all()
+        return Point(phi, value if finite else -np.inf, gradient, curvature, slopes)
 
 
 def filtered(problems: Sequence[DrivenProblem], phis: Sequence[Floats]) -> list[FilterResult]:

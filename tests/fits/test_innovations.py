@@ -193,6 +193,16 @@ def test_the_same_to_the_other_side_and_by_another_clock() -> None:
     np.testing.assert_allclose(fitted(others, model).theta, found.theta, rtol=1e-5, atol=1e-9)
 
 
+def test_where_the_curvature_overflows_no_search_ends() -> None:
+    """A filter that runs away may have a density; the errors of a fit there made a warning of numpy's and no number."""
+    course = make_course(steered(2, 0, Sea(), length=20.0), np.ones(2, dtype=bool))
+    problem = driven_problem(base(), course)
+    phi = problem.parameters.search(starts_near(problem, [base().theta], {})[0])
+    (slopes,) = problem.slopes(phi[None])
+    away = replace(slopes, information=np.where(np.arange(2)[:, None, None] == 1, np.inf, slopes.information))
+    assert np.isfinite(problem.point(phi, slopes).value) and problem.point(phi, away).value == -np.inf
+
+
 def test_the_evidence_asks_for_a_disturbance_where_there_is_one() -> None:
     for sea, asked in ((Sea(), True), (Sea(size=0.0, thrust=0.0), False)):
         runs = steered(3, 1, sea, length=20.0)
