@@ -156,7 +156,7 @@ def _averaged(time: Floats, readings: Floats, at: NDArray[np.int64]) -> tuple[Fl
 
 
 MAX_LEAD_S = 2.0  # before a log that begins with a command, longer than commands are late
-MIN_HOLD_S = 0.05  # over which a command is held as it is, at least; those of faster logs are averaged over that
+MIN_HOLD_S = 0.05  # that a fine step takes, about: faster logs are averaged over that, intervals of slower ones divided
 
 
 @dataclass(frozen=True)

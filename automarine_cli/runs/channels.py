@@ -127,6 +127,7 @@ class Answer:
 
     @classmethod
     def fitted(cls, parts: Sequence[Stretch]) -> "Answer":
+        """Fit all stretches together, with the lateness of commands that leaves the least."""
         pulls = np.concatenate([np.diff(part.velocity) / np.diff(part.time) for part in parts])
         acting = [
             np.concatenate([_acting(part.command, np.diff(part.summed) / np.diff(part.time), late) for part in parts])
@@ -148,7 +149,7 @@ class Answer:
         return (self.linear + self.quadratic * np.abs(velocity)) * velocity
 
     def summed(self, part: Stretch) -> Floats:
-        """The sums of a stretch, which allow for jumps of the acceleration: straight lines between readings miss them.
+        """Give the sums of a stretch, past jumps of the acceleration: straight lines between readings miss them.
 
         A sum of readings P apart is too large by P²/12 of the acceleration (Euler-Maclaurin), less P² (1/12 - s (1 -
         s)/2) of each jump at the share s of an interval. With jumps of the command this is P² (s (1 - s)/2 of what the
@@ -158,8 +159,8 @@ class Answer:
         return np.asarray(part.summed - part.period**2 * (jumped + self.drag(part.velocity) / 12.0))
 
     def advanced(self, run: Run, velocity: Floats, ahead: float) -> Floats:
-        """Velocities (N,) as they are `ahead` [s] later: what accelerates is added up, and the rest, in which nothing
-        jumps, is shifted by its spectrum."""
+        """Give velocities (N,) `ahead` [s] later: what accelerates is summed, and the rest, in which nothing jumps, is
+        shifted by its spectrum."""
         time, command = run.time, 0.0 * run.time if run.moment is None else run.command
         switches = np.concatenate([time[:1], time[:-1] + self.share * np.diff(time), time[-1:] + ahead])
         pushed = np.append(0.0, np.cumsum(self.pull(command) * np.diff(switches)))
