@@ -86,7 +86,7 @@ def _coherence(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | Non
 MAX_STRETCH_S = 20.0  # Longer runs are cut up, for biases wander
 MIN_STRETCH_SAMPLES = 12
 MIN_STRETCHES, MAX_COMPARED = 3, 200  # Stretches whose scatter tells anything, and that are looked at, evenly
-ANSWER_PASSES = 3  # Until jumps of the acceleration and the sums that allow for them agree
+RESPONSE_PASSES = 3  # Until jumps of the acceleration and the sums that allow for them agree
 LATE_SAMPLES = range(6)  # By how many samples commands may act late, where jumps of the acceleration are looked for
 STRETCH_GAP = 3.0  # Sample periods; a longer hole parts two stretches
 MIN_WAY_VELOCITY_NOISE, MIN_WAY_POSITION_NOISE = 5.0, 2.0  # times what noise makes of sums and positions
@@ -114,7 +114,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Answer:
+class SampledResponse:
     """What accelerates a vehicle between samples, by least squares on commands and velocities: `before` and `after`
     times the commands at an interval's begin and end, `late` samples later, and drag. The first acts for the share
     `before` of both, then the acceleration jumps."""
@@ -126,7 +126,7 @@ class Answer:
     quadratic: float = 0.0
 
     @classmethod
-    def fitted(cls, parts: Sequence[Stretch]) -> "Answer":
+    def fitted(cls, parts: Sequence[Stretch]) -> "SampledResponse":
         """Fit all stretches together, with the lateness of commands that leaves the least."""
         pulls = np.concatenate([np.diff(part.velocity) / np.diff(part.time) for part in parts])
         acting = [
@@ -158,7 +158,7 @@ class Answer:
         jumped = 0.5 * self.share * (1.0 - self.share) * self.pull(part.command)
         return np.asarray(part.summed - part.period**2 * (jumped + self.drag(part.velocity) / 12.0))
 
-    def advanced(self, run: Run, velocity: Floats, ahead: float) -> Floats:
+    def continued(self, run: Run, velocity: Floats, ahead: float) -> Floats:
         """Give velocities (N,) `ahead` [s] later: what accelerates is summed, and the rest, in which nothing jumps, is
         shifted by its spectrum."""
         time, command = run.time, 0.0 * run.time if run.moment is None else run.command
@@ -186,7 +186,7 @@ def _held_back(command: Floats, samples: int) -> Floats:
 class Agreement:
     """What `moving` stretches say of a velocity sensor: `correlation` of its sum with the position; `scale` and `late`
     [s] with standard errors, and whether the `clock` explains more than the scale; `period` [s] of the slower sensor;
-    `follows`: see `noise_followed`; `stuck`: runs in which it repeats this value while the vehicle moves; `answer`:
+    `follows`: see `noise_followed`; `stuck`: runs in which it repeats this value while the vehicle moves; `response`:
     how velocities go on from sample to sample."""
 
     moving: int = 0
@@ -199,7 +199,7 @@ class Agreement:
     period: float = 0.0
     follows: float | None = None
     stuck: Mapping[str, float] = field(default_factory=dict)
-    answer: Answer = Answer()
+    response: SampledResponse = SampledResponse()
 
 
 def agreement(runs: Sequence[Run]) -> Agreement:
@@ -215,12 +215,12 @@ def agreement(runs: Sequence[Run]) -> Agreement:
             parts += stretches(run, readings)
     if len(parts) > MAX_COMPARED:
         parts = [parts[i] for i in np.linspace(0, len(parts) - 1, MAX_COMPARED).astype(int)]
-    answer, uncorrected = Answer(), parts
-    for _ in range(ANSWER_PASSES if parts else 0):
-        answer = Answer.fitted(parts)
-        parts = [replace(part, summed=answer.summed(part)) for part in uncorrected]
+    response, uncorrected = SampledResponse(), parts
+    for _ in range(RESPONSE_PASSES if parts else 0):
+        response = SampledResponse.fitted(parts)
+        parts = [replace(part, summed=response.summed(part)) for part in uncorrected]
     follows = noise_followed([(part.position, part.velocity) for part in parts])
-    nothing = Agreement(follows=follows, stuck=stuck, answer=answer)
+    nothing = Agreement(follows=follows, stuck=stuck, response=response)
     going = [part for part in parts if _goes(part)]
     if not going:
         return nothing
@@ -238,7 +238,7 @@ def agreement(runs: Sequence[Run]) -> Agreement:
         apart, error, _ = _delay(moving, None)
         if -MAX_SHIFT_PERIODS * period <= apart <= MIN_DELAY_PERIODS * period:
             late, late_error, of_scale = apart, error, _scale(moving, apart)
-    return Agreement(len(moving), *of_scale, late, late_error, clock, period, follows, stuck, answer)
+    return Agreement(len(moving), *of_scale, late, late_error, clock, period, follows, stuck, response)
 
 
 def stretches(run: Run, readings: Floats) -> list[Stretch]:
@@ -410,7 +410,7 @@ class ChannelChoice:
     stuck: frozenset[str] = frozenset()
     scale: float = 1.0
     late: float = 0.0
-    answer: Answer = Answer()
+    response: SampledResponse = SampledResponse()
 
     def cleaned(self, run: Run) -> Run:
         """The run without readings of a sensor that is stuck in it, and those of another put right."""
@@ -427,7 +427,7 @@ class ChannelChoice:
             return run
         readings, position = self.scale * readings, run.position
         if self.late > 0.0:
-            later = self.answer.advanced(run, filled(run.time, readings), self.late)
+            later = self.response.continued(run, filled(run.time, readings), self.late)
             readings = np.where(np.isfinite(readings), later, np.nan)
         elif self.late < 0.0 and not run.summed_up:
             way = Akima1DInterpolator(run.time, filled(run.time, readings), extrapolate=True).antiderivative()
@@ -493,7 +493,7 @@ def choose_channels(runs: Sequence[Run], dof: Dof, which: str = AUTO, *, late_po
         of_position = f"The logs hold no {words.position}: that shown is a sum of the {words.rate}, and no evidence."
     verdicts = (ChannelVerdict(dof.position, position, of_position), ChannelVerdict(dof.velocity, velocity, why))
     counted, stuck = tuple(v.quantity for v in verdicts if v.used), frozenset(sensors.stuck)
-    return ChannelChoice(verdicts, counted, stuck, scale, late, sensors.answer)
+    return ChannelChoice(verdicts, counted, stuck, scale, late, sensors.response)
 
 
 def _small_errors(sensors: Agreement, runs: Sequence[Run]) -> tuple[float, float]:
