@@ -20,7 +20,7 @@ from automarine_cli.diagnosis.residual_regions import (
     is_autocorrelated,
     stretch,
 )
-from automarine_cli.diagnosis.scores import fitted_parameters, penalty
+from automarine_cli.diagnosis.scores import CLAIM_LEVEL, fitted_parameters, penalty
 from automarine_cli.diagnosis.search import (
     MAX_EFFECTS,
     STANDS,
@@ -554,10 +554,12 @@ def _borne_out(result: SearchResult, held_out: DiagnosisProblem | None, judged: 
     if _beyond_doubt(-more):
         return f"The held-out runs contradict it: {(more < 0).sum()} of {len(more)} are less likely with it."
     gained = np.concatenate([gained, more])
-    if not _beyond_doubt(gained):
+    chosen = any(name.startswith(PREFIX) for name in result.final.added)  # a curve, from many variables
+    level = CLAIM_LEVEL if chosen else WEAK
+    if not _beyond_doubt(gained, level):
         return (
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
-            f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
+            f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * level:g} of 100."
         )
     if judged and judged.gap.exceeds_noise and judged.gap.closed < 1.0 - MAX_LEFT:
         return f"Most of the gap of the held-out runs remains: it is {judged.gap.in_noises}."
@@ -567,9 +569,9 @@ def _borne_out(result: SearchResult, held_out: DiagnosisProblem | None, judged: 
     return ""
 
 
-def _beyond_doubt(gained: Floats) -> bool:
+def _beyond_doubt(gained: Floats, level: float = WEAK) -> bool:
     """Whether runs gain in the mean (Student's test, the run as the unit); none speaks louder than LOUDEST."""
-    errors = float(-special.stdtrit(max(len(gained) - 1, 1), WEAK))
+    errors = float(-special.stdtrit(max(len(gained) - 1, 1), level))
     return len(gained) > 1 and clear(np.clip(gained, -LOUDEST, LOUDEST), errors)
 
 

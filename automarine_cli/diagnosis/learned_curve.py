@@ -10,9 +10,8 @@ from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.residual_regions import is_autocorrelated
-from automarine_cli.diagnosis.scores import DRAWS, CandidateShape, penalty, project, score_information
+from automarine_cli.diagnosis.scores import CLAIM_LEVEL, DRAWS, CandidateShape, penalty, project, score_information
 from automarine_cli.diagnosis.search import (
-    CLAIM_LEVEL,
     FORETELLS,
     MAX_EFFECTS,
     RIVAL_RANGE,
@@ -73,7 +72,7 @@ def scored(
     names = list(dict.fromkeys(model.terms[-1].name for model in models))  # models come effect by effect
     try:
         of_runs = score_information(study, base.model, base.fit, names, list(map(_probe, models)), map_fn)
-        information, pull = project(*of_runs, base.fit)
+        information, pull = (every.sum(axis=0) for every in project(*of_runs, base.fit))
     except FitError:
         return [], Chance(np.zeros(DRAWS))
     information, pull = information / TRIED**2, pull / TRIED

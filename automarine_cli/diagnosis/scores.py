@@ -115,6 +115,7 @@ def drag_drives(model: Model, fastest: float) -> bool:
     return bool(np.any(total * rates > 1e-9 * sizes * np.abs(rates)))
 
 
+CLAIM_LEVEL = 0.005  # share of campaigns with nothing missing in which something may still be claimed
 DRAWS = 2000
 LAW_SCORE_SHARE = 0.5  # share of an effect's best score from which another of its laws is worth a fit
 ROUNDING = 1e-10  # share of a column's information below which what is left is rounding
@@ -200,7 +201,8 @@ def score(
     """Score the candidates `names` at a fit of `model`; `map_fn` maps a function over them."""
     every = [probe for name in names for probe in candidate_shapes(study, name)]
     hessian, gradient = score_information(study, model, fit, names, every, map_fn)
-    information, pull = project(hessian, gradient, fit)
+    informations, pulls = project(hessian, gradient, fit)
+    information, pull = informations.sum(axis=0), pulls.sum(axis=0)
     # columns of which only rounding is left are nothing: what a model follows wholly, or what these runs do not stir
     of_size = np.diagonal(hessian.sum(axis=0))[len(fit.phi) :]
     informative = np.diagonal(information) > ROUNDING * np.maximum(of_size, ROUNDING * of_size.max(initial=0.0))
@@ -208,7 +210,7 @@ def score(
     random = np.random.default_rng(seed)
     draws = _draw(information, random)
     runs, at = len(study.runs), 0
-    scored, null = list[Score](), np.full(DRAWS, -np.inf)
+    scored, null, tried = list[Score](), np.full(DRAWS, -np.inf), list[_Tried]()
     for probe in every:
         probe_columns = slice(at, at + len(probe.values))
         at = probe_columns.stop
@@ -216,7 +218,7 @@ def score(
         drop, size = _drop(block, pull[None, probe_columns], probe.one_sided)
         start, unit_size = _start(probe, size[0]), _unit_size(probe, block)
         cost = penalty(fitted_parameters(probe.effect, start), runs)
-        null = np.maximum(null, _drop(block, draws[:, probe_columns], probe.one_sided)[0] - cost)
+        tried.append(_Tried(probe, probe_columns, float(drop[0]) - cost, cost, size[0]))
         scored.append(Score(probe.effect, float(drop[0]), float(drop[0]) - cost, start, unit_size))
         effect = effects.get(probe.effect)
         period = next((v for p, v in zip(effect.parameters, probe.values[0]) if p.scan), np.inf)
@@ -229,10 +231,51 @@ def score(
             cost = penalty(fitted_parameters(probe.effect, start), runs)
             null = np.maximum(null, chance - cost)
             scored.append(Score(probe.effect, rise, rise - cost, start, unit_size))
-    best: dict[tuple[object, ...], Score] = {}
-    for trial in sorted(scored, key=lambda trial: -trial.drop):
-        best.setdefault(law_of(trial.effect, trial.start), trial)
-    return Scores(null, _by_effect(list(best.values())))
+
+    def reached(draws: Floats) -> Floats:
+        """What the best probe would gain in each draw of all scores."""
+        blocks = ((trial, information[trial.columns, trial.columns]) for trial in tried)
+        gains = [_drop(block, draws[:, t.columns], t.probe.one_sided)[0] - t.cost for t, block in blocks]
+        return np.asarray(np.max(gains, axis=0, initial=-np.inf))
+
+    if tried:
+        null = np.maximum(null, reached(draws))
+    if tried and not study.driven:
+        best = max(tried, key=lambda trial: trial.penalised)
+        signed = signed_scores(informations, pulls, best.columns, best.size, random)
+        null = larger(null, reached(signed * informative))
+    laws: dict[tuple[object, ...], Score] = {}
+    for law in sorted(scored, key=lambda law: -law.drop):
+        laws.setdefault(law_of(law.effect, law.start), law)
+    return Scores(null, _by_effect(list(laws.values())))
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A probe with its columns, what it gains, what its parameters cost, and its size, in units of the probe."""
+
+    probe: CandidateShape
+    columns: slice
+    penalised: float
+    cost: float
+    size: Floats
+
+
+def signed_scores(
+    informations: Floats, pulls: Floats, columns: slice, size: Floats, random: np.random.Generator
+) -> Floats:
+    """Draw scores (DRAWS, m) as runs that agree on nothing would have: each run's own, less what probes in `columns`
+    of `size` explain of it, with either sign.
+
+    Where all that differs from run to run is the noise of the sensors these spread as the model says; where something
+    pushes runs that the model does not know, by more (wild bootstrap: Wu 1986, Ann. Statist. 14:1261)."""
+    remaining = pulls - informations[:, :, columns] @ size
+    return np.asarray(random.choice([-1.0, 1.0], (DRAWS, len(pulls))) @ remaining)
+
+
+def larger(*nulls: Floats) -> Floats:
+    """Choose of draws of what chance gains those that reach further."""
+    return max(nulls, key=lambda null: float(np.quantile(null, 1.0 - CLAIM_LEVEL)))
 
 
 def law_of(name: str, values: Sequence[float] | Floats) -> tuple[object, ...]:
@@ -269,13 +312,17 @@ def _varying(information: Floats, score: Floats, random: np.random.Generator) ->
 
 
 def project(hessian: Floats, gradient: Floats, fit: Fit) -> tuple[Floats, Floats]:
-    """Information (m, m) and score (m,) of the probes over all runs, with the model's free parameters projected off."""
-    hessian, gradient, count = hessian.sum(axis=0), gradient.sum(axis=0), len(fit.phi)
+    """Each run's information (R, m, m) and score (R, m) of the probes, with the model's free parameters projected off:
+    those of all runs together."""
+    count = len(fit.phi)
     free = np.setdiff1d(np.arange(count), fit.at_bound)
-    across = hessian[count:][:, free]
-    projection = across @ linear_mixed.covariance_of(hessian[np.ix_(free, free)])
-    information = hessian[count:, count:] - projection @ across.T
-    return 0.5 * (information + information.T), gradient[count:] - projection @ gradient[free]
+    total = hessian.sum(axis=0)
+    projection = total[count:][:, free] @ linear_mixed.covariance_of(total[np.ix_(free, free)])
+    across = projection @ hessian[:, free, count:]
+    within = projection @ hessian[:, free[:, None], free] @ projection.T
+    information = hessian[:, count:, count:] - across - across.swapaxes(1, 2) + within
+    information = 0.5 * (information + information.swapaxes(1, 2))
+    return information, gradient[:, count:] - gradient[:, free] @ projection.T
 
 
 def _draw(information: Floats, random: np.random.Generator) -> Floats:

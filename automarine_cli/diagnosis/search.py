@@ -17,6 +17,7 @@ from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.scores import (
+    CLAIM_LEVEL,
     Score,
     Scores,
     candidate_shapes,
@@ -39,7 +40,6 @@ from automarine_cli.models.model import BASE_TERMS, Model, Term
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import Floats
 
-CLAIM_LEVEL = 0.005  # share of campaigns with nothing missing in which something may still be claimed
 WEAK = 0.05  # the same of what is suspected
 CLEAR = 2.0  # standard errors over runs by which runs have to gain in the mean
 MAX_EFFECTS = 3
@@ -388,6 +388,7 @@ TO_THE_NOISE = 1.05  # times the floor down to which an effect leaves no doubt a
 FINE, FINE_ITERATIONS = 0.1, 50  # least gain of a step, and iterations, of what candidates are compared with
 SETTLED_EVIDENCE = 0.5  # gain in evidence below which another fit of the same model is no better
 PERIODIC, PERIOD = "periodic-disturbance", 2  # the effect that a limit cycle imitates, and the place of its period
+MAX_PERIOD_RATIO = 2.0  # of the ends of a period's 95 % interval: what is not known as well has no period
 VALLEY = 1000.0
 """Gain of the best candidate from which, if it leaves more than STANDS times the noise, its laws are fitted from many
 starts: in so large a gap a fit may stop in a valley far from the truth."""
@@ -427,6 +428,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         for share, iterations in RUNNING:
             fits |= self._further(current, fits, bar, share, iterations)
         fits |= self._from_many_starts(current, fits)
+        fits |= self._beside_missing_drag(current, fits, bar)
         possible = [trial for trial in fits.values() if not drag_drives(trial.model, study.fastest)]
         ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
         current = self._from_elsewhere(current, [t for t in ranking[:3] if current.evidence - t.evidence > bar])
@@ -493,7 +495,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             return {}
         term = next(term for term in fuller.model.terms if term.name in out)
         model = current.model.with_effect(term.name, term.values)
-        values = dict(zip(fuller.model.parameter_names, fuller.fit.of_model))
+        values = _values_of(fuller)
         theta = np.array([values[name] for name in model.parameter_names])
         trial = refitted(self.study, model, (*current.added, term.name), theta, fuller.fit)
         return {} if trial is None else {trial.law: trial}
@@ -578,6 +580,26 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         better = {trial.law: trial for trial in ranked}
         return {law: t for law, t in better.items() if law not in done or t.evidence < done[law].evidence}
 
+    def _beside_missing_drag(self, current: CandidateFit, fits: Fits, bar: float) -> Fits:
+        """The candidates near the best where a drag term that the base lacks gains more than TIE beside them, though
+        nothing alone: without its cubic drag a vehicle seems to have no linear drag either."""
+        gaining = {trial.added[-1] for trial in fits.values() if trial.evidence < current.evidence - bar}
+        missing = set(BASE_DRAG) - {term.name for term in current.model.terms} - gaining
+        if self.study.driven or not missing or not fits:
+            return {}
+        limit = min(min(trial.evidence for trial in fits.values()) + RIVAL_RANGE, current.evidence - bar)
+        near = [t for t in _best_law(fits.values()).values() if t.evidence < limit and t.added[-1] not in BASE_DRAG]
+        attempts = []
+        for trial, name in product(near, sorted(missing)):
+            term = trial.model.terms[-1]
+            model = current.model.with_effect(name, candidate_shapes(self.study, name)[0].values[0])
+            model = model.with_effect(term.name, term.values)
+            values = dict(zip(model.parameter_names, model.theta)) | _values_of(trial)
+            theta = np.array([values[name] for name in model.parameter_names])
+            attempts.append((model, (*current.added, name, term.name), theta, trial.fit))
+        again = all_refitted(self.study, attempts, FIT_ROUNDS, self.map_fn, "fitting")
+        return {t.law: t for t in again if t is not None and t.evidence < fits[t.law].evidence - TIE}
+
     def _from_elsewhere(self, current: CandidateFit, trials: Sequence[CandidateFit]) -> CandidateFit:
         """Fit the current model again from where the best trials ended, if that is better: a candidate must not win by
         leading the base out of a valley in which its own fit had stopped."""
@@ -587,6 +609,10 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             if again is not None and again.evidence < current.evidence - SETTLED_EVIDENCE:
                 current = again
         return current
+
+
+def _values_of(trial: CandidateFit) -> dict[str, float]:
+    return dict(zip(trial.model.parameter_names, map(float, trial.fit.of_model)))
 
 
 def search(study: DiagnosisProblem, seed: int, map_fn: Each, goes_on: Callable[[SearchStep], bool]) -> SearchResult:
@@ -704,6 +730,10 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
             return "the runs that turn back do not show it"
     if study.cycle is not None and term.name == PERIODIC and study.cycle.holds(term.values[PERIOD]):
         return "its period is that of the controller's limit cycle"
+    if term.name == PERIODIC:
+        shortest, longest = estimate_of(trial.fit, run_covariance(trial.fit), places[PERIOD]).ci95
+        if longest > MAX_PERIOD_RATIO * shortest:
+            return f"its period is known to within a factor of {longest / shortest:.0f} only: what wanders does as well"
     stopped = any(
         i in trial.fit.at_bound and value != p.off and not fixed and (not p.scan or effect.varies(term.values))
         for i, p, value, fixed in zip(places, effect.parameters, term.values, effect.held(term.values))

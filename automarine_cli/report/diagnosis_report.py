@@ -11,7 +11,8 @@ from automarine_cli import effects as library
 from automarine_cli.diagnosis import diagnose as words
 from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.residual_regions import Region
-from automarine_cli.diagnosis.search import BASE_DRAG, CLAIM_LEVEL
+from automarine_cli.diagnosis.scores import CLAIM_LEVEL
+from automarine_cli.diagnosis.search import BASE_DRAG
 from automarine_cli.diagnosis.study import GAP_HORIZON_S
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
