@@ -42,7 +42,7 @@ from automarine_cli.diagnosis.search import (
 )
 from automarine_cli.diagnosis.study import GAP_HORIZON_S, DiagnosisProblem, LimitCycle, log_density, study_of
 from automarine_cli.dofs import YAW, Dof, Motion
-from automarine_cli.effects.learned import PREFIX
+from automarine_cli.effects.learned import GAIN_CURVE, PREFIX, kind_of
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.kalman import MAX_Z, Predicted
@@ -554,8 +554,9 @@ def _borne_out(result: SearchResult, held_out: DiagnosisProblem | None, judged: 
     if _beyond_doubt(-more):
         return f"The held-out runs contradict it: {(more < 0).sum()} of {len(more)} are less likely with it."
     gained = np.concatenate([gained, more])
-    chosen = any(name.startswith(PREFIX) for name in result.final.added)  # a curve, from many variables
-    level = CLAIM_LEVEL if chosen else WEAK
+    curves = [term for term in result.final.model.terms if term.name.startswith(PREFIX) and not term.base]
+    # one of many variables that push; a gain each run follows anyhow
+    level = CLAIM_LEVEL if any(kind_of(curve.values) != GAIN_CURVE for curve in curves) else WEAK
     if not _beyond_doubt(gained, level):
         return (
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "

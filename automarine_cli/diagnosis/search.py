@@ -213,10 +213,11 @@ def with_values(model: Model, term: Term, values: Iterable[float]) -> Model:
 
 
 def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[Model]:
-    """List a trial's model with each effect that was added in every shape of every law of it."""
+    """List a trial's model with each effect that was added in every shape of every law of it; a curve has one."""
     models: dict[tuple[float, ...], Model] = {}
     for term in trial.model.terms[len(study.base.terms) :]:
-        if len(effects.get(term.name).parameters) > 1:
+        effect = effects.get(term.name)
+        if len(effect.parameters) > 1 and not isinstance(effect, Learned):
             for probe in candidate_shapes(study, term.name):
                 model = with_values(trial.model, term, probe.values[-1])
                 models.setdefault(tuple(model.theta), model)

@@ -19,7 +19,7 @@ from automarine_cli.commands import automarine
 from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.learned_curve import ties
-from automarine_cli.diagnosis.search import CandidateFit, SearchResult
+from automarine_cli.diagnosis.search import CandidateFit, SearchResult, variants
 from automarine_cli.diagnosis.study import DiagnosisProblem, places, precision, smoothed
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.effects import State
@@ -156,6 +156,14 @@ def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few: None) -> None:
     truth = 0.2 * np.tanh((curve.x - 14.0) / 4.0)
     miss = truth - truth.mean() - (curve.y - curve.y.mean())
     assert curve.kind == "gain" and np.abs(miss).max() < 0.5 * np.ptp(truth)
+
+
+def test_a_curve_has_no_other_law_to_choose_by_runs_held_out() -> None:
+    study = DiagnosisProblem(tuple(campaign("nothing", repeats=1)), BASE, False, ("water_temp_C",))
+    values = [4.0, 24.0, 1.2, 1.0, *[0.0] * KNOTS, 1.0]
+    model = BASE.with_effect("learned:water_temp_C", values)
+    trial = CandidateFit(("learned:water_temp_C",), model, cast(MixedFit, None), 0.0)
+    assert variants(study, trial) == []
 
 
 def test_a_curve_that_does_as_well_as_an_effect_is_its_rival() -> None:
