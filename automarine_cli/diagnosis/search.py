@@ -589,9 +589,9 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         if self.study.driven or not missing or not fits:
             return {}
         limit = min(min(trial.evidence for trial in fits.values()) + RIVAL_RANGE, current.evidence - bar)
-        near = [t for t in _best_law(fits.values()).values() if t.evidence < limit and t.added[-1] not in BASE_DRAG]
+        leaders = [t for t in _best_law(fits.values()).values() if t.evidence < limit and t.added[-1] not in BASE_DRAG]
         attempts = []
-        for trial, name in product(near, sorted(missing)):
+        for trial, name in product(leaders, sorted(missing)):
             term = trial.model.terms[-1]
             model = current.model.with_effect(name, candidate_shapes(self.study, name)[0].values[0])
             model = model.with_effect(term.name, term.values)
