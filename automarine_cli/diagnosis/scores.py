@@ -3,7 +3,8 @@
 At a fitted model the headings' response to each candidate is simulated once, freed of what the model's own
 parameters and the run effects can follow, and compared with what is left of the headings: Rao's score test, with the
 runs' own covariance. Under "nothing is missing" all scores together are Gaussian with a known covariance, so the
-distribution of the best of all candidates costs a few thousand draws and no refit.
+distribution of the best of all candidates costs a few thousand draws and no refit. Where the scores of runs scatter by
+more than that, their scatter says what chance gains.
 """
 
 from collections.abc import Sequence
