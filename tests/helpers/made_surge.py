@@ -42,7 +42,7 @@ def steps(seed: int, push: float = 0.0, cubic: float = 0.0) -> list[Run]:
     return [
         Run(
             f"run_{i:02d}", "made", time + 40.0 * i, distances[i], np.where(time > REST_S - 1e-9, thrust[i], 0.0), "N",
-            extras={"surge_m_s": speeds[i]}, dof=SURGE,
+            extras={"surge": speeds[i]}, dof=SURGE,
         )
         for i in range(len(thrust))
     ]  # fmt: skip
