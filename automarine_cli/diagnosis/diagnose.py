@@ -555,7 +555,7 @@ def _borne_out(result: SearchResult, held_out: DiagnosisProblem | None, judged: 
         return f"The held-out runs contradict it: {(more < 0).sum()} of {len(more)} are less likely with it."
     gained = np.concatenate([gained, more])
     curves = [term for term in result.final.model.terms if term.name.startswith(PREFIX) and not term.base]
-    # one of many variables that push; a gain each run follows anyhow
+    # a curve is chosen from many; one that scales the thrust shows less, because each run has a gain of its own
     level = CLAIM_LEVEL if any(kind_of(curve.values) != GAIN_CURVE for curve in curves) else WEAK
     if not _beyond_doubt(gained, level):
         return (
