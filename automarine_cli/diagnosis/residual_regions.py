@@ -64,16 +64,16 @@ def columns(study: DiagnosisProblem, fitted: Floats, rate: Floats | None = None)
         pushed = run.command[run.command != 0]
         if len(pushed) and np.ptp(np.abs(pushed)) < 1e-6 * np.abs(pushed).max():  # of one size
             first[i] = pushed[0]
-    where = dof.shown(fitted)  # not as measured: readings below a place have errors below nothing
+    place = dof.shown(fitted)  # not as measured: readings below a place have errors below nothing
     start = dof.shown(np.array([np.median(run.position[:5]) for run in study.runs]))
     if dof.wraps:
-        where, start = where % 360.0, start % 360.0
+        place, start = place % 360.0, start % 360.0
     order = np.argsort(np.argsort(batch.start, kind="stable"), kind="stable").astype(np.float64) + 1.0
     variables = [
         Factor("time-since-command-change", "s", since_change(moment, time)),
         Factor("time-in-run", "s", time),
         Factor(hyphened(words.travelled), position, dof.shown(fitted - fitted[:, :1])),
-        Factor(words.position, position, where),
+        Factor(words.position, position, place),
         Factor(hyphened(words.rate), f"{position}/s", dof.shown(rate)),
         Factor(words.force, force, moment),
         Factor(words.force, force, first),

@@ -496,9 +496,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             return {}
         term = next(term for term in fuller.model.terms if term.name in out)
         model = current.model.with_effect(term.name, term.values)
-        values = _values_of(fuller)
-        theta = np.array([values[name] for name in model.parameter_names])
-        trial = refitted(self.study, model, (*current.added, term.name), theta, fuller.fit)
+        trial = refitted(self.study, model, (*current.added, term.name), _carried(model, fuller), fuller.fit)
         return {} if trial is None else {trial.law: trial}
 
     def _leaders(self, current: CandidateFit, fits: Fits, scores: Scores, chance: float, first_step: bool) -> Fits:
@@ -595,9 +593,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             term = trial.model.terms[-1]
             model = current.model.with_effect(name, candidate_shapes(self.study, name)[0].values[0])
             model = model.with_effect(term.name, term.values)
-            values = dict(zip(model.parameter_names, model.theta)) | _values_of(trial)
-            theta = np.array([values[name] for name in model.parameter_names])
-            attempts.append((model, (*current.added, name, term.name), theta, trial.fit))
+            attempts.append((model, (*current.added, name, term.name), _carried(model, trial), trial.fit))
         again = all_refitted(self.study, attempts, FIT_ROUNDS, self.map_fn, "fitting")
         return {t.law: t for t in again if t is not None and t.evidence < fits[t.law].evidence - TIE}
 
@@ -612,8 +608,10 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         return current
 
 
-def _values_of(trial: CandidateFit) -> dict[str, float]:
-    return dict(zip(trial.model.parameter_names, map(float, trial.fit.of_model)))
+def _carried(model: Model, trial: CandidateFit) -> Floats:
+    """The model's parameters (k,) as the fit of a trial has them, and its own where that has none."""
+    fitted = dict(zip(trial.model.parameter_names, trial.fit.of_model))
+    return np.array([fitted.get(name, value) for name, value in zip(model.parameter_names, model.theta)])
 
 
 def search(study: DiagnosisProblem, seed: int, map_fn: Each, goes_on: Callable[[SearchStep], bool]) -> SearchResult:
