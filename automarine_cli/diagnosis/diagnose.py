@@ -54,7 +54,7 @@ from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import covariance_json, estimate_of, ratio_of, varying_terms
 from automarine_cli.models.model import COMMAND_DELAY, Model
-from automarine_cli.models.store import DIAGNOSIS, effects_json, model_head
+from automarine_cli.models.store import DIAGNOSIS, ROLES, effects_json, model_head
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import STEERED, Floats
@@ -784,7 +784,7 @@ def _diagnose_study(
 def _extended_model(study: DiagnosisProblem, trial: CandidateFit, number: str) -> dict[str, object]:
     """Give the content of the file of the base model, number `number` of its file, with the effects of a trial."""
     base, model, dof, fit = base_estimates(study, trial), trial.model, study.base.dof, trial.fit
-    roles = ("quadratic", "linear", "inertia", "constant", "difference")
+    roles = [role for role in ROLES if role in dof.parameters]
     base_names = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
     drag = {name: base[name].to_json() for name in base_names.values()}
     ratio, covariance = None, study.covariance(model, fit)

@@ -121,6 +121,8 @@ def candidates(study: DiagnosisProblem, model: Model) -> list[Model]:
         assert isinstance(effect, Learned)
         if effect.acts_in(model.dof) and (study.position_counts or not effect.uses_absolute):
             for kind in effect.variable.kinds:
+                if kind == GAIN_CURVE and not study.commanded:
+                    continue
                 values = [low, high, study.largest, 1.0, *[0.0] * KNOTS, float(KINDS.index(kind))]
                 models.append(model.with_effect(effect.name, values))
     return models
@@ -132,10 +134,14 @@ def ranges(study: DiagnosisProblem) -> dict[str, tuple[float, float]]:
     way = np.where(batch.seen, batch.position - batch.position[:, :1], 0.0)
     intervals = {
         hyphened(dof.words.rate): (0.0, study.fastest),
-        hyphened(dof.words.force): (0.0, study.largest),
-        hyphened(dof.words.travelled): (float(way.min()), float(way.max())),
+        hyphened(dof.words.force): (0.0, study.largest * study.commanded),
         TIME: (0.0, float(batch.time.max())),
     }
+    if dof.restoring:
+        angles = batch.position[batch.seen]
+        intervals[dof.words.position] = (float(angles.min()), float(angles.max()))
+    else:
+        intervals[hyphened(dof.words.travelled)] = (float(way.min()), float(way.max()))
     if dof.wraps:
         intervals[dof.words.position] = (0.0, dof.turn)
     clock = np.concatenate(signals_of(study.runs, CLOCK))
@@ -301,7 +307,7 @@ def _best(
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
     needed = max(gained, base.evidence - most) - max(RIVAL_RANGE, BRIEF_GAIN_SHARE * gained)
-    running = [trial for gain, trial in gains if gain > needed and may_explain(study, trial)]
+    running = [t for gain, t in gains if gain + _promised(t) > needed and may_explain(study, t)]
     tried = map_fn(partial(_further, study), running, "learning curves")
     trials = sorted((trial for trial in tried if trial is not None), key=lambda trial: trial.evidence)
     admissible = [t for t in trials if base.evidence - t.evidence > bar and not obstacle(study, t, base)]
@@ -319,6 +325,11 @@ def _best(
         result, study=study, final=best, p_values=p_values, rivals=rivals, more=False, doubtful=None,
         compensating=undoing,
     )  # fmt: skip
+
+
+def _promised(trial: CandidateFit) -> float:
+    """Evidence that a brief fit still gains by its own equations; those of a filter promise nothing."""
+    return 0.0 if trial.fit.driven else trial.fit.promised
 
 
 def may_explain(study: DiagnosisProblem, trial: CandidateFit) -> bool:

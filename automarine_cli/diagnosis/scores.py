@@ -157,6 +157,7 @@ def candidates(study: DiagnosisProblem, model: Model) -> list[str]:
         if effect.acts_in(model.dof) and set(effect.needs) <= set(study.signals)
         # velocities alone show neither where the vehicle is nor the sensor of that
         and (study.position_counts or not (effect.place is effects.Place.SENSOR or effect.uses_absolute))
+        and (study.commanded or effect.place is not effects.Place.ACTUATOR)
     ]  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.model import COMMAND_DELAY, Model, Term
-from automarine_cli.models.parameter import Parameters
+from automarine_cli.models.parameter import Parameters, Prior
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import start_at_rest
 from automarine_cli.runs.run import Run, position_noise, with_later_commands
@@ -135,7 +135,7 @@ def precision(model: Model, spread: float | None = None) -> Floats:
 
 def elsewhere(model: Model, term: Term) -> Floats:
     """Curves (n, KNOTS) of unit length that other terms of the model are already: drag over the speed, a gain common to
-    all runs, a constant force, linear drag; and what would jump at a standstill."""
+    all runs, a constant force, what turns the vehicle back, linear drag; and what would jump at a standstill."""
     effect = effects.get(term.name)
     assert isinstance(effect, Learned)
     kind, sized = kind_of(term.values), effect.variable.sized
@@ -143,6 +143,9 @@ def elsewhere(model: Model, term: Term) -> Floats:
     level = {DRAG: "linear-drag", MOMENT: "bias-moment"}
     if kind not in level or (not sized and level[kind] in present):
         rows.append(np.ones(KNOTS))
+        if kind == MOMENT and "restoring-moment" in present and effect.variable.uses_absolute:
+            low, high = term.values[:2]
+            rows.append(np.sin(low + (high - low) * at))
     elif sized:
         powers = {"linear-drag": 1, "quadratic-drag": 2, "cubic-drag": 3}
         rows += [np.eye(KNOTS)[0], *(at**power for name, power in powers.items() if name in present)]
@@ -219,8 +222,18 @@ class DiagnosisProblem:
         return start_at_rest(self.runs)
 
     @cached_property
+    def commanded(self) -> bool:
+        """Whether there is a command in any run: free decays have none."""
+        return bool(self.batch.force.any())
+
+    @cached_property
     def largest(self) -> float:
-        return float(np.abs(self.batch.force).max())
+        """Largest command [N m or N]; without any the largest moment that the base meets in these runs."""
+        if self.commanded:
+            return float(np.abs(self.batch.force).max())
+        linear, quadratic = self.base.drag()
+        swing = max(float(np.abs(np.sin(run.position)).max()) for run in self.runs)
+        return self.base.restoring * swing + (linear + quadratic * self.fastest) * self.fastest
 
     @cached_property
     def fastest(self) -> float:
@@ -304,7 +317,7 @@ class DiagnosisProblem:
 
     def driven_problem(self, model: Model) -> DrivenProblem:
         problem = driven_problem(model, self.course, latest=self.logger_delay, slowest=self.slowest)
-        return replace(problem, parameters=smoothed_curve(model, problem.parameters))
+        return replace(problem, parameters=self._informed(model, problem.parameters))
 
     def problem(self, model: Model, disturbed: bool = False) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z
@@ -314,7 +327,13 @@ class DiagnosisProblem:
             log_drag=True, least_delay=self.logger_delay, longest_period=self.slowest, dropped=dropped
         )
         problem = whole_run_problem(model, parameters, self.batch, self.at_rest, confined=True, disturbed=disturbed)
-        return replace(problem, parameters=smoothed_curve(model, problem.parameters))
+        return replace(problem, parameters=self._informed(model, problem.parameters))
+
+    def _informed(self, model: Model, parameters: Parameters) -> Parameters:
+        """Return the parameters with what is known of them beside the logs: those that the base holds fixed, and that
+        the model's curve is smooth."""
+        priors = {name: Prior(value) for name, value in self.base.values.items() if name in self.base.fixed}
+        return smoothed_curve(model, parameters.informed(priors))
 
     def fit(
         self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = FIT_ROUNDS,
@@ -425,7 +444,12 @@ class DiagnosisProblem:
 def study_of(
     runs: Sequence[Run], base: Model, channels: tuple[str, ...] | None = None, driven: bool = False
 ) -> DiagnosisProblem:
-    """A study of `runs`; whether they are driven, the fit of their base says, else the evidence."""
+    """A study of `runs`; whether they are driven, the fit of their base says, else the evidence.
+
+    Runs without any command show ratios to the inertia, which stays what it is."""
+    inertia = base.dof.parameter("inertia")
+    if inertia not in base.fixed and not any(np.any(run.command) for run in runs):
+        base = replace(base, fixed=(*base.fixed, inertia))
     driven = driven or disturbed(runs, base, start_at_rest(runs), channels)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have

@@ -8,6 +8,7 @@ it closes on itself. Which curve is likely is said by its `spread` alone, see `r
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import inf
 
 import numpy as np
 
@@ -34,9 +35,9 @@ Read = Callable[[State], Floats]
 class Variable:
     """What a curve runs over: its unit (a template), how it is read from the state, the kinds that are tried.
 
-    Where `sized` only its size counts, and a moment has its sign; `turn` is where it closes on itself, as a position
-    does; `uses_position` and `needs` as those of an effect, `motions` the names of the degrees of freedom that have it;
-    `code` reads it in exported files, where it is neither a column nor the position.
+    Where `sized` only its size counts, and a moment has its sign; `turn` is where it closes on itself, as a heading
+    does; `uses_position`, `uses_absolute` and `needs` as those of an effect, `motions` the names of the degrees of
+    freedom that have it; `code` reads it in exported files, where it is neither a column nor a heading.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Variable:
     sized: bool = False
     turn: float = 0.0
     uses_position: bool = False
+    uses_absolute: bool = False
     needs: tuple[str, ...] = ()
     motions: tuple[str, ...] = tuple(DOFS)
     code: str = ""
@@ -75,10 +77,10 @@ def variable_of(name: str) -> Variable:
     if dofs := motions("travelled"):
         return Variable(name, "{x}", lambda state: state.travelled, uses_position=True, motions=dofs,
                         code="state.travelled")  # fmt: skip
-    if dofs := tuple(motion for motion in motions("position") if DOFS[motion].wraps):
-        turn = DOFS[dofs[0]].turn
-        return Variable(name, "{x}", lambda state: state.position % turn, turn=turn, uses_position=True,
-                        motions=dofs)  # fmt: skip
+    if dofs := tuple(motion for motion in motions("position") if DOFS[motion].wraps or DOFS[motion].restoring):
+        turn, place = DOFS[dofs[0]].turn, Variable(name, "{x}", lambda state: state.position, uses_position=True,
+                                                   uses_absolute=True, motions=dofs, code="state.position")  # fmt: skip
+        return replace(place, read=lambda state: state.position % turn, turn=turn, code="") if turn < inf else place
     return column
 
 
@@ -207,7 +209,7 @@ def learned(name: str) -> Effect:
         "reveals": f"the same {{forces}} over the whole range of {text}",
         "separated_by": f"runs in which {text} changes and all else stays as it is",
         "uses_position": variable.uses_position,
-        "uses_absolute": bool(variable.turn),
+        "uses_absolute": variable.uses_absolute,
         "needs": variable.needs,
     }  # fmt: skip
     effect: Effect = type("Learned", (Learned,), members)()

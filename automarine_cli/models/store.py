@@ -330,7 +330,8 @@ def _force_unit(file: ModelFile, codec: Codec) -> str:
 
 
 def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place, dof: Dof) -> Model:
-    """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
+    """Model `number` without effects, what somebody knew exactly fixed. Model 2's linear term may have either sign, as
+    in Table 1."""
     numbers: dict[str, Given | None] = {role: getattr(entry, role) for role in ROLES}
     roles = base_roles(number, dof, dof.directional and entry.difference is not None)
     for role, stored in numbers.items():
@@ -351,7 +352,9 @@ def _base(number: str, entry: ModelEntry, unit: str, codec: Codec, place: Place,
         if role in ("linear", "quadratic") and value < 0 and not may_drive:
             raise codec.refusal(at, f"found {value:g}, expected a drag of zero or more")
     inertia = values.pop("inertia")
-    return Model.base(number, inertia, list(values.values()), unit, dof)
+    exact = [role for role, stored in numbers.items() if stored is not None and stored.known_ and not stored.stderr]
+    model = Model.base(number, inertia, list(values.values()), unit, dof)
+    return replace(model, fixed=tuple(dof.parameter(role) for role in exact))
 
 
 def _effects(

@@ -257,6 +257,34 @@ def let_go(run: Run) -> Run | None:
     return run if max(again) <= MAX_REGAINED_SHARE * speed[0] + doubt else None
 
 
+OFF_SIGMAS = 4.0  # of the noise at which a vehicle is off its rest
+HIGH_SHARE, HIGH_SIGMAS = 0.9, 2.0  # of its largest angle, less noise, at which it turns back, or is held
+HEELED_QUARTERS = 3.0  # times the way down from there, after which no free swing rises any more
+GROWN_SHARE, GROWN_SIGMAS = 0.1, 6.0  # of the largest swing, and of the noise, by which a hand makes swings grow
+
+
+def decays(run: Run) -> tuple[Run, ...]:
+    """Return the free decays of a run without a command, each from where the vehicle is let go on: what rises slowly or
+    stays up longer than its way down takes is held by a hand. The run as it is where no hand shows."""
+    off = run.position - median(run.position[len(run) // 2 :])
+    aside = np.flatnonzero(np.abs(off) > OFF_SIGMAS * run.noise)
+    edges = np.array([0, *aside[1:][np.diff(np.sign(off[aside])) != 0], len(run)])
+    peaks = np.maximum.reduceat(np.abs(off), edges[:-1])
+    grown = max(GROWN_SHARE * float(peaks.max()), GROWN_SIGMAS * run.noise)
+    begins, starts, lowest = [0], [0], 0.0
+    for begin, end, peak in zip(edges, edges[1:], peaks):
+        high = begin + np.flatnonzero(np.abs(off[begin:end]) >= HIGH_SHARE * peak - HIGH_SIGMAS * run.noise)
+        start, rises, falls, crosses = run.time[[begin, high[0], high[-1], min(end, len(run) - 1)]]
+        by_hand = max(falls - rises, (rises - start) / HEELED_QUARTERS) > crosses - falls
+        if by_hand and peak > lowest + grown:
+            if begin == 0 or (starts == [0] and peaks[0] <= grown):  # nothing swings before
+                begins, starts = [], []
+            begins, starts, lowest = [*begins, int(begin)], [*starts, int(high[-1])], peak
+        lowest = min(lowest, peak) if begin else peak
+    parts = [run.cut(start, stop) for start, stop in zip(starts, [*begins[1:], len(run)])]
+    return tuple(replace(part, name=f"{run.name}.{i}") for i, part in enumerate(parts, 1)) if parts[1:] else (*parts,)
+
+
 def still(run: Run) -> str | None:
     """Say why a run of a vehicle that weight turns back shows no swing, or None."""
     size, words = float(np.ptp(run.position)), run.dof.words

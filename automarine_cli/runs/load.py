@@ -87,10 +87,14 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     if not summed:
         _refuse(checks.stuck(run.position, _any_command(run), dof))
     parts = _bridged(_summed_up(run, likely_line(table, dof.position)) if summed else run)
+    if dof.restoring and not np.any(_any_command(run)):
+        free = [(decay, len(decay) < len(part)) for part in parts for decay in checks.decays(part)]
+        return tuple(decay.noted(NO_HAND) if cut else decay for decay, cut in free)
     return parts if commands or dof.restoring else _let_go(parts, table)
 
 
 LET_GO = "no command in the log: the vehicle coasts, from its fastest on"
+NO_HAND = "cut to where the vehicle is let go: until then a hand holds it"
 
 
 def _let_go(parts: tuple[Run, ...], table: LogTable) -> tuple[Run, ...]:

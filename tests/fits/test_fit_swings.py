@@ -1,49 +1,22 @@
 """`fit-roll` and `fit-pitch`: free decays that scipy integrated; period, damping, stability are in their intervals."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from scipy.integrate import solve_ivp
+from made_swings import TRUTH, decay, decays, write_swings
 
 from automarine_cli.commands import automarine
-from automarine_cli.dofs import PITCH, ROLL, Dof
+from automarine_cli.dofs import PITCH
 from automarine_cli.fits.identify import YawFit, identify_turns
 from automarine_cli.models.parameter import Prior
 from automarine_cli.runs.run import Run
 
-TRUTH = {"inertia": 1.9, "linear": 0.30, "quadratic": 0.90, "restoring": 12.0, "constant": 0.2}
-ANGLES = (0.5, -0.5, 0.35, -0.35, 0.25, -0.25)
 PERIOD = 2.0 * np.pi * np.sqrt(TRUTH["inertia"] / TRUTH["restoring"])
 DAMPING = TRUTH["linear"] / (2.0 * np.sqrt(TRUTH["inertia"] * TRUTH["restoring"]))
-NOISE = np.radians(0.2)
-
-
-def decay(
-    angle: float, seed: int, dof: Dof = ROLL, rate: float = 0.0, moment: float = 0.0, truth: Mapping[str, float] = TRUTH
-) -> Run:
-    """A run of 12 s that starts at an `angle` [rad] and `rate` [rad/s]; a `moment` acts on it for 5 s after 2 s."""
-
-    def slope(time: float, state: np.ndarray) -> list[float]:
-        swing = state[1]
-        drag = truth["linear"] * swing + truth["quadratic"] * abs(swing) * swing
-        acting = moment * (1.975 < time < 6.975)
-        push = acting + truth["constant"] - drag - truth["restoring"] * np.sin(state[0])
-        return [swing, push / truth["inertia"]]
-
-    time = 0.05 * np.arange(240)
-    path = solve_ivp(slope, (0.0, 12.0), [angle, rate], t_eval=time, rtol=1e-9, atol=1e-11, max_step=0.05).y[0]
-    noisy = path + NOISE * np.random.default_rng(seed).standard_normal(len(time))
-    command = np.where((time > 1.999) & (time < 6.999), moment, 0.0)
-    return Run(f"run_{seed}", f"run_{seed}.csv", time, noisy, command, "N m", dof=dof)
-
-
-def decays(seed: int, dof: Dof = ROLL, count: int = len(ANGLES)) -> list[Run]:
-    return [decay(angle, 10 * seed + i, dof) for i, angle in enumerate(ANGLES[:count])]
 
 
 def fitted(runs: list[Run], known: float | None = 1.9, mass: float | None = None) -> YawFit:
@@ -125,8 +98,7 @@ def test_moments_that_act_show_the_inertia() -> None:
 
 def test_from_files_without_a_command_to_the_model(tmp_path: Path) -> None:
     for run in decays(2, count=3):
-        rows = (f"{time:.3f},{np.degrees(angle):.4f}" for time, angle in zip(run.time, run.position))
-        (tmp_path / run.source).write_text("\n".join(["time_s,roll_deg", *rows]) + "\n")
+        write_swings(tmp_path / run.source, run.position)
     out = tmp_path / "out"
     result = CliRunner().invoke(automarine, ["fit-roll", str(tmp_path), "-o", str(out)])
     assert result.exit_code == 0, result.output
