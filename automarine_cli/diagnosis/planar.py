@@ -41,6 +41,7 @@ from automarine_cli.dofs import PLANAR, SWAY, YAW
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
+from automarine_cli.fits.driven import THRUSTER_LAG
 from automarine_cli.fits.planar_fit import (
     CHANNELS,
     Candidate,
@@ -58,7 +59,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
 NEGLIGIBLE_SHARE = 0.02  # share of its usual size at which an actuator effect is as good as none
-OF_YAW = ("input-delay", "thruster-lag", "dead-band")
+OF_YAW = ("input-delay", "dead-band")
 SAYS = {
     "cross-coupling": "One motion drives another",
     "munk-moment": "Sway takes more water along than surge, which turns a drifting hull",
@@ -172,18 +173,22 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
         promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
         leaders = sorted(promised, key=lambda pair: -pair[1].gain)[:MAX_CANDIDATES_FITTED]
         leaders = [(candidate, promise) for candidate, promise in leaders if 2.0 * promise.gain > HEAD_START]
-        fits = likelihood.tried(leaders, model, LOOK_ITERATIONS)
+        lagging = likelihood.lagging(model, LOOK_ITERATIONS)
+        fits = [*likelihood.tried(leaders, model, LOOK_ITERATIONS), *lagging]
         tried = [self.fitted_candidate(candidate, fit, model) for candidate, fit in fits]
         model, tried = self._on_the_best_summit(model, tried)
         good = sorted((t for t in tried if t.evident and t.held_out > 0), key=lambda trial: -trial.surplus)
         runs = len(likelihood.runs)
-        surplus = tuple((c, 2.0 * promise.gain - penalty(len(c.added), runs)) for c, promise in promised)
+        surplus = [(c, 2.0 * promise.gain - penalty(len(c.added), runs)) for c, promise in promised]
+        if lagging:
+            lag = max((t for t in tried if t.candidate.name == THRUSTER_LAG), key=lambda trial: trial.surplus)
+            surplus.append((lag.candidate, lag.surplus))
         if not good:
-            return PlanarStep(model, surplus, tuple(tried))
+            return PlanarStep(model, tuple(surplus), tuple(tried))
         best, *runners_up = good
         estimate = likelihood.estimate(best.candidate.model, best.estimate.mixed.of_chance)
         rivals = tuple(trial for trial in runners_up if trial.is_rival_of(best))
-        return PlanarStep(model, surplus, tuple(tried), replace(best, estimate=estimate), rivals)
+        return PlanarStep(model, tuple(surplus), tuple(tried), replace(best, estimate=estimate), rivals)
 
     def admissible(self, look: PlanarStep, first: PlanarStep) -> list[OutputErrorFit]:
         return [] if look.best is None else [look.best.estimate]
@@ -232,14 +237,13 @@ def diagnose_planar(
         rounds = (*rounds[:-1], replace(rounds[-1], best=None, rivals=()))
     where = find_planar_where(PlanarLikelihood((*runs, *unseen), observed, signals=base.signals), before, seed)
     verdict, why = verdict_of(rounds, where)
+    added, final = needed(likelihood, [step for step in rounds if step.best is not None], before)
     fitted, held_out = (judged_runs(some, before, final) for some in (likelihood, other))
-    added = [step.best for step in rounds if step.best is not None]
-    final = added[-1].estimate if added else before
     surplus = {trial.candidate.added: trial.surplus for trial in rounds[0].tried}
     gains = [(candidate, surplus.get(candidate.added, promise)) for candidate, promise in rounds[0].promised]
     return Diagnosis(
-        motion=PLANAR, dof=YAW, search=rounds, verdict=verdict, why=why, effects=named_effects(rounds), where=where,
-        fitted=fitted, held_out=held_out,
+        motion=PLANAR, dof=YAW, search=rounds, verdict=verdict, why=why, where=where,
+        effects=named_effects(added, suspected(rounds), final), fitted=fitted, held_out=held_out,
         candidates=[
             {"name": c.name, "parameters": list(c.added), "gain": gain, "fitted": c.added in surplus}
             for c, gain in sorted(gains, key=lambda pair: -pair[1])
@@ -248,10 +252,31 @@ def diagnose_planar(
         base={name: (e, final.by_name[name]) for name, e in before.by_name.items() if name in final.by_name},
         extended={
             **model_content(final),
-            "effects": [trial.candidate.name for trial in added],
+            "effects": [step.best.candidate.name for step in added if step.best],
             "random": final.mixed.of_chance,
         },
     )  # fmt: skip
+
+
+def needed(
+    likelihood: PlanarLikelihood, steps: Sequence[PlanarStep], before: OutputErrorFit
+) -> tuple[list[PlanarStep], OutputErrorFit]:
+    """Drop what a search added first and does not need beside what it added later: the steps that stay, and the model
+    with all that they added."""
+    stay, final = list(steps), before if not steps or steps[-1].best is None else steps[-1].best.estimate
+    for step in steps[:-1]:
+        assert step.best is not None
+        names = {*step.best.candidate.added}
+        terms = tuple(term for term in final.model.terms if not names & {*final.model.names_of(term)})
+        reduced = replace(final.model, terms=terms)
+        (fit,) = likelihood.brief([(reduced, final.mixed.of_chance)], LOOK_ITERATIONS)
+        if len(terms) == len(final.model.terms) or fit is None:  # no term of the model, as a current
+            continue
+        lost = final.mixed.density - fit.mixed.density
+        if 2.0 * float(lost.sum()) - penalty(len(names), len(lost)) < HEAD_START:
+            stay.remove(step)
+            final = likelihood.estimate(reduced, fit.mixed.of_chance)
+    return stay, final
 
 
 def suspected(rounds: Sequence[PlanarStep]) -> list[FittedCandidate]:
@@ -280,14 +305,16 @@ def verdict_of(rounds: Sequence[PlanarStep], where: ResidualRegions) -> tuple[st
     return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}. {passed}"
 
 
-def named_effects(rounds: Sequence[PlanarStep]) -> tuple[NamedEffect, ...]:
-    """List what is named, with its rivals, or else suspected."""
-    steps = [(step.best, step.rivals) for step in rounds if step.best is not None]
+def named_effects(
+    added: Sequence[PlanarStep], suspects: Sequence[FittedCandidate], final: OutputErrorFit
+) -> tuple[NamedEffect, ...]:
+    """List what is named, with its rivals and as large as the `final` model has it, or else what is suspected."""
+    steps = [(step.best, step.rivals) for step in added if step.best is not None]
     entries = []
-    for trial, others in steps or [(suspect, ()) for suspect in suspected(rounds)]:
+    for trial, others in steps or [(suspect, ()) for suspect in suspects]:
         odds = [(rival.candidate, float(np.exp(0.5 * (rival.surplus - trial.surplus)))) for rival in others]
         weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
-        candidate, estimates = trial.candidate, trial.estimate.by_name
+        candidate, estimates = trial.candidate, {**trial.estimate.by_name, **(final.by_name if steps else {})}
         values = {name: estimates[name] for name in candidate.added}
         says = SAYS.get(candidate.name) or effects.get(candidate.name).card(YAW).says.rstrip(".")
         says, law = f"{says} ({', '.join(candidate.added)}).", "surge, sway and yaw"

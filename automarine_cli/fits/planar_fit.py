@@ -15,7 +15,9 @@ from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits.driven import (
+    MIN_PROPOSED_GAIN,
     PLACE,
+    THRUSTER_LAG,
     ForecastScore,
     Judgement,
     large_disturbance,
@@ -56,6 +58,8 @@ inertia in yaw can be told from Munk's moment."""
 OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
 """Qualified names of inertias and drags, which are above zero."""
 SKEW = "planar.m_vr"
+LAGS = (0, 1)  # laws of thrusters that lag which are tried: propeller speed, and thrust
+MIN_LAG_S, MIN_LAG_STDERRS = 0.01, 2.0  # s; standard errors by which the mean gain of a run has to exceed zero
 DECAY_S = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
 SLOPE_WINDOW_S = 1.0  # s over which velocities are told from positions
 
@@ -175,12 +179,20 @@ class Candidate:
     @property
     def label(self) -> str:
         """The name with the letters of what is added: cross-coupling N_v."""
-        return f"{self.name} {', '.join(name.rpartition('.')[2] for name in self.added)}"
+        return f"{self.name} {', '.join(dict.fromkeys(name.rpartition('.')[2] for name in self.added))}"
 
     @classmethod
     def of_term(cls, model: Model, term: Term) -> "Candidate":
-        names = [name for name, held in zip(model.names_of(term), term.effect.held(term.values)) if not held]
-        return cls("cross-coupling" if term.is_cross else term.name, tuple(names), model.with_term(term))
+        return cls.of_terms("cross-coupling" if term.is_cross else term.name, model.with_term(term), term)
+
+    @classmethod
+    def of_terms(cls, name: str, model: Model, *terms: Term) -> "Candidate":
+        """The candidate of a `model` that has its `terms`, all of its name if none is given."""
+        names = [
+            parameter for term in terms or [term for term in model.terms if term.name == name]
+            for parameter, held in zip(model.names_of(term), term.effect.held(term.values)) if not held
+        ]  # fmt: skip
+        return cls(name, tuple(names), model)
 
 
 Family = Callable[[Model], Iterator[Candidate]]
@@ -498,8 +510,14 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
 
 def search(likelihood: "PlanarLikelihood") -> tuple[OutputErrorFit, ...]:
     """Return what was tried, the best one first, then in the order of their criterion, from the simplest model on."""
-    judge = ByEvidence(likelihood)
-    stepwise_search(judge, likelihood.estimate(likelihood.simplest, settled=ROUGHLY))
+    judge, base = ByEvidence(likelihood), likelihood.estimate(likelihood.simplest, settled=ROUGHLY)
+    best = min((fit for _, fit in likelihood.lagging(base, NEIGHBOUR_ITERATIONS)), key=criterion, default=base)
+    gained, runs = best.mixed.density - base.mixed.density, len(likelihood.runs)
+    steady = runs > 1 and float(gained.mean()) > MIN_LAG_STDERRS * float(gained.std(ddof=1)) / np.sqrt(runs)
+    if steady and criterion(best) < criterion(base) - MIN_PROPOSED_GAIN:
+        judge.tried[likelihood.structure_of(base.model)] = base
+        base = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
+    stepwise_search(judge, base)
     return tuple(sorted(judge.tried.values(), key=criterion))
 
 
@@ -747,10 +765,40 @@ class PlanarLikelihood:
     ) -> list[tuple[Candidate, OutputErrorFit]]:
         """Candidates fitted briefly side by side, each from where it promises most; those that lead anywhere."""
         begins = [self.toward(candidate.model, current.mixed.of_chance, promise) for candidate, promise in promised]
+        fits = zip(promised, self.brief(begins, iterations))
+        return [(candidate, fit) for (candidate, _), fit in fits if fit is not None]
+
+    def brief(
+        self, begins: Sequence[tuple[Model, Mapping[str, float]]], iterations: int
+    ) -> list[OutputErrorFit | None]:
+        """Models fitted briefly side by side, each from its own values and those of what is random; None for one that
+        leads nowhere."""
         problems = [self.problem(model) for model, _ in begins]
         starts = [self.starts(problem, random) for problem, (_, random) in zip(problems, begins)]
-        fits = zip(promised, begins, fits_of(problems, starts, iterations, brief=True))
-        return [(candidate, result_of("", model, fit)) for (candidate, _), (model, _), fit in fits if fit is not None]
+        fits = fits_of(problems, starts, iterations, brief=True)
+        return [None if fit is None else result_of("", model, fit) for (model, _), fit in zip(begins, fits)]
+
+    def lagging(self, fit: OutputErrorFit, iterations: int) -> list[tuple[Candidate, OutputErrorFit]]:
+        """The model with thrusters that lag, in their speed or in their thrust, in each motion whose command changes,
+        fitted briefly from where commands come as late; without those that turn out not to lag. None if it has some.
+
+        A slope tells nothing of them where a delay stands for the lag."""
+        model, late = fit.model, max(fit.delay.value, MIN_LAG_S)
+        changing = [i for i, dof in enumerate(PLANAR.dofs) if any(np.ptp(run.command_of(dof)) for run in self.runs)]
+        if not changing or any(term.name == THRUSTER_LAG for term in model.terms):
+            return []
+        at_once = {**fit.mixed.of_chance, COMMAND_DELAY: min(fit.delay.value, self.course.half_width)}
+        models = [model] * len(LAGS)
+        for place in changing:
+            starts = [(late, *start_of(THRUSTER_LAG, self.course, place, law)[1:]) for law in LAGS]
+            models = [wide.with_term(Term(THRUSTER_LAG, at, dof=place)) for wide, at in zip(models, starts)]
+        lagging, fewer = self.brief([(wide, at_once) for wide in models], iterations), []
+        for lag in filter(None, lagging):
+            terms = tuple(t for t in lag.model.terms if t.name != THRUSTER_LAG or t.values[0] > MIN_LAG_S)
+            if len(model.terms) < len(terms) < len(lag.model.terms):
+                fewer.append((replace(lag.model, terms=terms), lag.mixed.of_chance))
+        lagging += self.brief(fewer, iterations)
+        return [(Candidate.of_terms(THRUSTER_LAG, lag.model), lag) for lag in filter(None, lagging)]
 
     def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         """The model, and what is `random`, as promised, where that is likelier than as they are."""

@@ -144,7 +144,7 @@ def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[
     status |= dict.fromkeys((effect.title for effect in effects), data["verdict"])
     rows = []
     for entry in data["candidates"]:
-        added = ", ".join(name.rpartition(".")[2] for name in entry.get("parameters", ()))
+        added = ", ".join(dict.fromkeys(name.rpartition(".")[2] for name in entry.get("parameters", ())))
         name = f"{entry['name']} {added or entry.get('where', '')}".rstrip()
         row = {"effect": name, "evidence gained": entry["gain"]}
         row |= {head: number(entry[key], 3) for key, head in MORE.items() if key in entry}

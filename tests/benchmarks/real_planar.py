@@ -22,6 +22,7 @@ from real_library import predictions
 from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
+from automarine_cli.fits.driven import THRUSTER_LAG
 from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, observed, search
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.quantities import Floats
@@ -203,8 +204,9 @@ def judged(item: tuple[RealSet, str]) -> Row:
     learned, states = states_of(fitted), states_of(held_out)
     values, tied = fit.best.model.values, [name for name, _, _ in fit.best.model.ties]
     known, start = (
-        {n.rpartition(".")[2]: values[n] for n in fit.estimates if (n in tied) is of} for of in (True, False)
-    )
+        {n.rpartition(".")[2]: values[n] for n in fit.estimates if (n in tied) is of and THRUSTER_LAG not in n}
+        for of in (True, False)
+    )  # the script's thrusters do not lag
     squares = [fit_plain(learned, start, h, known) for h in HORIZONS]
     least = [rms(ahead(values, states) - states.reached)[:, i] for i, values in enumerate(squares)]
     still = np.repeat(states.state[:, :3, None], len(HORIZONS), axis=2)

@@ -26,13 +26,15 @@ def stored(model: Model) -> StoredModels:
 
 
 SPEEDS = ("heading", "surge", "sway")
+LAG_S = 0.4
 
 
 @cache
 def searched(kind: str, seed: int = 1, mirror: bool = False) -> Diagnosis:
     """Three short runs are fitted, one is held out."""
     channels = ("heading", "north", "east") if kind == "current" else SPEEDS
-    runs = campaign(HIDDEN[kind], seed, 4, 6.0, channels, mirror)
+    craft, lag_s = (HIDDEN["nothing"], LAG_S) if kind == "thruster-lag" else (HIDDEN[kind], 0.0)
+    runs = campaign(craft, seed, 4, 6.0, channels, mirror, lag_s)
     return diagnose_planar(stored(GIVEN), runs[:3], runs[3:], observed(runs))
 
 
@@ -41,6 +43,7 @@ def searched(kind: str, seed: int = 1, mirror: bool = False) -> Diagnosis:
     [
         ("N_v", "yaw.N_v", 4.0),
         pytest.param("N_ur", "yaw.N_ur", 2.5, marks=pytest.mark.slow),
+        pytest.param("thruster-lag", "surge.thruster-lag.T", LAG_S, marks=pytest.mark.slow),
         pytest.param("Y_r", "sway.Y_r", 4.0, marks=pytest.mark.slow),
         pytest.param("munk-moment", "sway.m_v", 32.0, marks=pytest.mark.slow),
         pytest.param("current", "current.north", 0.15, marks=pytest.mark.slow),

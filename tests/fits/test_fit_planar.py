@@ -10,7 +10,7 @@ from pathlib import Path
 import made_ship
 import numpy as np
 import pytest
-from made_planar import BARE, NOISE, Craft, driven, log, planar_run, solved, turned
+from made_planar import BARE, NOISE, Craft, campaign, driven, log, planar_run, solved, turned
 from scipy import special
 
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW
@@ -20,6 +20,7 @@ from automarine_cli.fits.driven import ForecastScore, Judgement
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import (
     OWN,
+    Candidate,
     Observed,
     PlanarFit,
     PlanarLikelihood,
@@ -124,6 +125,9 @@ class Scripted(PlanarLikelihood):
 
     def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         return model, random
+
+    def lagging(self, fit: OutputErrorFit, iterations: int) -> list[tuple[Candidate, OutputErrorFit]]:
+        return []
 
     @staticmethod
     def worth(names: Sequence[str]) -> float:
@@ -509,3 +513,19 @@ def test_tracks_have_speeds_with_axes_below_each(fit: PlanarFit) -> None:
         with_runs = np.arange(axes.size // 2).reshape(-1, columns) < runs
         assert np.array_equal([[panel.axison for panel in row] for row in axes], np.repeat(with_runs, 2, axis=0))
         assert axes[0, 0].get_ylabel() == "North [m]" and axes[1, 0].get_ylabel() == "Speed [m/s]"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "lag_s"), [(1, 0.4), (2, 0.4), (3, 0.0)])
+def test_thrusters_that_lag_leave_masses_as_they_are(seed: int, lag_s: float) -> None:
+    """A delay in their place would make all masses too large."""
+    runs = campaign(BARE, seed, 5, 20.0, ("heading", "surge", "sway"), lag_s=lag_s)
+    likelihood = PlanarLikelihood(tuple(runs), observed(runs))
+    fit, *_ = likelihood.choose(search(likelihood))
+    lags = [fit.by_name[name] for name in fit.model.parameter_names if name.endswith("thruster-lag.T")]
+    assert len(lags) == (3 if lag_s else 0)
+    for name, truth in (("surge.m_u", 20.0), ("sway.m_v", 20.0), ("yaw.I_r", 2.6)):
+        mass = fit.by_name[name]
+        assert abs(mass.value - truth) < 3.5 * mass.stderr < 0.15 * truth
+    for lag in lags:
+        assert abs(lag.value - lag_s) < 3.5 * lag.stderr < 0.3 * lag_s

@@ -116,19 +116,44 @@ NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.
 MIRRORED = ("heading", "sway", "east", "force_Y")
 
 
+FINE = 10  # steps of a sample in which thrust that lags is held
+
+
 def campaign(
-    craft: Craft, seed: int, runs: int, length: float, channels: Sequence[str] = tuple(NOISE), mirror: bool = False
-) -> list[Run]:
-    """Runs from rest with noisy readings and 2 % scatter of the thrust; with `mirror` port and starboard exchanged."""
-    return [made_run(craft, 100 * seed + i, length, channels, mirror) for i in range(runs)]
+    craft: Craft, seed: int, runs: int, length: float, channels: Sequence[str] = tuple(NOISE), mirror: bool = False,
+    lag_s: float = 0.0,
+) -> list[Run]:  # fmt: skip
+    """Runs from rest with noisy readings and 2 % scatter of the thrust, which lags by `lag_s`; with `mirror` port and
+    starboard exchanged."""
+    return [made_run(craft, 100 * seed + i, length, channels, mirror, lag_s) for i in range(runs)]
 
 
-def made_run(craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool) -> Run:
+def lagging(run: Run, lag_s: float) -> Run:
+    """The run in fine steps, with thrust of first order behind its commands, as its mean over each step."""
+    step = run.sample_period / FINE
+    sample = (np.arange(FINE * (len(run) - 1) + 1) + FINE // 2) // FINE
+    left = np.exp(-step / lag_s)
+
+    def late(command: Floats) -> Floats:
+        out, now = np.empty(len(sample)), 0.0
+        for k, held in enumerate(command[sample]):
+            out[k] = held + (now - held) * (1.0 - left) * lag_s / step
+            now = held + (now - held) * left
+        return out
+
+    assert run.moment is not None
+    extras = {name: late(column) for name, column in run.extras.items()}
+    time = run.time[0] + step * np.arange(len(sample))
+    return replace(run, time=time, position=0.0 * time, moment=late(run.moment), extras=extras)
+
+
+def made_run(craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool, lag_s: float = 0.0) -> Run:
     run, rng = driven(seed, length, 0.2), np.random.default_rng([seed, 14])
     gain = np.exp(0.02 * rng.standard_normal())
     assert run.moment is not None
     true = replace(run, moment=gain * run.moment, extras={k: gain * x for k, x in run.extras.items()})
-    positions, velocities = solved(craft, true, (0, 0, 0.3), (0, 0, 0))
+    true, every = (lagging(true, lag_s), FINE) if lag_s else (true, 1)
+    positions, velocities = (rows[::every] for rows in solved(craft, true, (0, 0, 0.3), (0, 0, 0)))
     columns = dict(zip(("north", "east", "heading", "surge", "sway"), [*positions.T, *velocities.T[:2]]))
     read = {name: columns[name] + NOISE[name] * rng.standard_normal(len(run)) for name in NOISE}
     read = {name: read[name] for name in channels} | dict(run.extras)
