@@ -41,8 +41,8 @@ from automarine_cli.dofs import PLANAR, SWAY, YAW
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
-from automarine_cli.fits.driven import THRUSTER_LAG
 from automarine_cli.fits.planar_fit import (
+    ACTUATORS,
     CHANNELS,
     Candidate,
     Observed,
@@ -59,7 +59,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
 NEGLIGIBLE_SHARE = 0.02  # share of its usual size at which an actuator effect is as good as none
-OF_YAW = ("input-delay", "dead-band")
+INPUT_DELAY = "input-delay"
 SAYS = {
     "cross-coupling": "One motion drives another",
     "munk-moment": "Sway takes more water along than surge, which turns a drifting hull",
@@ -105,12 +105,10 @@ def suspects(model: Model, observed: Observed, largest: float) -> Iterator[Candi
     if mass in [tied for tied, *_ in model.ties]:
         ties = tuple(tie for tie in model.ties if tie[0] != mass)
         yield Candidate("munk-moment", (mass,), replace(model, ties=ties))
-    yaw = PLANAR.index(YAW)
-    for name in OF_YAW:
-        if (yaw, name) not in [(term.dof, term.name) for term in model.terms]:
-            parameters = effects.get(name).parameters
-            values = tuple(p.off + (not p.held) * NEGLIGIBLE_SHARE * p.scaled(p.start, largest) for p in parameters)
-            yield Candidate.of_term(model, Term(name, values, dof=yaw))
+    if INPUT_DELAY not in [term.name for term in model.terms]:
+        parameters = effects.get(INPUT_DELAY).parameters
+        values = tuple(p.off + (not p.held) * NEGLIGIBLE_SHARE * p.scaled(p.start, largest) for p in parameters)
+        yield Candidate.of_term(model, Term(INPUT_DELAY, values, dof=PLANAR.index(YAW)))
 
 
 def run_to_split(candidate: Candidate) -> str:
@@ -173,16 +171,16 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
         promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
         leaders = sorted(promised, key=lambda pair: -pair[1].gain)[:MAX_CANDIDATES_FITTED]
         leaders = [(candidate, promise) for candidate, promise in leaders if 2.0 * promise.gain > HEAD_START]
-        lagging = likelihood.lagging(model, LOOK_ITERATIONS)
-        fits = [*likelihood.tried(leaders, model, LOOK_ITERATIONS), *lagging]
+        fits = [*likelihood.tried(leaders, model, LOOK_ITERATIONS), *likelihood.actuated(model, LOOK_ITERATIONS)]
         tried = [self.fitted_candidate(candidate, fit, model) for candidate, fit in fits]
         model, tried = self._on_the_best_summit(model, tried)
         good = sorted((t for t in tried if t.evident and t.held_out > 0), key=lambda trial: -trial.surplus)
         runs = len(likelihood.runs)
         surplus = [(c, 2.0 * promise.gain - penalty(len(c.added), runs)) for c, promise in promised]
-        if lagging:
-            lag = max((t for t in tried if t.candidate.name == THRUSTER_LAG), key=lambda trial: trial.surplus)
-            surplus.append((lag.candidate, lag.surplus))
+        for name in dict(ACTUATORS):
+            of_name = [trial for trial in tried if trial.candidate.name == name]
+            best_of_name = max(of_name, key=lambda trial: trial.surplus, default=None)
+            surplus += [] if best_of_name is None else [(best_of_name.candidate, best_of_name.surplus)]
         if not good:
             return PlanarStep(model, tuple(surplus), tuple(tried))
         best, *runners_up = good

@@ -557,11 +557,13 @@ class Predicted:
     constant_rate: Floats
     constant: Floats
 
+    @np.errstate(over="ignore")  # a model that runs away misses by infinity
     def rmse(self, error: Floats | None = None) -> float:
         """Root mean square over all predictions; not a number where there are none."""
         of = self.error if error is None else error
         return float(np.sqrt(np.mean(of**2))) if len(of) else float("nan")
 
+    @np.errstate(over="ignore")
     def by_run(self, runs: int) -> Floats:
         """Mean square error of each run (R,), not a number where a run has none."""
         total, count = np.bincount(self.run, self.error**2, runs), np.bincount(self.run, minlength=runs)

@@ -193,6 +193,7 @@ class Problem:
         """What readings (..., R, N) leave of the measured ones, zero in the padding."""
         return np.where(self.observed, self.measured - fitted, 0.0)
 
+    @np.errstate(over="ignore")  # of a trial that runs away
     def squares(self, residual: Floats, variances: Floats) -> Floats:
         """Each run's sum of squares of residuals (..., R, N) in units of their channels' noise, (..., R)."""
         total = np.zeros(residual.shape[:-1])

@@ -58,8 +58,11 @@ inertia in yaw can be told from Munk's moment."""
 OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
 """Qualified names of inertias and drags, which are above zero."""
 SKEW = "planar.m_vr"
-LAGS = (0, 1)  # laws of thrusters that lag which are tried: propeller speed, and thrust
-MIN_LAG_S, MIN_LAG_STDERRS = 0.01, 2.0  # s; standard errors by which the mean gain of a run has to exceed zero
+ACTUATORS = ((THRUSTER_LAG, 0), (THRUSTER_LAG, 1), ("dead-band", 0))
+"""What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band."""
+MIN_LAG_S = 0.01  # s from which a lag starts
+IDLE_SHARE = 0.05  # of its usual size at which nothing is left of it
+MIN_STEADY_STDERRS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
 DECAY_S = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
 SLOPE_WINDOW_S = 1.0  # s over which velocities are told from positions
 
@@ -195,6 +198,8 @@ class Candidate:
         return cls(name, tuple(names), model)
 
 
+Begin = tuple[Model, Mapping[str, float]]
+"""Where a fit begins: a model, and the sizes of what is random."""
 Family = Callable[[Model], Iterator[Candidate]]
 
 
@@ -508,15 +513,25 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
         return [look.best] if look.best is not None and criterion(look.best) < criterion(look.before) else []
 
 
+def with_actuators(likelihood: "PlanarLikelihood", base: OutputErrorFit) -> OutputErrorFit:
+    """The fit with what stands between command and force, if the evidence asks for it, and in the mean of runs; else
+    `base`."""
+    tried, runs = likelihood.actuated(base, NEIGHBOUR_ITERATIONS), len(likelihood.runs)
+    candidate, best = min(tried, key=lambda pair: criterion(pair[1]), default=(None, base))
+    gained = best.mixed.density - base.mixed.density
+    steady = runs > 1 and float(gained.mean()) > MIN_STEADY_STDERRS * float(gained.std(ddof=1)) / np.sqrt(runs)
+    if candidate is None or not steady or criterion(best) > criterion(base) - MIN_PROPOSED_GAIN:
+        return base
+    best = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
+    fewest = likelihood.without_idle(best.model, candidate.name)
+    return best if fewest == best.model else likelihood.estimate(fewest, best.mixed.of_chance, settled=ROUGHLY)
+
+
 def search(likelihood: "PlanarLikelihood") -> tuple[OutputErrorFit, ...]:
     """Return what was tried, the best one first, then in the order of their criterion, from the simplest model on."""
     judge, base = ByEvidence(likelihood), likelihood.estimate(likelihood.simplest, settled=ROUGHLY)
-    best = min((fit for _, fit in likelihood.lagging(base, NEIGHBOUR_ITERATIONS)), key=criterion, default=base)
-    gained, runs = best.mixed.density - base.mixed.density, len(likelihood.runs)
-    steady = runs > 1 and float(gained.mean()) > MIN_LAG_STDERRS * float(gained.std(ddof=1)) / np.sqrt(runs)
-    if steady and criterion(best) < criterion(base) - MIN_PROPOSED_GAIN:
-        judge.tried[likelihood.structure_of(base.model)] = base
-        base = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
+    while (wide := with_actuators(likelihood, base)) is not base:
+        judge.tried[likelihood.structure_of(base.model)], base = base, wide
     stepwise_search(judge, base)
     return tuple(sorted(judge.tried.values(), key=criterion))
 
@@ -768,9 +783,7 @@ class PlanarLikelihood:
         fits = zip(promised, self.brief(begins, iterations))
         return [(candidate, fit) for (candidate, _), fit in fits if fit is not None]
 
-    def brief(
-        self, begins: Sequence[tuple[Model, Mapping[str, float]]], iterations: int
-    ) -> list[OutputErrorFit | None]:
+    def brief(self, begins: Sequence[Begin], iterations: int) -> list[OutputErrorFit | None]:
         """Models fitted briefly side by side, each from its own values and those of what is random; None for one that
         leads nowhere."""
         problems = [self.problem(model) for model, _ in begins]
@@ -778,27 +791,32 @@ class PlanarLikelihood:
         fits = fits_of(problems, starts, iterations, brief=True)
         return [None if fit is None else result_of("", model, fit) for (model, _), fit in zip(begins, fits)]
 
-    def lagging(self, fit: OutputErrorFit, iterations: int) -> list[tuple[Candidate, OutputErrorFit]]:
-        """The model with thrusters that lag, in their speed or in their thrust, in each motion whose command changes,
-        fitted briefly from where commands come as late; without those that turn out not to lag. None if it has some.
+    def actuated(self, fit: OutputErrorFit, iterations: int) -> list[tuple[Candidate, OutputErrorFit]]:
+        """The model with each of ACTUATORS that it lacks, in all motions whose command changes, fitted briefly. Also
+        without the motions in which nothing is left of it.
 
-        A slope tells nothing of them where a delay stands for the lag."""
-        model, late = fit.model, max(fit.delay.value, MIN_LAG_S)
+        A slope tells nothing of a lag where a delay stands for it: it begins with the delay's time in its place."""
+        course, model, chances = self.course, fit.model, fit.mixed.of_chance
+        delay, at_once = fit.delay.value, {**chances, COMMAND_DELAY: min(fit.delay.value, self.course.half_width)}
         changing = [i for i, dof in enumerate(PLANAR.dofs) if any(np.ptp(run.command_of(dof)) for run in self.runs)]
-        if not changing or any(term.name == THRUSTER_LAG for term in model.terms):
-            return []
-        at_once = {**fit.mixed.of_chance, COMMAND_DELAY: min(fit.delay.value, self.course.half_width)}
-        models = [model] * len(LAGS)
-        for place in changing:
-            starts = [(late, *start_of(THRUSTER_LAG, self.course, place, law)[1:]) for law in LAGS]
-            models = [wide.with_term(Term(THRUSTER_LAG, at, dof=place)) for wide, at in zip(models, starts)]
-        lagging, fewer = self.brief([(wide, at_once) for wide in models], iterations), []
-        for lag in filter(None, lagging):
-            terms = tuple(t for t in lag.model.terms if t.name != THRUSTER_LAG or t.values[0] > MIN_LAG_S)
-            if len(model.terms) < len(terms) < len(lag.model.terms):
-                fewer.append((replace(lag.model, terms=terms), lag.mixed.of_chance))
-        lagging += self.brief(fewer, iterations)
-        return [(Candidate.of_terms(THRUSTER_LAG, lag.model), lag) for lag in filter(None, lagging)]
+        lacking = [(name, law) for name, law in ACTUATORS if name not in [term.name for term in model.terms]]
+        begins = list[Begin]()
+        for name, law in lacking if changing else ():
+            slow, wide = name == THRUSTER_LAG, model
+            for i in changing:
+                first, *more = start_of(name, course, i, law)
+                wide = wide.with_term(Term(name, (max(delay, MIN_LAG_S) if slow else first, *more), dof=i))
+            begins.append((wide, at_once if slow else chances))
+        fits = list(zip(lacking, self.brief(begins, iterations)))
+        fewer = [(law, self.without_idle(of.model, law[0]), of.mixed.of_chance) for law, of in fits if of is not None]
+        fewer = [entry for entry in fewer if len(model.terms) < len(entry[1].terms) < len(model.terms) + len(changing)]
+        fits += zip([law for law, *_ in fewer], self.brief([(of, random) for _, of, random in fewer], iterations))
+        return [(Candidate.of_terms(name, of.model), of) for (name, _), of in fits if of is not None]
+
+    def without_idle(self, model: Model, name: str) -> Model:
+        """The model without what is called `name` in motions in which nothing is left of it."""
+        least = {i: IDLE_SHARE * start_of(name, self.course, i)[0] for i in range(len(PLANAR.dofs))}
+        return replace(model, terms=tuple(t for t in model.terms if t.name != name or t.values[0] >= least[t.dof]))
 
     def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         """The model, and what is `random`, as promised, where that is likelier than as they are."""

@@ -126,7 +126,7 @@ class Scripted(PlanarLikelihood):
     def toward(self, model: Model, random: Mapping[str, float], promised: Promise) -> tuple[Model, Mapping[str, float]]:
         return model, random
 
-    def lagging(self, fit: OutputErrorFit, iterations: int) -> list[tuple[Candidate, OutputErrorFit]]:
+    def actuated(self, fit: OutputErrorFit, iterations: int) -> list[tuple[Candidate, OutputErrorFit]]:
         return []
 
     @staticmethod
@@ -516,16 +516,21 @@ def test_tracks_have_speeds_with_axes_below_each(fit: PlanarFit) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "lag_s"), [(1, 0.4), (2, 0.4), (3, 0.0)])
-def test_thrusters_that_lag_leave_masses_as_they_are(seed: int, lag_s: float) -> None:
-    """A delay in their place would make all masses too large."""
-    runs = campaign(BARE, seed, 5, 20.0, ("heading", "surge", "sway"), lag_s=lag_s)
+@pytest.mark.parametrize(("seed", "lag_s", "dead_Nm"), [(1, 0.4, 0.0), (2, 0.4, 0.0), (3, 0.0, 0.0), (4, 0.0, 1.5)])
+def test_what_stands_between_command_and_force_leaves_masses_as_they_are(
+    seed: int, lag_s: float, dead_Nm: float
+) -> None:
+    """A delay in place of a lag would make all masses too large, as would a dead band that nobody looks for."""
+    runs = campaign(BARE, seed, 5, 20.0, ("heading", "surge", "sway"), lag_s=lag_s, dead_Nm=dead_Nm)
     likelihood = PlanarLikelihood(tuple(runs), observed(runs))
     fit, *_ = likelihood.choose(search(likelihood))
-    lags = [fit.by_name[name] for name in fit.model.parameter_names if name.endswith("thruster-lag.T")]
-    assert len(lags) == (3 if lag_s else 0)
     for name, truth in (("surge.m_u", 20.0), ("sway.m_v", 20.0), ("yaw.I_r", 2.6)):
         mass = fit.by_name[name]
         assert abs(mass.value - truth) < 3.5 * mass.stderr < 0.15 * truth
+    lags = [fit.by_name[name] for name in fit.model.parameter_names if name.endswith("thruster-lag.T")]
+    assert len(lags) == (3 if lag_s else 0)
     for lag in lags:
         assert abs(lag.value - lag_s) < 3.5 * lag.stderr < 0.3 * lag_s
+    width = fit.by_name.get("yaw.dead-band.width")
+    assert (width is not None) == (dead_Nm > 0)
+    assert width is None or abs(width.value - dead_Nm) < 3.5 * width.stderr < 0.15 * dead_Nm

@@ -121,11 +121,11 @@ FINE = 10  # steps of a sample in which thrust that lags is held
 
 def campaign(
     craft: Craft, seed: int, runs: int, length: float, channels: Sequence[str] = tuple(NOISE), mirror: bool = False,
-    lag_s: float = 0.0,
+    lag_s: float = 0.0, dead_Nm: float = 0.0,
 ) -> list[Run]:  # fmt: skip
-    """Runs from rest with noisy readings and 2 % scatter of the thrust, which lags by `lag_s`; with `mirror` port and
-    starboard exchanged."""
-    return [made_run(craft, 100 * seed + i, length, channels, mirror, lag_s) for i in range(runs)]
+    """Runs from rest with noisy readings and 2 % scatter of the thrust, which lags by `lag_s` and lacks moments of
+    `dead_Nm`; with `mirror` port and starboard exchanged."""
+    return [made_run(craft, 100 * seed + i, length, channels, mirror, lag_s, dead_Nm) for i in range(runs)]
 
 
 def lagging(run: Run, lag_s: float) -> Run:
@@ -147,11 +147,15 @@ def lagging(run: Run, lag_s: float) -> Run:
     return replace(run, time=time, position=0.0 * time, moment=late(run.moment), extras=extras)
 
 
-def made_run(craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool, lag_s: float = 0.0) -> Run:
+def made_run(
+    craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool, lag_s: float = 0.0,
+    dead_Nm: float = 0.0,
+) -> Run:  # fmt: skip
     run, rng = driven(seed, length, 0.2), np.random.default_rng([seed, 14])
     gain = np.exp(0.02 * rng.standard_normal())
     assert run.moment is not None
-    true = replace(run, moment=gain * run.moment, extras={k: gain * x for k, x in run.extras.items()})
+    moment = run.moment - np.clip(run.moment, -dead_Nm, dead_Nm)
+    true = replace(run, moment=gain * moment, extras={k: gain * x for k, x in run.extras.items()})
     true, every = (lagging(true, lag_s), FINE) if lag_s else (true, 1)
     positions, velocities = (rows[::every] for rows in solved(craft, true, (0, 0, 0.3), (0, 0, 0)))
     columns = dict(zip(("north", "east", "heading", "surge", "sway"), [*positions.T, *velocities.T[:2]]))
