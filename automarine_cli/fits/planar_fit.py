@@ -6,6 +6,7 @@ from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
+from scipy import special
 from scipy.integrate import cumulative_trapezoid
 
 from automarine_cli import effects
@@ -62,7 +63,7 @@ ACTUATORS = ((THRUSTER_LAG, 0), (THRUSTER_LAG, 1), ("dead-band", 0))
 """What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band."""
 MIN_LAG_S = 0.01  # s from which a lag starts
 IDLE_SHARE = 0.05  # of its usual size at which nothing is left of it
-MIN_STEADY_STDERRS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
+STEADY_LEVEL = 0.975  # at which the mean gain of a run has to exceed zero, by Student's t
 DECAY_S = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
 SLOPE_WINDOW_S = 1.0  # s over which velocities are told from positions
 
@@ -518,8 +519,10 @@ def with_actuators(likelihood: "PlanarLikelihood", base: OutputErrorFit) -> Outp
     `base`."""
     tried, runs = likelihood.actuated(base, NEIGHBOUR_ITERATIONS), len(likelihood.runs)
     candidate, best = min(tried, key=lambda pair: criterion(pair[1]), default=(None, base))
-    gained = best.mixed.density - base.mixed.density
-    steady = runs > 1 and float(gained.mean()) > MIN_STEADY_STDERRS * float(gained.std(ddof=1)) / np.sqrt(runs)
+    gained, doubt = best.mixed.density - base.mixed.density, np.inf
+    if runs > 1:
+        doubt = special.stdtrit(runs - 1, STEADY_LEVEL) * float(gained.std(ddof=1)) / np.sqrt(runs)
+    steady = float(gained.mean()) > doubt
     if candidate is None or not steady or criterion(best) > criterion(base) - MIN_PROPOSED_GAIN:
         return base
     best = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)

@@ -248,8 +248,9 @@ class Model:
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Names of the parameters that are neither fixed nor tied."""
-        stay = {*self.fixed, *(name for name, _, _ in self.ties)}
+        """Names of the parameters that are neither fixed nor tied, nor say by which law an effect acts."""
+        flags = [flag for t in self.terms for flag in zip(self.names_of(t), t.effect.held(t.values))]
+        stay = {*self.fixed, *(name for name, *_ in self.ties), *(name for name, stays in flags if stays)}
         return tuple(name for name in self.parameter_names if name not in stay)
 
     def parameters(
