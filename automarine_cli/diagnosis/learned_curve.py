@@ -134,7 +134,7 @@ def ranges(study: DiagnosisProblem) -> dict[str, tuple[float, float]]:
     way = np.where(batch.seen, batch.position - batch.position[:, :1], 0.0)
     intervals = {
         hyphened(dof.words.rate): (0.0, study.fastest),
-        hyphened(dof.words.force): (0.0, study.largest * study.commanded),
+        hyphened(dof.words.force): (0.0, study.largest if study.commanded else 0.0),
         TIME: (0.0, float(batch.time.max())),
     }
     if dof.restoring:

@@ -178,9 +178,8 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
         runs = len(likelihood.runs)
         surplus = [(c, 2.0 * promise.gain - penalty(len(c.added), runs)) for c, promise in promised]
         for name in dict(ACTUATORS):
-            of_name = [trial for trial in tried if trial.candidate.name == name]
-            best_of_name = max(of_name, key=lambda trial: trial.surplus, default=None)
-            surplus += [] if best_of_name is None else [(best_of_name.candidate, best_of_name.surplus)]
+            of_name = sorted((t for t in tried if t.candidate.name == name), key=lambda trial: -trial.surplus)
+            surplus += [(trial.candidate, trial.surplus) for trial in of_name[:1]]
         if not good:
             return PlanarStep(model, tuple(surplus), tuple(tried))
         best, *runners_up = good
@@ -266,9 +265,11 @@ def needed(
         assert step.best is not None
         names = {*step.best.candidate.added}
         terms = tuple(term for term in final.model.terms if not names & {*final.model.names_of(term)})
+        if len(terms) == len(final.model.terms):  # no term of the model, as a current
+            continue
         reduced = replace(final.model, terms=terms)
         (fit,) = likelihood.brief([(reduced, final.mixed.of_chance)], LOOK_ITERATIONS)
-        if len(terms) == len(final.model.terms) or fit is None:  # no term of the model, as a current
+        if fit is None:
             continue
         lost = final.mixed.density - fit.mixed.density
         if 2.0 * float(lost.sum()) - penalty(len(names), len(lost)) < HEAD_START:

@@ -333,7 +333,7 @@ class DiagnosisProblem:
         """Return the parameters with what is known of them beside the logs: those that the base holds fixed, and that
         the model's curve is smooth."""
         priors = {name: Prior(value) for name, value in self.base.values.items() if name in self.base.fixed}
-        return smoothed_curve(model, parameters.informed(priors))
+        return smoothed_curve(model, parameters.informed({**parameters.priors, **priors}))
 
     def fit(
         self, model: Model, values: Floats | None = None, warm_start: Fit | None = None, iterations: int = FIT_ROUNDS,
