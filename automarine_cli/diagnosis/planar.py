@@ -172,14 +172,13 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
         leaders = sorted(promised, key=lambda pair: -pair[1].gain)[:MAX_CANDIDATES_FITTED]
         leaders = [(candidate, promise) for candidate, promise in leaders if 2.0 * promise.gain > HEAD_START]
         fits = [*likelihood.tried(leaders, model, LOOK_ITERATIONS), *likelihood.actuated(model, LOOK_ITERATIONS)]
-        tried = [self.fitted_candidate(candidate, fit, model) for candidate, fit in fits]
+        ranked = sorted((self.fitted_candidate(*pair, model) for pair in fits), key=lambda trial: trial.surplus)
+        tried = [*{trial.candidate.label: trial for trial in ranked}.values()]  # of laws and motions the best
         model, tried = self._on_the_best_summit(model, tried)
         good = sorted((t for t in tried if t.evident and t.held_out > 0), key=lambda trial: -trial.surplus)
         runs = len(likelihood.runs)
         surplus = [(c, 2.0 * promise.gain - penalty(len(c.added), runs)) for c, promise in promised]
-        for name in dict(ACTUATORS):
-            of_name = sorted((t for t in tried if t.candidate.name == name), key=lambda trial: -trial.surplus)
-            surplus += [(trial.candidate, trial.surplus) for trial in of_name[:1]]
+        surplus += [(t.candidate, t.surplus) for t in tried if t.candidate.name in dict(ACTUATORS)]
         if not good:
             return PlanarStep(model, tuple(surplus), tuple(tried))
         best, *runners_up = good

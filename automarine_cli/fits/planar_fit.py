@@ -61,7 +61,7 @@ OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "
 SKEW = "planar.m_vr"
 ACTUATORS = ((THRUSTER_LAG, 0), (THRUSTER_LAG, 1), ("dead-band", 0))
 """What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band."""
-MIN_LAG_S = 0.01  # s from which a lag starts
+START_LAG_S = 0.01  # from which a lag starts at least
 IDLE_SHARE = 0.05  # of its usual size at which nothing is left of it
 STEADY_LEVEL = 0.975  # at which the mean gain of a run has to exceed zero, by Student's t
 DECAY_S = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
@@ -192,11 +192,9 @@ class Candidate:
     @classmethod
     def of_terms(cls, name: str, model: Model, *terms: Term) -> "Candidate":
         """The candidate of a `model` that has its `terms`, all of its name if none is given."""
-        names = [
-            parameter for term in terms or [term for term in model.terms if term.name == name]
-            for parameter, held in zip(model.names_of(term), term.effect.held(term.values)) if not held
-        ]  # fmt: skip
-        return cls(name, tuple(names), model)
+        terms = terms or tuple(term for term in model.terms if term.name == name)
+        added = [parameter for term in terms for parameter in model.names_of(term) if parameter in model.free]
+        return cls(name, tuple(added), model)
 
 
 Begin = tuple[Model, Mapping[str, float]]
@@ -518,16 +516,19 @@ def with_actuators(likelihood: "PlanarLikelihood", base: OutputErrorFit) -> Outp
     """The fit with what stands between command and force, if the evidence asks for it, and in the mean of runs; else
     `base`."""
     tried, runs = likelihood.actuated(base, NEIGHBOUR_ITERATIONS), len(likelihood.runs)
-    candidate, best = min(tried, key=lambda pair: criterion(pair[1]), default=(None, base))
-    gained, doubt = best.mixed.density - base.mixed.density, np.inf
-    if runs > 1:
-        doubt = special.stdtrit(runs - 1, STEADY_LEVEL) * float(gained.std(ddof=1)) / np.sqrt(runs)
-    steady = float(gained.mean()) > doubt
-    if candidate is None or not steady or criterion(best) > criterion(base) - MIN_PROPOSED_GAIN:
+    if not tried or runs < 2:
+        return base
+    candidate, best = min(tried, key=lambda pair: criterion(pair[1]))
+    gained = best.mixed.density - base.mixed.density
+    doubt = special.stdtrit(runs - 1, STEADY_LEVEL) * gained.std(ddof=1) / np.sqrt(runs)
+    if gained.mean() <= doubt or criterion(best) > criterion(base) - MIN_PROPOSED_GAIN:
         return base
     best = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
     fewest = likelihood.without_idle(best.model, candidate.name)
-    return best if fewest == best.model else likelihood.estimate(fewest, best.mixed.of_chance, settled=ROUGHLY)
+    if fewest == best.model:
+        return best
+    some = len(fewest.terms) > len(base.model.terms)
+    return likelihood.estimate(fewest, best.mixed.of_chance, settled=ROUGHLY) if some else base
 
 
 def search(likelihood: "PlanarLikelihood") -> tuple[OutputErrorFit, ...]:
@@ -808,7 +809,7 @@ class PlanarLikelihood:
             slow, wide = name == THRUSTER_LAG, model
             for i in changing:
                 first, *more = start_of(name, course, i, law)
-                wide = wide.with_term(Term(name, (max(delay, MIN_LAG_S) if slow else first, *more), dof=i))
+                wide = wide.with_term(Term(name, (max(delay, START_LAG_S) if slow else first, *more), dof=i))
             begins.append((wide, at_once if slow else chances))
         fits = list(zip(lacking, self.brief(begins, iterations)))
         fewer = [(law, self.without_idle(of.model, law[0]), of.mixed.of_chance) for law, of in fits if of is not None]
