@@ -224,7 +224,7 @@ def fit_planar(
     """
     from automarine_cli.fits.driven import parse_effects
     from automarine_cli.fits.known import parse_known, qualified
-    from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search
+    from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search, with_rudder
     from automarine_cli.runs.frames import frame_warnings
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar
@@ -236,6 +236,7 @@ def fit_planar(
     warnings += [limit.warning for limit in campaign.limits]
     names = channels.names()
     priors = qualified(beforehand, names, signed=sorted({*names.values()} - {*OWN}))
-    fit = PlanarLikelihood(campaign.runs, channels, priors, parse_effects(with_effects, *PLANAR.dofs))
+    names_with_rudder = with_rudder(parse_effects(with_effects, *PLANAR.dofs), campaign.runs, channels)
+    fit = PlanarLikelihood(campaign.runs, channels, priors, names_with_rudder)
     tried = search(fit)
     return PlanarFit(tried, *fit.choose(tried), campaign.runs, channels, campaign.set_aside, tuple(warnings), priors)

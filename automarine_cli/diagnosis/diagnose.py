@@ -176,6 +176,11 @@ class JudgedRuns:
     def shows(self) -> bool:
         return not np.isnan(self.gap.before)
 
+    def misses(self, least: float) -> bool:
+        """Whether what the last model predicts is no better than a constant, by more than `least` [rad or m]."""
+        after = self.outlook.longest[1] if self.outlook else None
+        return after is not None and not after.of_use and not after.error <= least
+
     def worse(self, dof: Dof) -> str:
         """Say by how much predictions over the longest deciding horizon get worse; empty where they do not."""
         ahead = self.outlook.ahead if self.outlook else ()

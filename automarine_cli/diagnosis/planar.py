@@ -121,6 +121,7 @@ HEAD_START = 10.0  # deviance beyond the penalty that an effect has to gain
 MIN_STDERRS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
 MAX_CANDIDATES_FITTED = 4  # in a round: those that promise most
 LOOK_ITERATIONS = 6  # of each
+NOISE_SHARE = 3.0  # times the noise of headings, from which a prediction misses
 MAX_EFFECTS_NAMED = 3  # effects that are named at most
 
 
@@ -235,6 +236,8 @@ def diagnose_planar(
     verdict, why = verdict_of(rounds, where)
     added, final = needed(likelihood, [step for step in rounds if step.best is not None], before)
     fitted, held_out = (judged_runs(some, before, final) for some in (likelihood, other))
+    if verdict == NOTHING and held_out.misses(NOISE_SHARE * final.mixed.noise_of[YAW.position]):
+        verdict, why = UNEXPLAINED, "It predicts the runs held out no better than a constant. No candidate explains it."
     surplus = {trial.candidate.added: trial.surplus for trial in rounds[0].tried}
     gains = [(candidate, surplus.get(candidate.added, promise)) for candidate, promise in rounds[0].promised]
     return Diagnosis(
@@ -314,7 +317,8 @@ def named_effects(
         weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
         candidate, estimates = trial.candidate, {**trial.estimate.by_name, **(final.by_name if steps else {})}
         values = {name: estimates[name] for name in candidate.added}
-        says = SAYS.get(candidate.name) or effects.get(candidate.name).card(YAW).says.rstrip(".")
+        dof = next(dof for dof in (*PLANAR.dofs, YAW) if dof is YAW or candidate.added[0].startswith(f"{dof.name}."))
+        says = SAYS.get(candidate.name) or effects.get(candidate.name).card(dof).says.rstrip(".")
         says, law = f"{says} ({', '.join(candidate.added)}).", "surge, sway and yaw"
         entries.append(NamedEffect(candidate.name, law, says, values, weight, None, rivals, label=candidate.label))
     return tuple(entries)

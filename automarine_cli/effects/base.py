@@ -193,6 +193,7 @@ class Effect:
     parity: ClassVar[str] = EVEN
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()  # signals that its methods read
+    acts_on: ClassVar[str] = ""  # the signal on which an actuator acts where that is logged beside the commands
     logged: ClassVar[tuple[str, ...]] = ()  # columns of which its signals are made, where they are none themselves
     stage: ClassVar[int] = TOGETHER
     uses_position: ClassVar[bool] = False  # whether the moment depends on the position, else summed at the end

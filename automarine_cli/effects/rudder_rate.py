@@ -32,6 +32,7 @@ class RudderRate(Effect):
         ),
     )
     needs = ("rudder",)
+    acts_on = "rudder"
     rotational = True
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:

@@ -27,6 +27,7 @@ class RudderStall(Effect):
         "(2021), Handbook of Marine Craft Hydrodynamics and Motion Control, section 9.5 (rudders)"
     )
     needs = ("rudder",)
+    acts_on = "rudder"
     rotational = True
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
 from automarine_cli.logs.columns import SIGNALS
-from automarine_cli.models.model import Bound, Model, Term, actuators
+from automarine_cli.models.model import Bound, Model, Term, actuators, turned
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.rollout import foreknown, in_body_axes, right_hand_side, rk4
@@ -98,10 +98,9 @@ class Step:
         self.clock, self.signals = course.time, course.averaged_signals
         self.inverse = np.linalg.inv(model.inertia_matrix(theta))
         self.delivered, self.tilt, *self._before = thrust or thrust_of(model, course, theta, late)
-        self._commanded = {
-            name: course.averaged(column[None], late)[0].swapaxes(1, 2)
-            for name, column in course.signals.items() if name in SIGNALS and SIGNALS[name].commanded
-        }  # fmt: skip
+        acting = {n: column[None] for n, column in course.signals.items() if n in SIGNALS and SIGNALS[n].commanded}
+        acting |= turned(terms, course.signals, course.commands[0])
+        self._commanded = {n: course.averaged(column, late)[0].swapaxes(1, 2) for n, column in acting.items()}
         self.water_moves = model.current(theta)
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.uses_position for t in terms)

@@ -72,9 +72,10 @@ def parse_effects(names: Sequence[str], *dofs: Dof) -> tuple[str, ...]:
     Raises SettingError for what is none, or belongs to the drag.
     """
     every = [effects.get(name) for name in effects.names()] if names else []
-    steers = len(dofs) == 1  # in the plane the rudder is no command, on which an actuator acts
-    rudders = {of.name for of in every if of.place is effects.Place.ACTUATOR and "rudder" in of.needs and not steers}
-    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role and of.name not in rudders]
+    in_plane = len(dofs) > 1  # in the plane the rudder is a signal, of which no command is made
+    steering = {of.name for of in every if of.place is effects.Place.ACTUATOR and "rudder" in of.needs}
+    steering = {name for name in steering if in_plane and not effects.get(name).acts_on}
+    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role and of.name not in steering]
     for name in names:
         if name not in may:
             raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")
@@ -333,7 +334,9 @@ def _with_bias(covariance: Floats, fit: Fit, bias: Floats) -> Floats:
 def start_of(name: str, course: Course, place: int = 0, law: int = 0) -> list[float]:
     """Give values from which the fit of an effect in one of its laws starts, on the degree of freedom in that place;
     what others refer to is that of the logs."""
-    parameters, largest = effects.get(name).parameters, float(np.abs(course.commanded[place]).max()) or 1.0
+    effect = effects.get(name)
+    acted_on = course.signals.get(effect.acts_on, course.commanded[place])
+    parameters, largest = effect.parameters, float(np.abs(acted_on).max()) or 1.0
     logged = {signal: float(column[course.width > 0].mean()) for signal, column in course.signals.items()}
     references = {"moment": largest, "clock": float(course.start.min()), **logged}
     return [

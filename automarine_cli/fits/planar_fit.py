@@ -11,6 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from automarine_cli import effects
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
+from automarine_cli.effects import Commands
 from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -59,8 +60,19 @@ inertia in yaw can be told from Munk's moment."""
 OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
 """Qualified names of inertias and drags, which are above zero."""
 SKEW = "planar.m_vr"
-ACTUATORS = ((THRUSTER_LAG, 0), (THRUSTER_LAG, 1), ("dead-band", 0))
-"""What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band."""
+DEAD_BAND, STEERING_GEAR, STALL = "dead-band", "rudder-rate", "rudder-stall"
+ACTUATORS = (
+    (THRUSTER_LAG, 0), (THRUSTER_LAG, 1), (DEAD_BAND, 0), (STEERING_GEAR, 0), (STEERING_GEAR, 1), (STALL, 0)
+)  # fmt: skip
+"""What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band; a
+steering gear with a largest rate, or with a lag as well; a rudder that stalls."""
+STALL_SHARE = 0.65  # of the largest angle, from which a stall starts
+GEARS = (
+    tuple((float(rate), 0.0, 1.0) for rate in np.geomspace(0.05, 3.2, 25)),
+    tuple((5.0, 1.0, float(lag)) for lag in np.geomspace(0.05, 1.6, 21)),
+)
+"""Steering gears from which a fit may start, by law: largest rate [rad/s], law, time constant [s]."""
+RUDDER_EFFECTS = ("rudder", "rudder-drag")
 START_LAG_S = 0.01  # from which a lag starts at least
 IDLE_SHARE = 0.05  # of its usual size at which nothing is left of it
 STEADY_LEVEL = 0.975  # at which the mean gain of a run has to exceed zero, by Student's t
@@ -195,6 +207,12 @@ class Candidate:
         terms = terms or tuple(term for term in model.terms if term.name == name)
         added = [parameter for term in terms for parameter in model.names_of(term) if parameter in model.free]
         return cls(name, tuple(added), model)
+
+
+def with_rudder(names: Sequence[str], runs: Sequence[Run], observed: Observed) -> tuple[str, ...]:
+    """Effects that are asked for, and those of a rudder where nothing else steers and every run logs it."""
+    steered = observed.rudder_alone and all("rudder" in run.extras for run in runs)
+    return tuple(dict.fromkeys((*names, *(RUDDER_EFFECTS if steered else ()))))
 
 
 Begin = tuple[Model, Mapping[str, float]]
@@ -389,6 +407,28 @@ def momentum_balance(run: Run) -> dict[str, dict[str, Floats]]:
         },
     }  # fmt: skip
     return {dof.name: {**balances[dof.name], dof.command: over(run.command_of(dof))} for dof in PLANAR.dofs}
+
+
+def unbalanced(runs: Sequence[Run], sizes: Mapping[str, float]) -> float:
+    """Sum over sway and yaw of the logarithm of the mean square of what momenta leave over by these `sizes` of
+    parameters, as a share of all that goes in."""
+    balances, total = [momentum_balance(run) for run in runs], 0.0
+    for dof in (SWAY, YAW):
+        columns = {name: np.concatenate([b[dof.name][name] for b in balances]) for name in balances[0][dof.name]}
+        force = columns.pop(dof.command)
+        parts = np.stack([sizes.get(name, 0.0) * column for name, column in columns.items()])
+        total += float(np.log(np.mean((force - parts.sum(axis=0)) ** 2) / np.mean(np.abs(parts).sum(axis=0) ** 2)))
+    return total
+
+
+def put_over(run: Run, gear: tuple[float, ...]) -> Run:
+    """The run with the angle that a steering gear gives its rudder."""
+    angle, length = run.extras["rudder"], np.diff(run.time, append=run.time[-1])
+    commands = Commands(
+        angle[None, None], run.time[None, None], length[None, None], angle[None, :1], np.zeros((1, 1)), {}
+    )
+    values = tuple(np.full((1, 1, 1), value) for value in gear)
+    return replace(run, extras={**run.extras, "rudder": effects.get(STEERING_GEAR).deliver(commands, values)[0, 0]})
 
 
 def forecasts_of(problem: DrivenProblem, fit: Fit) -> Judgement:
@@ -642,6 +682,7 @@ class PlanarFit(Shown):
 INERTIAS = (0.5, 1.0, 2.0)  # shares of rough inertias from which a first fit starts
 SIZES = (0.02, 0.2)  # disturbances, as shares of the acceleration of the largest command, to start from
 NEIGHBOUR_ITERATIONS = 4  # iterations of a brief fit
+GEAR_ITERATIONS = 16  # with a steering gear, which changes what the hull is taken for
 WORTH_IT = 0.02  # share of the errors of predictions that is worth another structure
 
 
@@ -802,20 +843,58 @@ class PlanarLikelihood:
         A slope tells nothing of a lag where a delay stands for it: it begins with the delay's time in its place."""
         course, model, chances = self.course, fit.model, fit.mixed.of_chance
         delay, at_once = fit.delay.value, {**chances, COMMAND_DELAY: min(fit.delay.value, self.course.half_width)}
-        changing = [i for i, dof in enumerate(PLANAR.dofs) if any(np.ptp(run.command_of(dof)) for run in self.runs)]
-        lacking = [(name, law) for name, law in ACTUATORS if name not in [term.name for term in model.terms]]
-        begins = list[Begin]()
-        for name, law in lacking if changing else ():
-            slow, wide = name == THRUSTER_LAG, model
-            for i in changing:
+        lacking, begins = list[tuple[str, int]](), list[Begin]()
+        for name, law in ACTUATORS:
+            if name in [term.name for term in model.terms] or not (places := self._acting(model, name)):
+                continue
+            wide = model
+            for i in places:
                 first, *more = start_of(name, course, i, law)
-                wide = wide.with_term(Term(name, (max(delay, START_LAG_S) if slow else first, *more), dof=i))
-            begins.append((wide, at_once if slow else chances))
-        fits = list(zip(lacking, self.brief(begins, iterations)))
+                first *= STALL_SHARE if name == STALL else 1.0
+                first = max(delay, START_LAG_S) if name == THRUSTER_LAG else first
+                wide = wide.with_term(Term(name, (first, *more), dof=i))
+            if name == STEERING_GEAR and (wide := self._geared(model, law)) is model:
+                continue
+            lacking.append((name, law))
+            begins.append((wide, at_once if name in (THRUSTER_LAG, STEERING_GEAR) else chances))
+        gears = sum(name in (STEERING_GEAR, STALL) for name, _ in lacking)  # they come last
+        of_thrusters = len(begins) - gears
+        fits = list(zip(lacking, self.brief(begins[:of_thrusters], iterations)))
+        fits += zip(lacking[of_thrusters:], self.brief(begins[of_thrusters:], max(iterations, GEAR_ITERATIONS)))
         fewer = [(law, self.without_idle(of.model, law[0]), of.mixed.of_chance) for law, of in fits if of is not None]
-        fewer = [entry for entry in fewer if len(model.terms) < len(entry[1].terms) < len(model.terms) + len(changing)]
+        most = [len(model.terms) + len(self._acting(model, name)) for (name, _), *_ in fewer]
+        fewer = [entry for entry, all_ in zip(fewer, most) if len(model.terms) < len(entry[1].terms) < all_]
         fits += zip([law for law, *_ in fewer], self.brief([(of, random) for _, of, random in fewer], iterations))
         return [(Candidate.of_terms(name, of.model), of) for (name, _), of in fits if of is not None]
+
+    def _geared(self, model: Model, law: int) -> Model:
+        """The model with a steering gear, of GEARS that whose rudder balances the momentum of the runs best, and the
+        hull that does so: beside a gear it is another one than without. The model itself where none does so better than
+        the rudder as it is logged."""
+        trials = []
+        for gear in GEARS[law]:
+            runs = [put_over(run, gear) for run in self.runs]
+            sizes = by_momentum(runs, model.free)
+            trials.append((unbalanced(runs, sizes), gear, sizes))
+        least, gear, sizes = min(trials)
+        if least >= unbalanced(self.runs, by_momentum(self.runs, model.free)):
+            return model
+        inertia, values = YAW.parameter("inertia"), model.values
+        scale = values[inertia] / sizes.get(inertia, values[inertia])
+        sizes = {name: (scale if name.startswith("yaw.") else 1.0) * size for name, size in sizes.items()}
+        theta = [value if name in self.priors else sizes.get(name, value) for name, value in values.items()]
+        return model.with_theta(theta).with_term(Term(STEERING_GEAR, gear, dof=PLANAR.index(YAW)))
+
+    def _acting(self, model: Model, name: str) -> list[int]:
+        """Places of the motions in which runs may show what acts on commands: those whose command changes, of a dead
+        band those whose command is zero at times or changes sides, of what a rudder does that of the heading."""
+        if name in (STEERING_GEAR, STALL):
+            return [PLANAR.index(YAW)] if "rudder" in [term.name for term in model.terms] else []
+        commands = [np.concatenate([run.command_of(dof) for run in self.runs]) for dof in PLANAR.dofs]
+        return [
+            i for i, command in enumerate(commands)
+            if np.ptp(command) and (name != DEAD_BAND or command.min() <= 0.0 <= command.max())
+        ]  # fmt: skip
 
     def without_idle(self, model: Model, name: str) -> Model:
         """The model without what is called `name` in motions in which nothing is left of it."""

@@ -24,7 +24,7 @@ r_2 = (delta + b/2)/c is the size of the other root: equation 9 for k_r = 0, equ
 """
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof, Motion, alone
-from automarine_cli.effects import Effect, Place, State
+from automarine_cli.effects import Commands, Effect, Place, State
 from automarine_cli.errors import ModelError
 from automarine_cli.models.parameter import SMALLEST, Parameter, Parameters
 from automarine_cli.quantities import STEERED, Floats
@@ -150,20 +150,35 @@ class Term:
 
 @dataclass(frozen=True)
 class Bound:
-    """An effect that acts on the degree of freedom in place `dof`, with its parameters, each (P, 1)."""
+    """An effect that acts on the degree of freedom in place `dof`, with its parameters, each (P, 1); an actuator of a
+    logged `signal`, a rudder beside thrusters, acts on that and on no command."""
 
     dof: int
     effect: Effect
     values: tuple[Floats, ...]
+    signal: str = ""
 
     def wide(self) -> tuple[Floats, ...]:
         return tuple(value[..., None] for value in self.values)
 
 
-def actuators(terms: Sequence[Bound]) -> list[Bound]:
-    """Return the terms that act on commands, in the order in which they do."""
-    acting = [term for term in terms if term.effect.place is Place.ACTUATOR]
+def actuators(terms: Sequence[Bound], signal: str = "") -> list[Bound]:
+    """Return the terms that act on commands, or on a `signal`, in the order in which they do."""
+    acting = [term for term in terms if term.effect.place is Place.ACTUATOR and term.signal == signal]
     return sorted(acting, key=lambda term: term.effect.stage)
+
+
+def turned(terms: Sequence[Bound], signals: Mapping[str, Floats], like: Commands) -> dict[str, Floats]:
+    """Return those of the logged `signals` (R, M) that actuators act on as they deliver them, (P, R, M), on the steps
+    of commands `like` theirs."""
+    answer = dict[str, Floats]()
+    for name in dict.fromkeys(term.signal for term in terms if term.signal):
+        length = np.maximum(like.length, 0.0)  # a gear only knows time to pass
+        commands = replace(like, force=signals[name][None], before=signals[name][:, :1], length=length)
+        for term in actuators(terms, name):
+            commands = replace(commands, force=term.effect.deliver(commands, term.wide()))
+        answer[name] = commands.force
+    return answer
 
 
 @dataclass(frozen=True)
@@ -284,6 +299,7 @@ class Model:
                 entries.append(Parameter(names[0], term.values[0], step=step, unit=effect.unit))
                 continue
             fixed = [term.name in dropped or constant for constant in effect.held(term.values)]
+            angle = bool(self.signal_of(term))
             for name, law, value, stays in zip(names, effect.parameters, term.values, fixed):
                 lower, upper = max(law.lower, least_delay if effect.shifts(term.values) else -np.inf), law.upper
                 if law.scan and effect.varies(term.values):
@@ -291,8 +307,8 @@ class Model:
                 if effect.role == "linear" and ((signed_drag and has_both_drags) or steers):
                     lower = -np.inf
                 log = law.log or (log_drag and term.base and effect.role in (main, "restoring") and not stays)
-                step = max(law.scaled(law.start, size[term.dof]), 1e-6)
-                unit = dof.unit_in(law.unit, units[term.dof])
+                step = max(law.scaled(law.start, 1.0 if angle else size[term.dof]), 1e-6)
+                unit = dof.unit_in(law.unit, STEERED if angle else units[term.dof])
                 entry = Parameter(name, value, lower, upper, log, step, effect.role, unit)
                 entries.append(entry.at(value) if stays else entry)
         for name, speed in zip(CURRENT, self.water or ()):
@@ -305,7 +321,8 @@ class Model:
     @property
     def hull(self) -> "Model":
         """The model without what acts on commands before they are forces."""
-        return replace(self, terms=tuple(t for t in self.terms if t.effect.place is not Place.ACTUATOR))
+        acting = [t for t in self.terms if t.effect.place is Place.ACTUATOR and not self.signal_of(t)]
+        return replace(self, terms=tuple(term for term in self.terms if term not in acting))
 
     @property
     def steered(self) -> bool:
@@ -386,7 +403,14 @@ class Model:
     def forces(self, theta: Floats) -> list[Bound]:
         """Return each effect with the degree of freedom on which it acts."""
         columns = iter(theta.T[len(self.masses) :, :, None])
-        return [Bound(term.dof, term.effect, tuple(next(columns) for _ in term.values)) for term in self.terms]
+        return [
+            Bound(term.dof, term.effect, tuple(next(columns) for _ in term.values), self.signal_of(term))
+            for term in self.terms
+        ]
+
+    def signal_of(self, term: Term) -> str:
+        """Return the logged column on which a term acts; empty for the commands, of which a steering rudder is one."""
+        return "" if self.steered else term.effect.acts_on
 
     def current(self, theta: Floats) -> Floats | None:
         """Return the velocity of the water north and east [m/s], (2, P, 1), constant and without swirl; None for still

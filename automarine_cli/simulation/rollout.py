@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli.effects import Commands, Place, State
-from automarine_cli.models.model import Bound, Model, actuators
+from automarine_cli.models.model import Bound, Model, actuators, turned
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch, Channel, steps_of
 
@@ -169,8 +169,9 @@ def _integrate(
     motion, movers = model.motion, [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
     followed = motion.turns or any(term.effect.uses_position for term in movers)
     tau = _delivered(batch, commands, start, shape)
-    clock, signals = commands[0], commands[0].signals
-    curves = foreknown(movers, signals)
+    clock = commands[0]
+    signals = {**clock.signals, **turned(terms, clock.signals, clock)}
+    curves = foreknown(movers, clock.signals)
     lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (clock.length, clock.start))
     position = np.array(np.broadcast_to(start.position, shape), dtype=float)
     velocity = np.array(np.broadcast_to(start.velocity, shape), dtype=float)
@@ -181,7 +182,7 @@ def _integrate(
     velocities, travelled = np.empty((steps + 1, *shape)), np.zeros((steps + 1, *shape))
     stirred = np.empty((steps + 1, count, *shape[1:]))
     velocities[0], travelled[0], stirred[0] = velocity, position, start.water
-    columns = {name: np.ascontiguousarray(column.T) for name, column in signals.items()}
+    columns = {name: np.ascontiguousarray(np.moveaxis(column, -1, 0)) for name, column in signals.items()}
     columns |= {name: curve.swapaxes(0, 1) for name, curve in curves.items()}
     logged: Mapping[str, Floats] = {}
     for first, last, on in _stretches(batch.length):

@@ -237,7 +237,7 @@ def test_recovered_from_data_made_with_it(name: str) -> None:
     fit = study.fit(model)
     trial = CandidateFit((effect.name,), model.with_theta(fit.theta[:-1]), fit, 0.0)
     found = parameter_estimates(study, trial, effect.name)
-    every = zip(effect.parameters, effect.card(YAW, "nu").parameters, truth, effect.held(truth))
+    every = zip(effect.parameters, effect.card(YAW, base.moment_unit).parameters, truth, effect.held(truth))
     for parameter, filled, value, held in every:
         estimate = found[filled.name]
         assert estimate.unit == filled.unit

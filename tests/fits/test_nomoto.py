@@ -13,9 +13,9 @@ from scipy import integrate
 from automarine_cli.commands.fit_motion import fit_yaw
 from automarine_cli.commands.validate import validate
 from automarine_cli.comparison.validation import compare
-from automarine_cli.dofs import PLANAR, YAW
+from automarine_cli.dofs import PLANAR, YAW, alone
 from automarine_cli.fits.characteristics import executes, overshoots
-from automarine_cli.fits.planar_fit import PlanarLikelihood, observed
+from automarine_cli.fits.planar_fit import PlanarLikelihood, observed, with_actuators, with_rudder
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.parameter import Prior
 from automarine_cli.models.store import StoredModels
@@ -112,6 +112,17 @@ def steered_runs(thrusts: Sequence[float], length_s: float = 30.0) -> list[Run]:
     return runs
 
 
+def measured(model: Model, runs: Sequence[Run]) -> list[Run]:
+    """The runs as the model makes them, with noise of 1 cm/s and 0.005 rad."""
+    random, noisy = np.random.default_rng(0), list[Run]()
+    path = simulate(model, make_batch(runs, 0.05, model.signals, motion=PLANAR))
+    for i, run in enumerate(runs):
+        u, v, _ = path.velocities[0, i].T + 0.01 * random.standard_normal((3, len(run)))
+        heading = path.positions[0, i, :, 2] + 0.005 * random.standard_normal(len(run))
+        noisy.append(replace(run, position=heading, extras={**run.extras, "surge": u, "sway": v}))
+    return noisy
+
+
 def test_in_the_plane_a_rudder_is_driven_by_the_speed_of_the_model() -> None:
     model, (run,) = planar_boat(), steered_runs([12.0])
     assert model.signals == ("rudder",)
@@ -166,14 +177,7 @@ def test_validate_tells_overshoot_angles_in_the_plane(rudder: float, at_most: fl
 
 @pytest.mark.slow
 def test_fit_planar_finds_the_rudder() -> None:
-    truth, random = planar_boat(), np.random.default_rng(0)
-    runs = steered_runs((6.0, 12.0, 20.0, 9.0))
-    path = simulate(truth, make_batch(runs, 0.05, truth.signals, motion=PLANAR))
-    noisy = []
-    for i, run in enumerate(runs):
-        u, v, _ = path.velocities[0, i].T + 0.01 * random.standard_normal((3, len(run)))
-        heading = path.positions[0, i, :, 2] + 0.005 * random.standard_normal(len(run))
-        noisy.append(replace(run, position=heading, extras={**run.extras, "surge": u, "sway": v}))
+    noisy = measured(planar_boat(), steered_runs((6.0, 12.0, 20.0, 9.0)))
     scale = {"sway.m_v": Prior(30.0, 0.3), "yaw.I_r": Prior(4.0, 0.04)}  # no force abeam and no moment is logged
     likelihood = PlanarLikelihood(tuple(noisy), observed(noisy), scale, ("rudder", "rudder-drag"))
     found = likelihood.estimate(likelihood.simplest).by_name
@@ -184,6 +188,67 @@ def test_fit_planar_finds_the_rudder() -> None:
     ):
         assert abs(found[name].value - value) < 4.0 * found[name].stderr + 0.03 * abs(value), (name, found[name])
         assert found[name].stderr < 0.5 * abs(value)
+
+
+RATE = 0.5  # rad/s
+
+
+def put_over(run: Run, rate: float = RATE) -> Run:
+    """The run with the angle that a gear of this largest rate gives its rudder, from row to row."""
+    angle, angles = 0.0, list[float]()
+    for asked, step in zip(run.extras["rudder"], np.diff(run.time, append=run.time[-1])):
+        angles.append(angle)
+        angle += float(np.clip(asked - angle, -rate * step, rate * step))
+    return replace(run, extras={**run.extras, "rudder": np.array(angles)})
+
+
+@pytest.mark.parametrize("beside_thrusters", [False, True])
+def test_a_gear_turns_the_logged_rudder_and_no_thruster(beside_thrusters: bool) -> None:
+    runs, motion, model = [*map(every_hundredth, steered_runs((12.0,)))], PLANAR, planar_boat()
+    if beside_thrusters:  # in yaw alone
+        runs = [replace(run, moment=np.sign(np.sin(run.time)), extras=run.extras | {"surge": 1.0 + 0.0 * run.time})
+                for run in runs]  # fmt: skip
+        motion, model = alone(YAW), Model.base("3", 4.0, (5.0,), "N m", YAW).with_effect("rudder", (3.0,))
+    place = motion.index(YAW)
+    geared = model.with_term(Term("rudder-rate", (RATE, 0.0, 1.0), dof=place))
+    path, same = (
+        simulate(of, make_batch(logs, 0.01, model.signals, motion=motion)).positions[0, 0, :, place]
+        for of, logs in ((geared, runs), (model, [*map(put_over, runs)]))
+    )
+    np.testing.assert_allclose(path, same, rtol=0, atol=0.01)
+    asked = simulate(model, make_batch(runs, 0.01, model.signals, motion=motion)).positions[0, 0, :, place]
+    assert np.abs(path - asked).max() > 0.1
+
+
+def every_hundredth(run: Run) -> Run:
+    """The run with a hundred rows a second, which hold what is commanded."""
+    time = np.arange(0.0, run.time[-1], 0.01)
+    held = np.searchsorted(run.time, time + 1e-9, side="right") - 1
+    extras = {name: column[held] for name, column in run.extras.items()}
+    return replace(run, time=time, position=0.0 * time, moment=0.0 * time, extras=extras)
+
+
+@pytest.mark.slow
+def test_fit_planar_finds_a_slow_steering_gear_without_being_asked() -> None:
+    """Where the log holds the angle commanded, a slow gear is not taken for a hull that turns about by itself; where it
+    holds the angle itself, no gear is found."""
+    truth, asked = planar_boat(), steered_runs((6.0, 12.0, 20.0, 9.0))
+    for name, value in (("N_uv", -10.0), ("N_ur", 5.0)):  # that make it keep its course
+        truth = truth.with_term(Term.cross(name, value))
+    geared = truth.with_term(Term("rudder-rate", (RATE, 0.0, 1.0), dof=2))
+    scale = {"sway.m_v": Prior(30.0, 0.3), "yaw.I_r": Prior(4.0, 0.04)}
+    for model, logs in ((geared, asked), (truth, [*map(put_over, asked)])):
+        runs = measured(model, logs)
+        seen = observed(runs)
+        assert with_rudder((), runs, seen) == ("rudder", "rudder-drag")
+        likelihood = PlanarLikelihood(tuple(runs), seen, scale, with_rudder((), runs, seen))
+        fit = with_actuators(likelihood, likelihood.estimate(likelihood.simplest))
+        gear = [name for name in fit.model.free if "rudder-rate" in name]
+        assert gear == (["yaw.rudder-rate.rate"] if model is geared else [])
+        expected = {"yaw.rudder.N_delta": 3.0, **dict.fromkeys(gear, RATE)}
+        for name, value in expected.items():
+            assert abs(fit.by_name[name].value - value) < 4.0 * fit.by_name[name].stderr + 0.03 * value, name
+        assert not gear or fit.by_name[gear[0]].unit == "rad/s"
 
 
 @pytest.mark.slow

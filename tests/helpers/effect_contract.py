@@ -16,7 +16,7 @@ from automarine_cli.effects.base import MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.logs.columns import SIGNALS
 from automarine_cli.models.model import Model
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -85,7 +85,10 @@ SIZES: Mapping[str, tuple[float, ...]] = {
 
 
 def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> Model:
-    """The paper's vehicle as model 3; as model 1 for the effect that is model 3's own drag."""
+    """The paper's vehicle as model 3; as model 1 for the effect that is its own drag, and steered for
+    what acts on rudders."""
+    name = name.partition(" ")[0]
+    unit = STEERED if name in effects.names() and effects.get(name).acts_on else unit
     if name == "quadratic-drag":
         return Model.base("1", scale * INERTIA, (scale * 0.6,), unit, YAW)
     return Model.base("3", scale * INERTIA, (scale * K_RR,), unit, YAW)
