@@ -317,7 +317,7 @@ def named_effects(
         weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
         candidate, estimates = trial.candidate, {**trial.estimate.by_name, **(final.by_name if steps else {})}
         values = {name: estimates[name] for name in candidate.added}
-        dof = next(dof for dof in (*PLANAR.dofs, YAW) if dof is YAW or candidate.added[0].startswith(f"{dof.name}."))
+        dof = next((dof for dof in PLANAR.dofs if candidate.added[0].startswith(f"{dof.name}.")), YAW)
         says = SAYS.get(candidate.name) or effects.get(candidate.name).card(dof).says.rstrip(".")
         says, law = f"{says} ({', '.join(candidate.added)}).", "surge, sway and yaw"
         entries.append(NamedEffect(candidate.name, law, says, values, weight, None, rivals, label=candidate.label))

@@ -73,9 +73,8 @@ def parse_effects(names: Sequence[str], *dofs: Dof) -> tuple[str, ...]:
     """
     every = [effects.get(name) for name in effects.names()] if names else []
     in_plane = len(dofs) > 1  # in the plane the rudder is a signal, of which no command is made
-    steering = {of.name for of in every if of.place is effects.Place.ACTUATOR and "rudder" in of.needs}
-    steering = {name for name in steering if in_plane and not effects.get(name).acts_on}
-    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role and of.name not in steering]
+    steering = [of for of in every if of.place is effects.Place.ACTUATOR and "rudder" in of.needs and not of.acts_on]
+    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role and not (in_plane and of in steering)]
     for name in names:
         if name not in may:
             raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")

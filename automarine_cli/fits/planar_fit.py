@@ -66,6 +66,7 @@ ACTUATORS = (
 )  # fmt: skip
 """What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band; a
 steering gear with a largest rate, or with a lag as well; a rudder that stalls."""
+OF_RUDDERS = (STEERING_GEAR, STALL)
 STALL_SHARE = 0.65  # of the largest angle, from which a stall starts
 GEARS = (
     tuple((float(rate), 0.0, 1.0) for rate in np.geomspace(0.05, 3.2, 25)),
@@ -177,6 +178,12 @@ def observed(runs: Sequence[Run]) -> Observed:
     return channels
 
 
+def with_rudder(names: Sequence[str], runs: Sequence[Run], observed: Observed) -> tuple[str, ...]:
+    """Effects that are asked for, and those of a rudder where nothing else steers and every run logs it."""
+    steered = observed.rudder_alone and all("rudder" in run.extras for run in runs)
+    return tuple(dict.fromkeys((*names, *(RUDDER_EFFECTS if steered else ()))))
+
+
 def _read(run: Run, quantity: str) -> bool:
     column = run.channel(quantity)
     summed = run.summed_up and quantity == run.dof.position
@@ -207,12 +214,6 @@ class Candidate:
         terms = terms or tuple(term for term in model.terms if term.name == name)
         added = [parameter for term in terms for parameter in model.names_of(term) if parameter in model.free]
         return cls(name, tuple(added), model)
-
-
-def with_rudder(names: Sequence[str], runs: Sequence[Run], observed: Observed) -> tuple[str, ...]:
-    """Effects that are asked for, and those of a rudder where nothing else steers and every run logs it."""
-    steered = observed.rudder_alone and all("rudder" in run.extras for run in runs)
-    return tuple(dict.fromkeys((*names, *(RUDDER_EFFECTS if steered else ()))))
 
 
 Begin = tuple[Model, Mapping[str, float]]
@@ -411,13 +412,14 @@ def momentum_balance(run: Run) -> dict[str, dict[str, Floats]]:
 
 def unbalanced(runs: Sequence[Run], sizes: Mapping[str, float]) -> float:
     """Sum over sway and yaw of the logarithm of the mean square of what momenta leave over by these `sizes` of
-    parameters, as a share of all that goes in."""
+    parameters, as a share of all that goes in; infinity where these are none."""
     balances, total = [momentum_balance(run) for run in runs], 0.0
     for dof in (SWAY, YAW):
         columns = {name: np.concatenate([b[dof.name][name] for b in balances]) for name in balances[0][dof.name]}
         force = columns.pop(dof.command)
         parts = np.stack([sizes.get(name, 0.0) * column for name, column in columns.items()])
-        total += float(np.log(np.mean((force - parts.sum(axis=0)) ** 2) / np.mean(np.abs(parts).sum(axis=0) ** 2)))
+        left_over, size = np.mean((force - parts.sum(axis=0)) ** 2), np.mean(np.abs(parts).sum(axis=0) ** 2)
+        total += float(np.log(left_over / size)) if size > 0 and left_over > 0 else np.inf
     return total
 
 
@@ -857,13 +859,14 @@ class PlanarLikelihood:
                 continue
             lacking.append((name, law))
             begins.append((wide, at_once if name in (THRUSTER_LAG, STEERING_GEAR) else chances))
-        gears = sum(name in (STEERING_GEAR, STALL) for name, _ in lacking)  # they come last
-        of_thrusters = len(begins) - gears
-        fits = list(zip(lacking, self.brief(begins[:of_thrusters], iterations)))
-        fits += zip(lacking[of_thrusters:], self.brief(begins[of_thrusters:], max(iterations, GEAR_ITERATIONS)))
+        thrusters = sum(name not in OF_RUDDERS for name, _ in lacking)  # they come first
+        fits = list(zip(lacking, self.brief(begins[:thrusters], iterations)))
+        fits += zip(lacking[thrusters:], self.brief(begins[thrusters:], max(iterations, GEAR_ITERATIONS)))
         fewer = [(law, self.without_idle(of.model, law[0]), of.mixed.of_chance) for law, of in fits if of is not None]
-        most = [len(model.terms) + len(self._acting(model, name)) for (name, _), *_ in fewer]
-        fewer = [entry for entry, all_ in zip(fewer, most) if len(model.terms) < len(entry[1].terms) < all_]
+        fewer = [
+            (law, of, random) for law, of, random in fewer
+            if 0 < len(of.terms) - len(model.terms) < len(self._acting(model, law[0]))
+        ]  # fmt: skip
         fits += zip([law for law, *_ in fewer], self.brief([(of, random) for _, of, random in fewer], iterations))
         return [(Candidate.of_terms(name, of.model), of) for (name, _), of in fits if of is not None]
 
@@ -888,7 +891,7 @@ class PlanarLikelihood:
     def _acting(self, model: Model, name: str) -> list[int]:
         """Places of the motions in which runs may show what acts on commands: those whose command changes, of a dead
         band those whose command is zero at times or changes sides, of what a rudder does that of the heading."""
-        if name in (STEERING_GEAR, STALL):
+        if name in OF_RUDDERS:
             return [PLANAR.index(YAW)] if "rudder" in [term.name for term in model.terms] else []
         commands = [np.concatenate([run.command_of(dof) for run in self.runs]) for dof in PLANAR.dofs]
         return [
