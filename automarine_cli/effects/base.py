@@ -194,6 +194,7 @@ class Effect:
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()  # signals that its methods read
     acts_on: ClassVar[str] = ""  # the signal on which an actuator acts where that is logged beside the commands
+    steered: ClassVar[bool | None] = None  # whether the angle of a rudder has to be the command, or may not be it
     logged: ClassVar[tuple[str, ...]] = ()  # columns of which its signals are made, where they are none themselves
     stage: ClassVar[int] = TOGETHER
     uses_position: ClassVar[bool] = False  # whether the moment depends on the position, else summed at the end
@@ -212,6 +213,18 @@ class Effect:
     def needs_at(self, values: tuple[float, ...]) -> tuple[str, ...]:
         """Signals that it reads under the law that holds at these values."""
         return self.needs
+
+    def law_of(self, logged: Collection[str]) -> int:
+        """The first of its laws for which all signals are logged; the first of all where there is none."""
+        laws = range(1 + max((len(p.choices) - 1 for p in self.parameters if p.choices), default=0))
+        return next((law for law in laws if set(self.needs_at(self._starts(law))) <= set(logged)), 0)
+
+    def needs_of(self, logged: Collection[str]) -> tuple[str, ...]:
+        """Signals that it reads under that law."""
+        return self.needs_at(self._starts(self.law_of(logged)))
+
+    def _starts(self, law: int) -> tuple[float, ...]:
+        return tuple(float(law) if p.choices else p.start for p in self.parameters)
 
     def shifts(self, values: Sequence[float]) -> bool:
         """Whether it makes every command late by the same time, as a logger's convention does."""

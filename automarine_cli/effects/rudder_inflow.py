@@ -22,6 +22,7 @@ class RudderInflow(Effect):
     separated_by = "small rudder angles at two speeds: large ones slow the vehicle down as they turn it"
     source = "Yasukawa and Yoshimura (2015), J. Marine Science and Technology 20:37 (inflow behind the propeller)"
     needs = ("surge", "rudder")
+    steered = True
     rotational = True
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:

@@ -21,7 +21,7 @@ class RudderRate(Effect):
     )
     equation = "|{f}_delivered'| <= rate, towards {f}"
     says = "The steering gear follows the commanded rudder only at its largest rate."
-    reveals = "zigzags with the rudder from hard over to hard over, where only the command is logged"
+    reveals = "zigzags from hard over to hard over, where only the command is logged"
     mistaken_for = ("input-delay", "thruster-lag")
     separated_by = "small and large changes of the rudder at one speed, or a log of its angle"
     source = "Van Amerongen (1982), Adaptive steering of ships, Delft (steering machine with a limited rate)"

@@ -19,7 +19,7 @@ class RudderStall(Effect):
     )
     equation = "{f}_delivered = sgn({f}) (stall - fall (|{f}| - stall)) where |{f}| > stall, at least 0"
     says = "Beyond an angle the rudder stalls and loses lift."
-    reveals = "zigzags or turns with the rudder at several angles up to hard over"
+    reveals = "zigzags or turns at several rudder angles, up to hard over"
     mistaken_for = ("saturation", "thrust-exponent")
     separated_by = "turns at three or more angles on both sides of the suspected stall"
     source = (

@@ -73,8 +73,7 @@ def parse_effects(names: Sequence[str], *dofs: Dof) -> tuple[str, ...]:
     """
     every = [effects.get(name) for name in effects.names()] if names else []
     in_plane = len(dofs) > 1  # in the plane the rudder is a signal, of which no command is made
-    steering = [of for of in every if of.place is effects.Place.ACTUATOR and "rudder" in of.needs and not of.acts_on]
-    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role and not (in_plane and of in steering)]
+    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role and not (in_plane and of.steered)]
     for name in names:
         if name not in may:
             raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")
@@ -161,6 +160,7 @@ MIN_PROPOSED_GAIN = 10.0  # deviance beyond its penalty that an effect has to ga
 BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
 MIN_GAIN_SHARE, MAX_LOSS = 0.02, 0.10  # by which forecasts of the second estimator have to be better, or may be worse
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
+STEERING_GEAR = "rudder-rate"  # and that of a rudder
 THRUSTER_LAG, MIN_LATE_STDERRS = "thruster-lag", 4.0  # looked for where commands are late beyond half a sample
 BRIEF_STDERRS = 0.05  # within which its fits end
 
@@ -347,7 +347,7 @@ def start_of(name: str, course: Course, place: int = 0, law: int = 0) -> list[fl
 def starts_in_likeliest_laws(names: Sequence[str], course: Course, batch: Batch, priors: Priors) -> list[list[float]]:
     """Values from which the fits of effects start, each in its law, those under which the runs are likeliest beside
     both drags (Akaike's criterion)."""
-    several = list(product(*([start_of(name, course, law=i) for i in range(laws_of(name))] for name in names)))
+    several = list(product(*([start_of(name, course, law=i) for i in laws_of(name, course)] for name in names)))
     if len(several) == 1:
         return list(several[0])
     rough = rough_model("2", batch)
@@ -358,10 +358,11 @@ def starts_in_likeliest_laws(names: Sequence[str], course: Course, batch: Batch,
     return list(several[int(np.argmax(scores))])
 
 
-def laws_of(name: str) -> int:
-    """How many laws a fit chooses from: the first alone of what differs from run to run or reads further columns."""
+def laws_of(name: str, course: Course) -> Sequence[int]:
+    """The laws that a fit chooses from: of what differs from run to run, or reads further columns, one alone."""
     effect = effects.get(name)
-    return 1 if effect.per_run or effect.columns else max(1, *(len(p.choices) for p in effect.parameters))
+    alone = effect.per_run or effect.columns
+    return [effect.law_of(course.signals)] if alone else range(max(1, *(len(p.choices) for p in effect.parameters)))
 
 
 def _runaway(model: Model, fit: Fit, course: Course) -> str:
@@ -458,7 +459,9 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
     """
     narrow, count, have = fit.mixed, len(fit.model.theta), {term.name for term in fit.model.terms}
     gains, shifts = dict[str, float](), dict[str, Floats]()
-    tried = [(name, start_of(name, course), narrow.of_chance) for name in PROPOSED]
+    has_rudder = course.moment_unit == STEERED or "rudder" in course.signals
+    names = (*PROPOSED, *((STEERING_GEAR,) if has_rudder else ()))
+    tried = [(name, start_of(name, course), narrow.of_chance) for name in names]
     if comes_late(fit, course.half_width):
         at_once = {**narrow.of_chance, COMMAND_DELAY: 0.0}
         tried += [(THRUSTER_LAG, start, at_once) for start in lags_like(fit.delay.value, course)]
@@ -486,7 +489,7 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
 
 def lags_like(delay: float, course: Course) -> list[list[float]]:
     """Give the values of thrusters that lag for as long as a `delay` [s], in each law."""
-    return [[delay, *start_of(THRUSTER_LAG, course, law=law)[1:]] for law in range(laws_of(THRUSTER_LAG))]
+    return [[delay, *start_of(THRUSTER_LAG, course, law=law)[1:]] for law in laws_of(THRUSTER_LAG, course)]
 
 
 def comes_late(fit: OutputErrorFit, half_sample: float) -> bool:

@@ -295,7 +295,8 @@ def identify_turns(
         steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
-    steered = any(turn.step.run.moment_unit == STEERED for turn in turns)  # its thrust may be anything
+    # what the rudder is alone, or beside: its thrust may be anything, and so may its speed
+    steered = any(turn.step.run.moment_unit == STEERED or puts_rudder(turn.step.run) for turn in turns)
     few_steps = not enough or 2 * len(turns) < runs
     stepped = fit_to == "half-turns" or (fit_to == "auto" and not few_steps)
     if stepped and not (with_effects or steered or dof.restoring):
@@ -365,7 +366,7 @@ def _parts(turns: Sequence[HalfTurn], to_end: bool) -> tuple[list[Run], NDArray[
 
 def _rough_start(rough: VelocityErrorFit, dof: Dof, number: str) -> Start:
     """Values by role from which the fit of a model begins, by the tails of half-turns."""
-    table = rough.inertia["3"]  # where noise made it negative, the middle of the sizes
+    table = rough.inertia.get("3") or rough.inertia["1"]  # where noise made it negative, the middle of the sizes
     inertia = table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
     linear, quadratic = rough.drag["1"].drag[0], rough.drag["3"].drag[1]
     constant = rough.drag["1" if number == "1" else "3"].estimates.get(dof.symbols.constant)
@@ -415,7 +416,8 @@ def _fit_whole(
     at_rest = start_at_rest(moving)
     steered, asked = moving[0].moment_unit == STEERED, with_effects
     with_effects = (*with_effects, *(name for name in effects_of_rudder(moving) if name not in with_effects))
-    signals = tuple(dict.fromkeys(need for name in with_effects for need in effects.get(name).needs))
+    logged = {name for name in moving[0].extras if all(run.signal(name) is not None for run in moving)}
+    signals = tuple(dict.fromkeys(need for name in with_effects for need in effects.get(name).needs_of(logged)))
     # until it is let go, something that no model knows holds the vehicle against its constant force
     free = [run.cut(max(released(run) - 1, 0), len(run)) for run in moving] if dof.has_constant else moving
     course, refused = make_course(free, at_rest, signals, channels=chosen.names), dict[str, str]()
@@ -469,9 +471,18 @@ def _fit_whole(
 MIN_SPEED_SPREAD = 0.05  # share of the mean speed by which it has to vary before its part can be seen
 
 
+def puts_rudder(run: Run) -> bool:
+    """Tell whether a run logs a rudder that moves beside a command that is not its angle."""
+    angle = run.extras.get("rudder", np.zeros(1))
+    return run.moment_unit != STEERED and bool(np.nanmax(angle) > np.nanmin(angle))
+
+
 def effects_of_rudder(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Name what a vehicle that is steered has beside its drag, where its speed is logged and varies: a moment that
-    follows the square of the speed, and a hull's resistance to turns, which is in proportion to the speed."""
+    """Name what a vehicle with a rudder has beside its drag. Beside thrusters the rudder has a moment of its own. One
+    that is steered has, where its speed is logged and varies, a moment that follows the square of the speed, and a
+    hull's resistance to turns, which is in proportion to the speed."""
+    if any(map(puts_rudder, runs)) and all("rudder" in run.extras for run in runs):
+        return ("rudder",)
     speeds = [run.extras["surge"] for run in runs if run.moment_unit == STEERED and "surge" in run.extras]
     every = np.concatenate([*speeds, np.zeros(0)])
     if len(speeds) < len(runs) or not np.isfinite(every).all():

@@ -556,6 +556,9 @@ def fit_velocity_error(
         drag[name], table = more.tables(data.moment, tails, fit)
         if table is not None:
             inertia[name] = table
+    if not inertia.keys() - {"2"}:
+        says = "the steady {speed}s of the {step}s fit no drag and give no {inertia}; fit them with --fit-to whole-runs"
+        raise FitError(data.dof.fill(says))
     steady = bool(np.abs(grid.bias).max(axis=0).min() <= BIAS_LIMIT)
     expect = Expected(grid.start[place], grid.bias[:, place], grid.dilution[place], grid.noise[:, place])
     return VelocityErrorFit(float(expect.start), tail is not None, expect, steady, tails, variance, drag, inertia)

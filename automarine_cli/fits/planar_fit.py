@@ -12,6 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 from automarine_cli import effects
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
 from automarine_cli.effects import Commands
+from automarine_cli.effects.rudder_offset import RudderOffset
 from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -19,6 +20,7 @@ from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits.driven import (
     MIN_PROPOSED_GAIN,
     PLACE,
+    STEERING_GEAR,
     THRUSTER_LAG,
     ForecastScore,
     Judgement,
@@ -60,7 +62,7 @@ inertia in yaw can be told from Munk's moment."""
 OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
 """Qualified names of inertias and drags, which are above zero."""
 SKEW = "planar.m_vr"
-DEAD_BAND, STEERING_GEAR, STALL = "dead-band", "rudder-rate", "rudder-stall"
+DEAD_BAND, STALL = "dead-band", "rudder-stall"
 ACTUATORS = (
     (THRUSTER_LAG, 0), (THRUSTER_LAG, 1), (DEAD_BAND, 0), (STEERING_GEAR, 0), (STEERING_GEAR, 1), (STALL, 0)
 )  # fmt: skip
@@ -228,20 +230,22 @@ def candidates(model: Model, observed: Observed, rough: Mapping[str, float] | No
 
     No m_vr where a rudder alone steers: as long as motions are small any m_vr answers the rudder alike, with other
     derivatives, and it would take whatever else the model lacks."""
-    have = {(term.dof, term.name) for term in model.terms}
+    have, yaw = {(term.dof, term.name) for term in model.terms}, PLANAR.index(YAW)
     for term in map(Term.cross, WITH_WAY_ON if observed.rudder_alone else CROSS_DRAGS):
         if (term.dof, term.name) not in have and (SWAY in observed.dofs or term.name == "N_ur"):
             yield Candidate.of_term(model, term)
     if SWAY in observed.dofs and SKEW in model.fixed and not observed.rudder_alone:
         fixed = tuple(name for name in model.fixed if name != SKEW)
         yield Candidate("cross-coupling", (SKEW,), replace(model, fixed=fixed))
-    steering = [term.dof for term in model.terms if term.name == "rudder" and (term.dof, RudderRace.name) not in have]
-    if steering:
+    steering = [term.dof for term in model.terms if term.name == "rudder"]
+    if unraced := [place for place in steering if (place, RudderRace.name) not in have]:
         raced = model
-        for place in steering:
+        for place in unraced:
             raced = raced.with_term(Term(RudderRace.name, (0.0,), dof=place))
         added = tuple(name for name in raced.parameter_names if name not in model.parameter_names)
         yield Candidate(RudderRace.name, added, raced)
+    if steering and (yaw, RudderOffset.name) not in have:
+        yield Candidate.of_term(model, Term(RudderOffset.name, (0.0,), dof=yaw))
     for dof in observed.dofs:
         lacking = [law for law in PLANE_DRAG_LAWS if (PLANAR.index(dof), law) not in have]
         for law in lacking:

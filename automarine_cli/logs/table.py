@@ -104,6 +104,8 @@ def read_log(
         # nothing else turns it: the rudder is the command; in the plane it acts beside none
         values_of[dof.command] = values_of["rudder"] * (1.0 if motion is None else 0.0)
         units[dof.command] = STEERED if motion is None else dof.units.forces[1]
+        if line := likely_line(raw.names, dof.command):
+            notes.append(f"the rudder is all that steers. If a column is a moment beside it, write {line} {GIVE_IT}")
     words = categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)})
     return LogTable(
         source, values_of, raw.rows, labels_of(raw, columns, source), units, extras, raw.names, (*raw.notes, *notes),
@@ -385,7 +387,7 @@ def require(table: LogTable, quantities: Sequence[str], alternative: str = "") -
     missing = f"{table.source}: no {' and '.join(map(naming.called, lacking))}"
     if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
         raise LogError(f"{missing}; {table.origin.why_not}")
-    lines = [line for quantity in lacking if (line := likely_line(table, quantity))]
+    lines = [line for quantity in lacking if (line := likely_line(table.names, quantity))]
     hint = " and ".join(lines or [f'{naming.names_of(lacking[0])[0]} = "NAME"'])
     holds = f" in a file that holds {listed(table.holds)}" if table.holds else ""
     raise LogError(
@@ -440,10 +442,10 @@ def means_thruster_test(quantities: Set[str], names: Sequence[str], dof: Dof) ->
     )
 
 
-def likely_line(table: LogTable, quantity: str) -> str:
-    """Return the line of a column map for the column that may be meant by a quantity, empty where none is; pulses to
-    thrusters rest at 1500 us."""
-    column = naming.likely_column(quantity, _free(table.names))
+def likely_line(names: Sequence[str], quantity: str) -> str:
+    """Return the line of a column map for the column of these `names` that may be meant by a quantity, empty where
+    none is; pulses to thrusters rest at 1500 us."""
+    column = naming.likely_column(quantity, _free(names))
     if column is None:
         return ""
     key, name = naming.likely_canonical(quantity, column), printable(column)

@@ -393,6 +393,10 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     model = f"{DRAG_LAWS[preferred.number]} drag (model {preferred.number})"
     if fit.nomoto is not None:
         model += f", steered by the rudder at {'logged' if fit.nomoto.speed else 'a constant'} speed,"
+    if any(
+        term.name == "rudder" and "surge" not in term.effect.needs_at(term.values) for term in preferred.model.terms
+    ):
+        model += ", with a rudder at a constant speed,"
     head = f"{dof.name.capitalize()}: {model} from {_carrying(fit)}: {values}."
     if fit.of_ratios:
         values = ", ".join(_valued(f"{name}/{symbols.inertia}", e) for name, e in fit.ratios.items())

@@ -86,7 +86,7 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     )  # fmt: skip
     if not summed:
         _refuse(checks.stuck(run.position, _any_command(run), dof))
-    parts = _bridged(_summed_up(run, likely_line(table, dof.position)) if summed else run)
+    parts = _bridged(_summed_up(run, likely_line(table.names, dof.position)) if summed else run)
     if dof.restoring and not np.any(_any_command(run)):
         free = [(decay, len(decay) < len(part)) for part in parts for decay in checks.decays(part)]
         return tuple(decay.noted(NO_HAND) if cut else decay for decay, cut in free)

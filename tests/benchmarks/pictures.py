@@ -38,7 +38,7 @@ from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.innovations import fit_innovations
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 from automarine_cli.report.figures.parameters import thruster_figure
 from automarine_cli.report.figures.runs import drag_figure, half_turns_figure, inertia_figure, validation_figure
 from automarine_cli.report.figures.style import COLOURS as PALETTE
@@ -336,6 +336,7 @@ GALLERY = {
         (0.2, 1.0),
         signals={"rudder": zigzag, "surge": lambda time: np.where(time < 9.0, 1.0, 0.5)},
     ),
+    "rudder-offset": Panel("square wave of the rudder", SQUARE, (0.15,), signals={"rudder": zigzag}, until=20.0),
     "rudder-race": Panel(
         "zigzag, twice the thrust later",
         ((0.0, 20.0),),
@@ -424,11 +425,10 @@ def gallery_run(effect: Effect, panel: Panel, acts: bool) -> tuple[Floats, Float
     extras = {name: column(time) for name, column in panel.signals.items()}
     if panel.starboard is not None:
         extras |= parts_of([port, starboard], panel.dof)
-    clock = panel.start + time
-    run = Run("run", "run.csv", clock, np.zeros_like(time), port + starboard, "nu", extras, dof=panel.dof)
-    surge = panel.dof is SURGE
+    clock, surge, unit = panel.start + time, panel.dof is SURGE, STEERED if effect.acts_on else "nu"
+    run = Run("run", "run.csv", clock, np.zeros_like(time), port + starboard, unit, extras, dof=panel.dof)
     values = {"1": (0.6,), "2": (10.0, 20.0), "3": (K_RR,)}[panel.base]
-    model = Model.base(panel.base, 20.0 if surge else INERTIA, values, "nu", panel.dof)
+    model = Model.base(panel.base, 20.0 if surge else INERTIA, values, unit, panel.dof)
     model = model.with_effect(effect.name, panel.values) if acts else model
     found = simulate(model, make_batch([run], EVERY, effect.needs))
     if panel.shown == HEADING:

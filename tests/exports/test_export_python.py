@@ -159,6 +159,7 @@ def test_a_mirror_twice_is_nothing(name: str) -> None:
 
 NEEDS = {
     "current-deviation": ((0.06, 0.04, 1.0), "it acts on the reading, not on the vehicle"),
+    "rudder-offset": ((0.1,), "it needs the logged rudder"),
     "rudder-race": ((0.4,), "it needs the logged rudder, force_X"),
     "rudder-rate": ((0.3,), "it needs the logged rudder"),
     "rudder-stall": ((0.5, 0.5), "it needs the logged rudder"),

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from made_rudder import MEMORY_TIME, QUICK_INERTIA, QUICK_LINEAR, QUICK_QUADRATIC, Boat, quick_zigzag
 from scipy import integrate
@@ -15,12 +16,14 @@ from automarine_cli.commands.validate import validate
 from automarine_cli.comparison.validation import compare
 from automarine_cli.dofs import PLANAR, YAW, alone
 from automarine_cli.fits.characteristics import executes, overshoots
+from automarine_cli.fits.identify import effect_estimates
 from automarine_cli.fits.planar_fit import PlanarLikelihood, observed, with_actuators, with_rudder
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.parameter import Prior
 from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import STEERED
 from automarine_cli.report.figures.runs import planar_figure
+from automarine_cli.report.fit_report import sentences
 from automarine_cli.report.validation_report import planar_table
 from automarine_cli.runs.load import TO_PORT, load_runs
 from automarine_cli.runs.run import Run
@@ -89,6 +92,63 @@ def test_gain_and_time_are_within_their_errors(side: int, speed: bool, tmp_path:
     path = tmp_path / "yaw_model.json"
     path.write_text(json.dumps(fit.to_json()), encoding="utf-8")
     assert validate([tmp_path], model=path).runs
+
+
+INERTIA, LINEAR, QUADRATIC, N_DELTA, AHEAD = 5.0, 3.0, 4.0, 8.0, 1.2  # of a boat with thrusters and a rudder
+
+
+def with_thrusters(seed: int, side: int, rate: float) -> pd.DataFrame:
+    """Log a boat whose thrusters and rudder, with a gear of this largest rate [rad/s], turn it by turns."""
+    random, step, rows = np.random.default_rng(seed), 0.01, []
+    psi = r = angle = moment = asked = 0.0
+    for k in range(4000):
+        if k % 500 == 100:
+            moment = random.choice([-3.0, -1.5, 0.0, 1.5, 3.0])
+        if k % 700 == 200:
+            asked = np.deg2rad(random.choice([-25.0, -10.0, 0.0, 10.0, 25.0]))
+        angle += float(np.clip(asked - angle, -rate * step, rate * step))
+        if k % 10 == 0:
+            heading = np.rad2deg(psi) + 0.3 * random.standard_normal()
+            rows.append((k * step, moment, side * np.rad2deg(asked), heading % 360, AHEAD))
+        drive = moment + N_DELTA * angle * AHEAD**2
+        middle = r + 0.5 * step * (drive - LINEAR * r - QUADRATIC * r * abs(r)) / INERTIA
+        before, r = r, r + step * (drive - LINEAR * middle - QUADRATIC * middle * abs(middle)) / INERTIA
+        psi += 0.5 * step * (before + r)
+    return pd.DataFrame(rows, columns=["time_s", "tau_Nm", "rudder_deg", "heading_deg", "surge_m_s"]).round(4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("side", "gear", "without"), [(1, 99.0, []), (-1, 0.15, ["surge_m_s"])])
+def test_a_rudder_beside_thrusters_has_a_moment_without_being_asked_for(
+    side: int, gear: float, without: list[str], tmp_path: Path
+) -> None:
+    """Without a logged speed at that of all runs; a slow gear is proposed, and with it nothing else is amiss."""
+    for seed in range(4):
+        log = with_thrusters(seed, side, gear).drop(columns=without)
+        log.to_csv(tmp_path / f"run_{seed}.csv", index=False)
+    slow = gear < 1.0
+    if slow:
+        assert "rudder-rate" in fit_yaw([tmp_path]).preferred.proposed
+    fit = fit_yaw([tmp_path], with_effects=("rudder-rate",) if slow else ())
+    estimates = fit.preferred.estimates
+    for group in effect_estimates(fit.preferred).values():
+        estimates = {**estimates, **group}
+    expected = {"I_r": INERTIA, "N_delta": side * N_DELTA * (AHEAD**2 if without else 1.0)}
+    expected |= {"rate": gear} if slow else {}
+    for name, value in expected.items():
+        estimate = estimates[name]
+        assert abs(estimate.value - value) < 4.0 * estimate.stderr + 0.01 * abs(value), name
+        assert estimate.stderr < 0.1 * abs(value), name
+    assert ("constant speed" in sentences(fit)[0]) == bool(without)
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_a_moment_of_another_name_beside_a_rudder_is_asked_for(planar: bool, tmp_path: Path) -> None:
+    log = Boat().zigzag(1.2, 10.0, 0).assign(moment_Nm=0.5, force_X_N=1.0)
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (run,) = load_runs([tmp_path], dof=YAW, planar=planar).runs
+    (note,) = (note for note in run.reading if "moment_Nm" in note)
+    assert 'write tau_Nm = "moment_Nm"' in note
 
 
 def planar_boat() -> Model:

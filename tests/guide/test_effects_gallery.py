@@ -11,8 +11,8 @@ from automarine_cli.effects import Effect
 PAGE = guide.FOLDER / "effects-gallery.md"
 HEAD = """# Gallery of effects: what each looks like in the data
 
-[`diagnose`](commands/diagnose.md) can name these {count} effects. Each panel is a run of a simulated vehicle, without
-noise: grey without the effect, blue with it. Without the runs under *best seen in*, a diagnosis may miss the effect.
+[`diagnose`](commands/diagnose.md) can name these {count} effects. Each panel is a simulated run without noise: grey
+without the effect, blue with it. Without the runs under *best seen in*, a diagnosis may miss the effect.
 [`automarine effects NAME`](commands/effects.md) prints equation, parameters, look-alikes and source.
 """
 WIDTH = 640
@@ -31,13 +31,14 @@ def gallery() -> str:
 
 def row(effect: Effect) -> str:
     card = effect.card(YAW)
-    only = f" ({' and '.join(effect.motions)} only)" if len(effect.motions) < len(DOFS) else ""
+    motions = (*effect.motions, *(["plane"] if effect.acts_on else []))
+    only = f" ({', '.join(motions)} only)" if len(effect.motions) < len(DOFS) else ""
     return f"|`{card.name}`|{card.says}{only}|{card.reveals}|"
 
 
 def test_the_gallery_is_made_from_the_library() -> None:
     assert PAGE.read_text(encoding="utf-8") == gallery()
-    assert len(gallery().split()) <= 1060
+    assert len(gallery().split()) <= 1070
 
 
 def test_every_effect_has_its_panel() -> None:
