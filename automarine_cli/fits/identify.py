@@ -295,8 +295,9 @@ def identify_turns(
         steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
-    # what the rudder is alone, or beside: its thrust may be anything, and so may its speed
-    steered = any(turn.step.run.moment_unit == STEERED or puts_rudder(turn.step.run) for turn in turns)
+    stepping = [turn.step.run for turn in turns]
+    steered = any(run.moment_unit == STEERED for run in stepping)  # its thrust may be anything
+    steered = steered or rudder_beside(stepping)
     few_steps = not enough or 2 * len(turns) < runs
     stepped = fit_to == "half-turns" or (fit_to == "auto" and not few_steps)
     if stepped and not (with_effects or steered or dof.restoring):
@@ -471,17 +472,26 @@ def _fit_whole(
 MIN_SPEED_SPREAD = 0.05  # share of the mean speed by which it has to vary before its part can be seen
 
 
-def puts_rudder(run: Run) -> bool:
-    """Tell whether a run logs a rudder that moves beside a command that is not its angle."""
-    angle = run.extras.get("rudder", np.zeros(1))
-    return run.moment_unit != STEERED and bool(np.nanmax(angle) > np.nanmin(angle))
+MIN_APART = 0.1  # share of a rudder's variance that commands beside it must leave unexplained
+
+
+def rudder_beside(runs: Sequence[Run]) -> bool:
+    """Tell whether all runs log a rudder that moves beside their commands, and not as they do."""
+    if not runs or not all("rudder" in run.extras and run.moment_unit != STEERED for run in runs):
+        return False
+    angle, command = (
+        np.nan_to_num(np.concatenate(columns))
+        for columns in ([run.extras["rudder"] for run in runs], [run.command for run in runs])
+    )
+    left = angle - command * float(command @ angle) / max(float(command @ command), 1e-12)
+    return bool(np.ptp(angle)) and float(left @ left) > MIN_APART * float(angle @ angle)
 
 
 def effects_of_rudder(runs: Sequence[Run]) -> tuple[str, ...]:
     """Name what a vehicle with a rudder has beside its drag. Beside thrusters the rudder has a moment of its own. One
     that is steered has, where its speed is logged and varies, a moment that follows the square of the speed, and a
     hull's resistance to turns, which is in proportion to the speed."""
-    if any(map(puts_rudder, runs)) and all("rudder" in run.extras for run in runs):
+    if rudder_beside(runs):
         return ("rudder",)
     speeds = [run.extras["surge"] for run in runs if run.moment_unit == STEERED and "surge" in run.extras]
     every = np.concatenate([*speeds, np.zeros(0)])

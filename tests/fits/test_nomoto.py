@@ -16,7 +16,7 @@ from automarine_cli.commands.validate import validate
 from automarine_cli.comparison.validation import compare
 from automarine_cli.dofs import PLANAR, YAW, alone
 from automarine_cli.fits.characteristics import executes, overshoots
-from automarine_cli.fits.identify import effect_estimates
+from automarine_cli.fits.identify import effect_estimates, effects_of_rudder
 from automarine_cli.fits.planar_fit import PlanarLikelihood, observed, with_actuators, with_rudder
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.parameter import Prior
@@ -140,6 +140,16 @@ def test_a_rudder_beside_thrusters_has_a_moment_without_being_asked_for(
         assert abs(estimate.value - value) < 4.0 * estimate.stderr + 0.01 * abs(value), name
         assert estimate.stderr < 0.1 * abs(value), name
     assert ("constant speed" in sentences(fit)[0]) == bool(without)
+
+
+@pytest.mark.parametrize(("moment_Nm", "beside"), [(2.0, True), (0.0, False)])
+def test_a_rudder_that_is_the_moment_is_not_beside_it(moment_Nm: float, beside: bool, tmp_path: Path) -> None:
+    """Logs whose map makes the moment of the rudder, up to its scale, hold it twice."""
+    log = Boat().zigzag(1.2, 10.0, 0)
+    turned = moment_Nm * np.sign(np.sin(log["time_s"]))
+    log.assign(tau_Nm=turned - 0.02 * log["rudder_deg"]).to_csv(tmp_path / "log.csv", index=False)
+    runs = load_runs([tmp_path], dof=YAW).runs
+    assert effects_of_rudder(runs) == (("rudder",) if beside else ())
 
 
 @pytest.mark.parametrize("planar", [False, True])
