@@ -387,7 +387,7 @@ def usable_runs(runs: Sequence[Run], channels: str) -> tuple[tuple[Run, ...], Ch
     Raises RunError where no run is left.
     """
     steered, undriven = without_undriven(runs)
-    serves = [len(run) >= FEWEST_SAMPLES and (bool(np.any(run.command != 0)) or coasts(run)) for run in steered]
+    serves = [len(run) >= FEWEST_SAMPLES and (bool(run.acting.any()) or coasts(run)) for run in steered]
     loose, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
     usable, contrary = without_contrary(loose)
     short = tuple(ExcludedRun(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
@@ -407,7 +407,7 @@ def _fit_whole(
 ) -> YawFit:  # fmt: skip
     moving, chosen, short = usable_runs(runs, channels)
     dof = moving[0].dof
-    idle = np.array([not np.any(run.command) for run in moving])
+    idle = np.array([not run.acting.any() for run in moving])
     free_decays = bool(idle.all())
     of_ratios = free_decays and dof.parameter("inertia") not in priors
     if of_ratios:

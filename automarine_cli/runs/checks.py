@@ -208,7 +208,7 @@ def undriven(run: Run) -> str | None:
     before, after = speed[:-1], speed[1:]
     gained = np.maximum(np.abs(after) - np.maximum(before * np.sign(after), 0.0), 0.0)
     gained[gained < max(dof.limits.start, SPEED_SIGMAS * run.noise) / SPEED_PIECE_S] = 0.0
-    acting = run.time[run.command != 0]
+    acting = run.time[run.acting]
     idle = np.searchsorted(acting, edges[:-2] - ECHO_S) == np.searchsorted(acting, edges[2:], side="right")
     alone = idle & (gained > 0)
     there, back = _times(alone & (after > 0)), _times(alone & (after < 0))

@@ -226,6 +226,12 @@ class Run:
         """Commanded moment or force [`moment_unit`], shape (N,). Raises RunError where the log has none."""
         return self.command_of(self.dof)
 
+    @property
+    def acting(self) -> NDArray[np.bool_]:
+        """Where a command drives the run, or a rudder beside it, (N,)."""
+        rudder = self.extras.get("rudder") if self.dof.wraps else None
+        return (self.command != 0) | (False if rudder is None else np.nan_to_num(rudder) != 0)
+
     def command_of(self, dof: Dof) -> Floats:
         """Commanded moment or force of any degree of freedom, (N,). Raises RunError where the log has none."""
         command = self.moment if dof is self.dof else self.extras.get(dof.command)

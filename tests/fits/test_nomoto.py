@@ -16,7 +16,7 @@ from automarine_cli.commands.validate import validate
 from automarine_cli.comparison.validation import compare
 from automarine_cli.dofs import PLANAR, YAW, alone
 from automarine_cli.fits.characteristics import executes, overshoots
-from automarine_cli.fits.identify import effect_estimates, effects_of_rudder
+from automarine_cli.fits.identify import effect_estimates, effects_of_rudder, usable_runs
 from automarine_cli.fits.planar_fit import PlanarLikelihood, observed, with_actuators, with_rudder
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.parameter import Prior
@@ -150,6 +150,13 @@ def test_a_rudder_that_is_the_moment_is_not_beside_it(moment_Nm: float, beside: 
     log.assign(tau_Nm=turned - 0.02 * log["rudder_deg"]).to_csv(tmp_path / "log.csv", index=False)
     runs = load_runs([tmp_path], dof=YAW).runs
     assert effects_of_rudder(runs) == (("rudder",) if beside else ())
+
+
+def test_runs_by_the_rudder_alone_count_beside_those_by_thrusters(tmp_path: Path) -> None:
+    for seed, still in enumerate(("rudder_deg", "tau_Nm")):
+        with_thrusters(seed, 1, 99.0).assign(**{still: 0.0}).to_csv(tmp_path / f"{still}.csv", index=False)
+    used, _, set_aside = usable_runs(load_runs([tmp_path], dof=YAW).runs, "auto")
+    assert len(used) == 2 and not set_aside and effects_of_rudder(used) == ("rudder",)
 
 
 @pytest.mark.parametrize("planar", [False, True])
