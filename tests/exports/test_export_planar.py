@@ -43,10 +43,11 @@ for steering in (
     Term("rudder-race", (0.2,), dof=2),
 ):  # fmt: skip
     STEERED = STEERED.with_term(steering)
+NEUTRAL_OFF = STEERED.with_term(Term("rudder-offset", (0.1,), dof=2))
 
 
 @pytest.mark.parametrize("frame", ["NED", "ENU"])
-@pytest.mark.parametrize("model", [MODEL, STEERED], ids=["commands", "rudder"])
+@pytest.mark.parametrize("model", [MODEL, STEERED, NEUTRAL_OFF], ids=["commands", "rudder", "neutral"])
 def test_the_python_file_moves_as_the_simulator_does(tmp_path: Path, frame: str, model: Model) -> None:
     """To 1e-6, under commands that change at the samples, and a rudder that is put over."""
     space: dict[str, Any] = {}
@@ -62,7 +63,7 @@ def test_the_python_file_moves_as_the_simulator_does(tmp_path: Path, frame: str,
     time = np.unique(np.concatenate([np.arange(run.time[0], run.time[-1], 0.01), run.time, middle]))
     enu, sides = frame == "ENU", SIDES if frame == "ENU" else np.ones(3)
     begin = np.array([*first[:2], np.pi / 2 - first[2] if enu else first[2], *(moving * sides)])
-    angle = {"rudder": 0.3 * sides[2]} if model is STEERED else {}
+    angle = {"rudder": 0.3 * sides[2]} if model is not MODEL else {}
     moves = space["simulate"](time, *(tau[:, _sample(run.time, middle, time)] * sides[:, None]), *begin, **angle)
     positions, velocities = np.stack(moves)[:, np.isin(time, run.time)]
     if enu:
