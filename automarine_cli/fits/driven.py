@@ -160,7 +160,8 @@ MIN_PROPOSED_GAIN = 10.0  # deviance beyond its penalty that an effect has to ga
 BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
 MIN_GAIN_SHARE, MAX_LOSS = 0.02, 0.10  # by which forecasts of the second estimator have to be better, or may be worse
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
-STEERING_GEAR = "rudder-rate"  # and that of a rudder
+STEERING_GEAR = "rudder-rate"
+PROPOSED_OF_RUDDER = (STEERING_GEAR, "rudder-offset")
 THRUSTER_LAG, MIN_LATE_STDERRS = "thruster-lag", 4.0  # looked for where commands are late beyond half a sample
 BRIEF_STDERRS = 0.05  # within which its fits end
 
@@ -459,8 +460,9 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
     """
     narrow, count, have = fit.mixed, len(fit.model.theta), {term.name for term in fit.model.terms}
     gains, shifts = dict[str, float](), dict[str, Floats]()
-    has_rudder = course.moment_unit == STEERED or "rudder" in course.signals
-    names = (*PROPOSED, *((STEERING_GEAR,) if has_rudder else ()))
+    steered = course.moment_unit == STEERED
+    of_rudder = PROPOSED_OF_RUDDER if steered or "rudder" in course.signals else ()
+    names = [name for name in (*PROPOSED, *of_rudder) if effects.get(name).steered in (None, steered)]
     tried = [(name, start_of(name, course), narrow.of_chance) for name in names]
     if comes_late(fit, course.half_width):
         at_once = {**narrow.of_chance, COMMAND_DELAY: 0.0}
