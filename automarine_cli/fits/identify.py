@@ -295,9 +295,8 @@ def identify_turns(
         steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
-    stepping = [turn.step.run for turn in turns]
-    steered = any(run.moment_unit == STEERED for run in stepping)  # its thrust may be anything
-    steered = steered or rudder_beside(stepping)
+    logged = tuple(load_runs()) if dof.wraps else ()
+    steered = any(run.moment_unit == STEERED for run in logged) or rudder_beside(logged)  # its thrust may be anything
     few_steps = not enough or 2 * len(turns) < runs
     stepped = fit_to == "half-turns" or (fit_to == "auto" and not few_steps)
     if stepped and not (with_effects or steered or dof.restoring):
