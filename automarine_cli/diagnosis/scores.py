@@ -155,7 +155,7 @@ def candidates(study: DiagnosisProblem, model: Model) -> list[str]:
     return [
         effect.name for effect in absent
         if effect.acts_in(model.dof) and set(effect.needs) <= set(study.signals)
-        and (effect.steered is not False or not model.steered)
+        and not (model.steered and effect.steered is False)
         # velocities alone show neither where the vehicle is nor the sensor of that
         and (study.position_counts or not (effect.place is effects.Place.SENSOR or effect.uses_absolute))
         and (study.commanded or effect.place is not effects.Place.ACTUATOR)

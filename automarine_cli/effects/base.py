@@ -216,8 +216,12 @@ class Effect:
 
     def law_of(self, logged: Collection[str]) -> int:
         """The first of its laws for which all signals are logged; the first of all where there is none."""
-        laws = range(1 + max((len(p.choices) - 1 for p in self.parameters if p.choices), default=0))
-        return next((law for law in laws if set(self.needs_at(self._starts(law))) <= set(logged)), 0)
+        return next((law for law in self.places if set(self.needs_at(self._starts(law))) <= set(logged)), 0)
+
+    @property
+    def places(self) -> range:
+        """Places of its laws among the choices."""
+        return range(max([1, *(len(p.choices) for p in self.parameters)]))
 
     def needs_of(self, logged: Collection[str]) -> tuple[str, ...]:
         """Signals that it reads under that law."""

@@ -362,8 +362,7 @@ def starts_in_likeliest_laws(names: Sequence[str], course: Course, batch: Batch,
 def laws_of(name: str, course: Course) -> Sequence[int]:
     """The laws that a fit chooses from: of what differs from run to run, or reads further columns, one alone."""
     effect = effects.get(name)
-    alone = effect.per_run or effect.columns
-    return [effect.law_of(course.signals)] if alone else range(max(1, *(len(p.choices) for p in effect.parameters)))
+    return [effect.law_of(course.signals)] if effect.per_run or effect.columns else effect.places
 
 
 def _runaway(model: Model, fit: Fit, course: Course) -> str:

@@ -478,10 +478,8 @@ def rudder_beside(runs: Sequence[Run]) -> bool:
     """Tell whether all runs log a rudder that moves beside their commands, and not as they do."""
     if not runs or not all("rudder" in run.extras and run.moment_unit != STEERED for run in runs):
         return False
-    angle, command = (
-        np.nan_to_num(np.concatenate(columns))
-        for columns in ([run.extras["rudder"] for run in runs], [run.command for run in runs])
-    )
+    angle = np.nan_to_num(np.concatenate([run.extras["rudder"] for run in runs]))
+    command = np.concatenate([run.command for run in runs])
     left = angle - command * float(command @ angle) / max(float(command @ command), 1e-12)
     return bool(np.ptp(angle)) and float(left @ left) > MIN_APART * float(angle @ angle)
 

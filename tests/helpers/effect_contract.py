@@ -96,7 +96,7 @@ def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> Model:
 
 def laws_of(effect: Effect) -> int:
     """How many laws it has; one that lets runs vary is judged by tests of its own."""
-    return 1 if effect.per_run else max(len(p.choices) or 1 for p in effect.parameters)
+    return 1 if effect.per_run else len(effect.places)
 
 
 def law_names() -> list[str]:
