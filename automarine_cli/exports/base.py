@@ -177,8 +177,9 @@ class Target:
     """One simulator or paper.
 
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
-    effects it has terms for, `lacks` the laws of them that it has none for; `varying` whether also effects that differ
-    from run to run. `si` whether moments must be newton metres; `uses` the settings that mean something; `motions`
+    effects it has terms for, `in_plane` those of them in surge, sway and yaw alone, `lacks` the laws of them that it
+    has none for; `varying` whether also effects that differ from run to run. `si` whether moments must be newton
+    metres; `uses` the settings that mean something; `motions`
     those whose models it takes (none: thruster maps), `several` how it takes motions together (None: not at all)."""
 
     name: str
@@ -187,6 +188,7 @@ class Target:
     write: Callable[[Any], Written]
     frames: tuple[str, ...] = ("NED", "ENU")
     carries: frozenset[str] = frozenset(DRAGS)
+    in_plane: frozenset[str] = frozenset()
     lacks: frozenset[tuple[str, int]] = frozenset()
     si: bool = True
     uses: frozenset[str] = frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu", "arm"})

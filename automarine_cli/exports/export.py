@@ -13,7 +13,7 @@ from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports import base
 from automarine_cli.exports.base import MapSubject, ModelOrigin, MotionSubject, Options, Target, Unsupported
-from automarine_cli.exports.vehicle import DAMPING, Vehicle, planar_couplings
+from automarine_cli.exports.vehicle import DAMPING, PLANES, Vehicle, planar_couplings
 from automarine_cli.models.model import CONSTANT, DELAY, RESTORING, Model, Term
 from automarine_cli.models.store import PLANAR_MODEL, file_and_models, models_of, motion_of
 from automarine_cli.pipeline.records import Source, read_plain
@@ -384,7 +384,7 @@ def _why_not(target: Target, term: Term, dof: Dof) -> str:
         return "it differs from run to run"
     if term.name.startswith(PREFIX) and PREFIX in target.carries:
         return ""
-    if term.name in target.carries:
+    if term.name in target.carries and (term.name not in target.in_plane or dof.number in PLANES):
         lacks = (term.name, effect.law(term.values)) in target.lacks
         return "the target has no counterpart for its law" if lacks else ""
     if dof.has_constant and term.name == "bias-moment":

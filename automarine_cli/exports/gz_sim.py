@@ -22,6 +22,9 @@ FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
 GZ_AXES, GZ_FORCES = "xyzpqr", "xyzkmn"
 RIGID_ENTRIES = ("mass", "mass", "mass", "ixx", "iyy", "izz")
 """Of the six motions: the letters of the fluid's entries and of the forces, and where their own inertia stands."""
+DENSITY = 1000.0  # of LiftDrag's law; only its product with area and coefficient counts
+RUDDER = "The joint rudder takes its angle [rad] from the topic /model/vehicle/joint/rudder/0/cmd_pos."
+BEHIND = "No side force of it is identified: one 1 m behind the origin makes its moment; keep force times distance."
 ENGINE = "the rest of M is fluid_added_mass, which needs the DART engine"
 
 
@@ -31,12 +34,13 @@ def write(subject: Vehicle) -> Written:
     for drag in subject.drags:
         size = ("abs" if drag.factor.startswith("abs") else "") + drag.factor.strip("abs()").upper()
         derivatives[f"{GZ_FORCES[drag.places[0]]}{SPEED_LETTERS[drag.places[-1]].upper()}{size}"] = -drag.value
+    rudder, steering = _rudder(subject)
     off = {"disable_added_mass": "true"}
     if subject.several:
         lacking = [dof.name for dof in MOTIONS if dof.number not in subject.places]
         merge = f"{joined(lacking)} {'are' if lacking[1:] else 'is'} not identified: merge" if lacking else "merge"
         merge = f"{merge.capitalize()} with the values of your model, and add its buoyancy."
-        notes = (*subject.about_own(ENGINE), merge, *subject.about_water())
+        notes = (*subject.about_own(ENGINE), merge, *steering, *subject.about_water())
         lines, off = subject.head(*notes), off | {"disable_coriolis": "true"}
     else:
         axis = subject.axis
@@ -57,6 +61,7 @@ def write(subject: Vehicle) -> Written:
             f"No axis but {axis.dof.name} is identified: the other entries are placeholders; merge with the values of "
             f"your model. Needs a gz-sim that reads {absolute} (since 2023) and, for fluid_added_mass, the DART "
             "engine.",
+            *steering,
         )
         forces = f"{linear} {v} + {absolute} |{v}| {v} + {square} {v}^2 + {dot} {v}'"
         lines = head(axis, f"({RIGID_ENTRIES[i]} + {entry}) {v}' = {axis.force} + {forces}", notes)
@@ -64,7 +69,7 @@ def write(subject: Vehicle) -> Written:
     entries = "".join(f"          <{tag}>{number(value)}</{tag}>\n" for tag, value in tags.items())
     settings = off | {tag: number(value) for tag, value in derivatives.items()}
     fields = {
-        "head": comment(lines), "mass": number(subject.mass),
+        "rudder": rudder, "head": comment(lines), "mass": number(subject.mass),
         **dict(zip(("ixx", "iyy", "izz"), map(number, subject.moments))),
         "added": f"        <fluid_added_mass>\n{entries}        </fluid_added_mass>\n" if tags else "",
         "told": "".join(f"      <{tag}>{value}</{tag}>\n" for tag, value in settings.items()),
@@ -72,9 +77,20 @@ def write(subject: Vehicle) -> Written:
     return Written(filled("gz-sim", fields), notes)
 
 
+def _rudder(subject: Vehicle) -> tuple[str, tuple[str, ...]]:
+    """The joint with its LiftDrag, and sentences on them; nothing without a rudder."""
+    side, turning = (float(subject.diagonal("rudder")[place]) for place in (1, 5))
+    if not (side or turning):
+        return "", ()
+    place, force = (turning / side, side) if side else (-1.0, -turning)
+    fields = {"density": number(DENSITY), "lift": number(2.0 * force / DENSITY), "x": number(place)}
+    return filled("gz-sim_rudder", fields), (RUDDER,) if side else (RUDDER, BEHIND)
+
+
 TARGET = Target(
     name="gz-sim",
     says="Gazebo Sim: SDF for the Hydrodynamics system",
-    forms={FLUID: ".sdf", DERIVATIVE: ".sdf"}, frames=("ENU", "NED"), carries=frozenset({*DRAGS, "drag-asymmetry"}),
-    write=write, several=Several({FLUID: ".sdf"}, couples=True),
+    forms={FLUID: ".sdf", DERIVATIVE: ".sdf"}, frames=("ENU", "NED"), write=write,
+    carries=frozenset({*DRAGS, "drag-asymmetry", "rudder"}), in_plane=frozenset({"rudder"}),
+    lacks=frozenset({("rudder", 1), ("rudder", 2)}), several=Several({FLUID: ".sdf"}, couples=True),
 )  # fmt: skip

@@ -6,13 +6,12 @@ Hydrodynamics and Motion Control, sections 6.3 and 6.4; MSS, CRAFT/USV/models/ot
 N_rrr.
 
 Several motions are a MATLAB function with M, C and D, as the toolbox's vessels have them (section 6.5 of the Handbook):
-M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r + g = tau.
+M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r + g = tau + tau_delta, the last by a rudder's angle.
 """
 
 from automarine_cli import effects
-from automarine_cli.dofs import PLANAR
 from automarine_cli.exports import base
-from automarine_cli.exports.vehicle import MATRIX_EFFECTS, Vehicle
+from automarine_cli.exports.vehicle import MATRIX_EFFECTS, PLANES, STEERING, Vehicle
 from automarine_cli.models.model import CONSTANT, RESTORING
 
 AXES = "xyzxyz"  # along or about which the six motions are
@@ -46,6 +45,14 @@ def _constants(subject: base.MotionSubject) -> base.Written:
             unit = subject.dof.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
             rows.append((name, value, base.plain(unit), meaning))
             equation += f" + {name} {factor}".rstrip()
+    if steering := subject.values.get("rudder"):
+        equation += f" + {subject.equation_of('rudder')}"
+        rudder = effects.get("rudder")
+        cards = rudder.card(subject.dof, subject.model.moment_unit).parameters
+        rows += [
+            (card.name, value, base.plain(card.unit), base.plain(card.meaning))
+            for card, value, held in zip(cards, steering, rudder.held(steering)) if not held
+        ]  # fmt: skip
     signs = f"Signs: derivatives of the hydrodynamic {words.force}; damping and added {words.inertia} are negative."
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
@@ -55,17 +62,26 @@ def _constants(subject: base.MotionSubject) -> base.Written:
 
 def _function(subject: Vehicle) -> base.Written:
     """M, C and D of the plane as three by three, of all else as six by six."""
-    places = [dof.number for dof in PLANAR.dofs]
-    in_plane = subject.places == places and len(subject.origins) == 1
-    places = places if in_plane else list(range(6))
+    in_plane = subject.places == PLANES and len(subject.origins) == 1
+    places = PLANES if in_plane else list(range(6))
     lines = []
     for drag in subject.drags:
         entry = f"D({places.index(drag.places[0]) + 1},{places.index(drag.places[-1]) + 1})"
         size = f" * {drag.factor}" if drag.factor else ""
         meaning = "positive where it resists" if drag.rank < 2 else drag.meaning
         lines.append(f"{entry} = {entry} + {base.number(drag.value)}{size};  % {drag.name}, {meaning}\n")
-    text = {
-        "inertia": "; ".join(base.row(line) for line in subject.inertia[places][:, places]),
+    flow, fields = "", dict.fromkeys(("argument", "says", "unset", "add"), "")
+    for i, name, value, factor, meaning in subject.steering("delta", "tau(1)"):
+        entry, factor = f"tau_flow({places.index(i) + 1})", factor.replace("**", "^")
+        flow += f"{entry} = {entry} + {base.number(value)} * {factor};  % {name}, {meaning}\n"
+    if flow:
+        flow, fields["add"] = f"tau_flow = zeros({len(places)}, 1);\n{flow}", " + tau_flow"
+    if "delta" in flow:
+        unset = f"if nargin < {4 if in_plane else 5}\n    delta = 0;\nend\n"
+        says = "\n% tau_flow holds the force of a rudder at the angle delta [rad], signed as in the logs (default: 0)."
+        fields |= {"argument": ", delta", "unset": unset, "says": says}
+    text = fields | {
+        "flow": flow, "inertia": "; ".join(base.row(line) for line in subject.inertia[places][:, places]),
         "drag": "".join(lines), "constant": base.row(subject.diagonal(CONSTANT)[places]),
         "restoring": base.row(subject.diagonal(RESTORING)[3:5]), "axes": " ".join(str(i + 1) for i in subject.places),
         "head": base.comment(subject.head(), "%"),
@@ -76,6 +92,6 @@ def _function(subject: Vehicle) -> base.Written:
 TARGET = base.Target(
     name="mss",
     says="Fossen's MSS and its Python twin: constants N_r, N_rr with their signs",
-    forms={"python": ".py", "matlab": ".m"}, frames=("NED",), carries=MATRIX_EFFECTS, si=False, write=write,
-    several=base.Several({"matlab": ".m"}, couples=True),
+    forms={"python": ".py", "matlab": ".m"}, frames=("NED",), carries=MATRIX_EFFECTS | {"rudder"}, si=False,
+    write=write, several=base.Several({"matlab": ".m"}, MATRIX_EFFECTS | STEERING, couples=True),
 )  # fmt: skip

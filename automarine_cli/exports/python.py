@@ -8,29 +8,25 @@ command as logged.
 import ast
 import inspect
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from types import ModuleType
 
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.dofs import HEAVE, PLANAR
+from automarine_cli.dofs import HEAVE
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
-from automarine_cli.effects.rudder_offset import RudderOffset
-from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.exports import base
 from automarine_cli.exports.thrusters import largest_signal, table
-from automarine_cli.exports.vehicle import MATRIX_EFFECTS, SPEED_LETTERS, Vehicle
+from automarine_cli.exports.vehicle import MATRIX_EFFECTS, PLANES, RUDDER_LAWS, SPEED_LETTERS, STEERING, Vehicle
 from automarine_cli.models.model import CONSTANT, RESTORING, Term
-from automarine_cli.quantities import STEERED, Floats
+from automarine_cli.quantities import Floats
 
 MAX_EXPORT_STEP_S = 0.02  # s: the longest step of the integrator
 METHODS = {"deliver", "moment", "water_rate", "derivatives", "read", "remember", "states"}
 """What of an effect acts; all else describes it."""
 _LIBRARY = map(effects.get, effects.built_in())
-STEERING = frozenset({"rudder", "rudder-drag", "rudder-inflow", "cross-coupling"})
-RACE, OFFSET = RudderRace.name, RudderOffset.name
 PYTHON_EFFECTS = [effect.name for effect in _LIBRARY if not (effect.columns or effect.reads_force)]
 """Effects that need no logged column."""
 RUDDER = " `rudder` is its angle as logged{0} [rad]."
@@ -136,7 +132,6 @@ def arguments(subject: base.MotionSubject, term: Term) -> str:
     return f"({', '.join([*values, *['0.0'] * effects.get(term.name).per_run])},)"
 
 
-PLANES = [dof.number for dof in PLANAR.dofs]
 AXIS_SENSES = {
     "NED": "u ahead, v to starboard, r clockwise; psi clockwise from north.",
     "ENU": "u ahead, v to port, r anticlockwise; psi anticlockwise from east.",
@@ -170,18 +165,15 @@ def _vehicle(subject: Vehicle) -> base.Written:
             name, weighs = f"{base.FORCE_LETTERS[i]}_0", i == HEAVE.number
             forces[i] += [] if weighs else [f"- {name}"]
             constants.append(f"{name} = {base.number(value)}  # {'weight less buoyancy' if weighs else 'always acts'}")
-    neutral = sum(axis.values[OFFSET][0] for axis in subject.axes if OFFSET in axis.values)
-    angle = "(rudder + NEUTRAL)" if neutral else "rudder"
-    constants += [f"NEUTRAL = {base.number(neutral)}  # angle of the rudder where the log says zero"] if neutral else []
     for axis in subject.axes:
         i, leans = axis.dof.number, {"roll": "cos(theta) * sin(phi)", "pitch": "sin(theta)"}
         if value := axis.value(RESTORING):
             name = f"{axis.force}_{axis.dof.symbols.position}".upper()
             forces[i].append(f"{name} * {leans[axis.dof.name]}")
             constants.append(f"{name} = {base.number(value)}  # m g GM")
-        for name, value, factor, meaning in _steering(axis, angle, "force[0]" if in_plane else "forces[0]"):
-            forces[i].append(f"- {name} * {factor}")
-            constants.append(f"{name} = {base.number(value)}  # {meaning}")
+    for i, name, value, factor, meaning in subject.steering("rudder", "force[0]" if in_plane else "forces[0]"):
+        forces[i].append(f"- {name} * {factor}")
+        constants.append(f"{name} = {base.number(value)}  # {meaning}")
     lines = [f"[{base.row(line, ', ')}]" for line in subject.inertia[places][:, places]]
     rudder = any("rudder" in term for terms in forces for term in terms)
     thrusters = ""
@@ -207,31 +199,10 @@ def _vehicle(subject: Vehicle) -> base.Written:
     return base.Written(base.filled("python_planar" if in_plane else "python_vehicle", text), subject.about_water())
 
 
-def _steering(axis: base.MotionSubject, angle: str, thrust: str) -> Iterator[tuple[str, float, str, str]]:
-    """Name, value, factor and meaning of what a rudder at an `angle`, speed ahead and `thrust` do to a motion."""
-    force, values = axis.force, axis.values
-    squared, size = "u * abs(u)", axis.settings.newton_metres_per_nu
-    if axis.file is not None and axis.file.force_unit == STEERED and size is not None:
-        race, usual = values.get("rudder-inflow", (1.0, 1.0))
-        mixed = f" * ({base.number(race)} + {base.number((1.0 - race) / usual**2)} * {squared})"
-        inflow = mixed if race != 1.0 else ""
-        yield f"{force}_DELTA", size, f"{angle}{inflow}", "by the angle of the rudder"
-    if "rudder" in values:
-        value, law, race = values["rudder"]
-        inflow = {0: f" * {squared}", 1: f" * ({squared} + {base.number(race)})"}.get(round(law), "")
-        yield f"{force}_DELTA", value, f"{angle}{inflow}", "by the angle of the rudder"
-    if RACE in values:
-        yield f"{force}_DELTAX", values[RACE][0], f"{angle} * {thrust}", "by the angle of the rudder and the thrust"
-    if "rudder-drag" in values:
-        yield f"{force}_DELTADELTA", -values["rudder-drag"][0], f"{angle}**2 * {squared}", "drag of the rudder"
-    if "cross-coupling" in values:
-        yield f"{force}_UR", values["cross-coupling"][0], "u * r", "coupling with the speed ahead"
-
-
 TARGET = base.Target(
     name="python",
     says="one file of Python and numpy with simulate()",
-    forms={"simulate": ".py"}, carries=frozenset({*PYTHON_EFFECTS, *STEERING, PREFIX}), si=False,
+    forms={"simulate": ".py"}, carries=frozenset({*PYTHON_EFFECTS, *RUDDER_LAWS, PREFIX}), si=False,
     uses=frozenset({"newton_metres_per_nu", "arm", "n_max"}), write=write,
-    several=base.Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING | {RACE, OFFSET}, couples=True, thrusters=True),
+    several=base.Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING, couples=True, thrusters=True),
 )  # fmt: skip

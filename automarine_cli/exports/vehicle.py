@@ -5,18 +5,21 @@ that of M (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion Contro
 not along x or about it counts the other way: an entry changes sign where it joins one of these with one that is.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from automarine_cli.dofs import DOFS, PLANAR
+from automarine_cli.effects.rudder_offset import RudderOffset
+from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.exports.base import FRAME_AXES, MapSubject, MotionSubject, Subject, head, joined, mirrored, number
 from automarine_cli.models.model import CONSTANT, INERTIA_COUPLINGS, RESTORING, Model
-from automarine_cli.quantities import Floats
+from automarine_cli.quantities import STEERED, Floats
 
 SPEED_LETTERS = "uvwpqr"
+PLANES = [dof.number for dof in PLANAR.dofs]
 MOTIONS = tuple(sorted(DOFS.values(), key=lambda dof: dof.number))
 FRAME_SIGNS = {"NED": np.ones(6), "ENU": np.array([-1.0 if mirrored(dof) else 1.0 for dof in MOTIONS])}
 """What a velocity or force is multiplied by from NED to a frame."""
@@ -29,6 +32,10 @@ DAMPING = {
 }
 """Effects that are entries of D: letters after the force's, factor beside the velocity, meaning."""
 MATRIX_EFFECTS = frozenset({*DAMPING, CONSTANT, RESTORING})
+RUDDER_LAWS = frozenset({"rudder", "rudder-drag", "rudder-inflow", "cross-coupling"})
+RACE, OFFSET = RudderRace.name, RudderOffset.name
+STEERING = RUDDER_LAWS | {RACE, OFFSET}
+"""Effects that `Vehicle.steering` has: forces by the rudder and the speed ahead, and the rudder's neutral."""
 COUPLINGS = "couplings"
 
 
@@ -116,6 +123,31 @@ class Vehicle(Subject):
                     entries.append(Drag(rank, places, name, factor.format(v), value, meaning))
         return sorted(entries)
 
+    def steering(self, rudder: str, thrust: str) -> Iterator[tuple[int, str, float, str, str]]:
+        """Motion, name, value, factor and meaning of each force by the angle `rudder`, the speed ahead and the `thrust`
+        ahead: the force is the value times the factor, which Python and MATLAB write alike but for ** and ^."""
+        neutral = sum(axis.values[OFFSET][0] for axis in self.axes if OFFSET in axis.values)
+        squared, angle = "u * abs(u)", f"({rudder} + {number(neutral)})" if neutral else rudder
+        for axis in self.axes:
+            i, force, values, size = axis.dof.number, axis.force, axis.values, axis.settings.newton_metres_per_nu
+            if axis.file is not None and axis.file.force_unit == STEERED and size is not None:
+                race, usual = values.get("rudder-inflow", (1.0, 1.0))
+                mixed = f" * ({number(race)} + {number((1.0 - race) / usual**2)} * {squared})"
+                inflow = mixed if race != 1.0 else ""
+                yield i, f"{force}_DELTA", size, f"{angle}{inflow}", "by the angle of the rudder"
+            if "rudder" in values:
+                value, law, race = values["rudder"]
+                inflow = {0: f" * {squared}", 1: f" * ({squared} + {number(race)})"}.get(round(law), "")
+                yield i, f"{force}_DELTA", value, f"{angle}{inflow}", "by the angle of the rudder"
+            if RACE in values:
+                meaning = "by the angle of the rudder and the thrust"
+                yield i, f"{force}_DELTAX", values[RACE][0], f"{angle} * {thrust}", meaning
+            if "rudder-drag" in values:
+                factor = f"{angle}**2 * {squared}"
+                yield i, f"{force}_DELTADELTA", -values["rudder-drag"][0], factor, "drag of the rudder"
+            if "cross-coupling" in values:
+                yield i, f"{force}_UR", values["cross-coupling"][0], "u * r", "coupling with the speed ahead"
+
     @property
     def not_identified(self) -> list[str]:
         """Motions that none of the models is of; COUPLINGS without a planar model."""
@@ -172,14 +204,14 @@ class Vehicle(Subject):
 
 def planar_couplings(model: Model, frame: str) -> dict[str, Any]:
     """What couples the motions of a planar model, in the frame, as a `Vehicle` has it: `couplings` and `crossed`."""
-    side, planes = FRAME_SIGNS[frame], [dof.number for dof in PLANAR.dofs]
+    side = FRAME_SIGNS[frame]
     couplings, crossed = np.zeros((6, 6)), []
-    for (i, j, _), value in zip(INERTIA_COUPLINGS.values(), model.masses[len(planes) :]):
-        a, b = planes[i], planes[j]
+    for (i, j, _), value in zip(INERTIA_COUPLINGS.values(), model.masses[len(PLANES) :]):
+        a, b = PLANES[i], PLANES[j]
         couplings[a, b] = couplings[b, a] = side[a] * side[b] * value
     for term in model.terms:
         if term.is_cross and term.values[0]:
-            i = planes[term.dof]
+            i = PLANES[term.dof]
             *size, j = (SPEED_LETTERS.index(letter) for letter in term.name.partition("_")[2])
             value = float(side[i] * side[j] * term.values[0])
             factor = f"abs({SPEED_LETTERS[size[0]]})" if size else ""

@@ -28,6 +28,8 @@ Three = tuple[float, float, float]
 MODEL = replace(FULL, terms=tuple(term for term in FULL.terms if term.name != "input-delay"))
 """Every drag, coupling and current, and a moment that always acts."""
 DRAGS = replace(MODEL, terms=tuple(term for term in MODEL.terms if term.name != "bias-moment"))
+RUDDER = (Term("rudder", (-8.0, 0.0, 0.5), dof=1), Term("rudder", (3.0, 0.0, 0.5), dof=2))
+STEERED_DRAGS = DRAGS.with_term(RUDDER[0]).with_term(RUDDER[1])
 SIDES = np.array([1.0, -1.0, -1.0])
 
 
@@ -79,12 +81,14 @@ def _sample(samples: Floats, middle: Floats, time: Floats) -> NDArray[np.int64]:
     return np.minimum(first[np.searchsorted(middle, time, side="right")], len(samples) - 1)
 
 
-def accelerations(model: Model, nu: Floats, tau: Floats) -> Floats:
+def accelerations(model: Model, nu: Floats, tau: Floats, delta: float = 0.0) -> Floats:
     """nu' of our simulator in still water, by a step of a microsecond."""
     still, h = replace(model, water=None), 1e-6
-    forces = {"force_X": np.full(2, tau[0]), "force_Y": np.full(2, tau[1])}
+    forces = {"force_X": np.full(2, tau[0]), "force_Y": np.full(2, tau[1]), "rudder": np.full(2, delta)}
     run = replace(driven(0).cut(0, 2), time=np.array([0.0, h]), moment=np.full(2, tau[2]), extras=forces)
-    after = simulate(still, make_batch([run], h, motion=PLANAR), start=Start(velocity=nu.reshape(3, 1, 1)))
+    after = simulate(
+        still, make_batch([run], h, model.signals, motion=PLANAR), start=Start(velocity=nu.reshape(3, 1, 1))
+    )
     return (after.velocities[0, 0, 1] - nu) / h
 
 
@@ -93,9 +97,10 @@ STATES = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("model", [MODEL, STEERED, NEUTRAL_OFF], ids=["commands", "rudder", "neutral"])
 @pytest.mark.parametrize(("nu", "tau"), STATES)
-def test_the_mss_function_has_our_accelerations(tmp_path: Path, nu: Three, tau: Three) -> None:
-    text = export(model_file(tmp_path), to="mss").text
+def test_the_mss_function_has_our_accelerations(tmp_path: Path, nu: Three, tau: Three, model: Model) -> None:
+    text, steered, delta = export(model_file(tmp_path, model), to="mss").text, model is not MODEL, 0.3
     numbers = {name: re.search(rf"^{name} = \[(.*)\]'?;", text, re.MULTILINE)[1] for name in ("M", "tau_0")}
     inertia = np.array([[float(x) for x in row.split()] for row in numbers["M"].split(";")])
     constant = np.array([float(x) for x in numbers["tau_0"].split()])
@@ -104,20 +109,26 @@ def test_the_mss_function_has_our_accelerations(tmp_path: Path, nu: Three, tau: 
     for i, j, value, along in entries.findall(text):
         drag[int(i) - 1, int(j) - 1] += float(value) * (abs(velocities[along]) if along else 1.0)
     assert "C = [0 0 -p(2); 0 0 p(1); p(2) -p(1) 0];" in text
-    assert text.startswith("function [nu_dot, M, C, D] = vehicle3(")
+    assert text.startswith(f"function [nu_dot, M, C, D] = vehicle3(nu, tau, nu_c{', delta' if steered else ''})")
+    flow, letters = np.zeros(3), velocities | {"abs": abs, "tau": lambda i: tau[i - 1], "delta": delta}
+    for i, value in re.findall(r"^tau_flow\((\d)\) = tau_flow\(\1\) \+ (.*?);", text, re.MULTILINE):
+        flow[int(i) - 1] += eval(value.replace("^", "**"), letters)
     p, state = inertia @ nu, np.array(nu)
     coriolis = np.array([[0, 0, -p[1]], [0, 0, p[0]], [p[1], -p[0], 0]])
-    found = np.linalg.solve(inertia, np.array(tau) + constant - coriolis @ state - drag @ state)
-    np.testing.assert_allclose(found, accelerations(MODEL, state, np.array(tau)), rtol=1e-4, atol=1e-5)
+    found = np.linalg.solve(inertia, np.array(tau) + constant + flow - coriolis @ state - drag @ state)
+    np.testing.assert_allclose(found, accelerations(model, state, np.array(tau), delta), rtol=1e-4, atol=1e-5)
     lines = text.splitlines()
-    assert lines[-1] == "end" and text.count("\nif ") == 1 and text.count("\nend") == 2
+    assert lines[-1] == "end" and text.count("\nif ") == 1 + steered and text.count("\nend") == 2 + steered
+    assert ("+ tau_flow -" in text) == steered
 
 
+@pytest.mark.parametrize("delta", [0.0, 0.2])
 @pytest.mark.parametrize("frame", ["ENU", "NED"])
 @pytest.mark.parametrize(("nu", "tau"), STATES)
-def test_gazebo_has_our_accelerations(tmp_path: Path, frame: str, nu: Three, tau: Three) -> None:
-    """By the system's own sum of derivatives, and the engine's inertia."""
-    text = export(model_file(tmp_path, DRAGS), to="gz-sim", frame=frame, rigid_mass=15.0, rigid_inertia=2.0).text
+def test_gazebo_has_our_accelerations(tmp_path: Path, frame: str, nu: Three, tau: Three, delta: float) -> None:
+    """By the system's own sum of derivatives, the engine's inertia, and what its LiftDrag makes of a rudder."""
+    model = DRAGS if delta == 0.0 else STEERED_DRAGS
+    text = export(model_file(tmp_path, model), to="gz-sim", frame=frame, rigid_mass=15.0, rigid_inertia=2.0).text
     root, side = ET.fromstring(text), SIDES if frame == "ENU" else np.ones(3)
     link = root.find(".//inertial")
     fluid = np.zeros((3, 3))
@@ -133,10 +144,28 @@ def test_gazebo_has_our_accelerations(tmp_path: Path, frame: str, nu: Three, tau
         if found := re.fullmatch(r"([xyn])([UVR])(?:abs([UVR]))?", one.tag):
             size = abs(velocity[found[3]]) if found[3] else 1.0
             force["xyn".index(found[1])] += float(one.text) * size * velocity[found[2]]
+    if delta:
+        force = force + lift_drag(root, state, side[2] * delta)
     inertia = rigid + fluid
     p, (u, v, r) = inertia @ state, state
     found = np.linalg.solve(inertia, force - [-p[1] * r, p[0] * r, p[1] * u - p[0] * v])
-    np.testing.assert_allclose(side * found, accelerations(DRAGS, np.array(nu), np.array(tau)), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(
+        side * found, accelerations(model, np.array(nu), np.array(tau), delta), rtol=1e-4, atol=1e-5
+    )
+
+
+def lift_drag(root: ET.Element, state: Floats, angle: float) -> Floats:
+    """X, Y and N of the LiftDrag system by its documentation: in flow that meets the surface with (a, b), the lift is
+    cl/2 rho area |(a, b)| (-b, a); here with the part of b left out, which our law of a rudder has not."""
+    system = next(p for p in root.iter("plugin") if p.get("name") == "gz::sim::systems::LiftDrag")
+    value = {entry.tag: entry.text for entry in system}
+    joint, (x, y, z) = root.find(".//joint"), map(float, value["cp"].split())
+    assert joint.get("name") == value["control_joint_name"] and joint.findtext("axis/xyz") == "0 0 1"
+    assert value["cla"] == value["cda"] == value["cma"] == "0" and (y, z) == (0.0, 0.0)
+    assert (value["forward"], value["upward"]) == ("1 0 0", "0 1 0")
+    size = 0.5 * float(value["air_density"]) * float(value["area"]) * float(value["control_joint_rad_to_cl"]) * angle
+    lift = size * state[0] * abs(state[0])
+    return np.array([0.0, lift, x * lift])
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Several model files as one vehicle: what each target's file says moves as the models do, and nothing is invented."""
 
 import json
+import re
 import types
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -284,6 +285,48 @@ def test_a_rudder_steers_the_python_vehicle_as_it_steers_the_model(tmp_path: Pat
         time = np.array([0.0, 1e-4])
         _, rate = alone.simulate(time, np.full(2, side * delta), 0.0, side * r, surge=np.full(2, u))
         assert (rate[1] - rate[0]) / 1e-4 == pytest.approx(side * by_hand, rel=1e-3)
+
+
+def test_matlab_steers_the_vehicle_as_python_does(tmp_path: Path) -> None:
+    files = [steered_file(tmp_path), *model_files(tmp_path, "surge")]
+    text = export(files, to="mss", newton_metres_per_nu=4.0).text
+    entries = re.findall(r"^tau_flow\(6\) = tau_flow\(6\) \+ (.*?);", text, re.MULTILINE)
+    moment = sum(eval(entry, {"u": 0.6, "r": -0.1, "delta": -0.2, "abs": abs}) for entry in entries)
+    assert moment == pytest.approx(4.0 * (-0.2 * (0.2 + 0.8 * 0.36 / 1.21) + 0.3 * 0.06), rel=1e-6)
+    assert "vehicle6(nu, tau, eta, nu_c, delta)" in text and "if nargin < 5" in text
+
+
+def beside_thrusters(folder: Path, motion: str, **rudder: float) -> Path:
+    dof = DOFS[motion]
+    constant = dict.fromkeys([dof.symbols.constant] * dof.has_constant, 0.1)
+    content = {
+        "schema": f"automarine/{motion}-model/1", f"{dof.words.force}_unit": dof.units.forces[1], "preferred": "1",
+        "models": {"1": {dof.symbols.linear: 4.0, dof.symbols.inertia: 5.0} | constant},
+        "effects": [{"name": "rudder", "parameters": rudder}],
+    }  # fmt: skip
+    path = folder / f"{motion}_model.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_a_rudder_beside_thrusters_of_one_motion(tmp_path: Path) -> None:
+    """In Gazebo a force 1 m behind the origin, for MSS a constant; what has no counterpart is refused."""
+    path = beside_thrusters(tmp_path, "yaw", N_delta=8.0, law=0.0, c=0.5)
+    for frame in ("NED", "ENU"):
+        root = ET.fromstring(export(path, to="gz-sim", frame=frame).text)
+        lift = {entry.tag: entry.text for entry in list(root.iter("plugin"))[-1]}
+        size = 0.5 * float(lift["air_density"]) * float(lift["area"]) * float(lift["control_joint_rad_to_cl"])
+        assert float(lift["cp"].split()[0]) * size == pytest.approx(8.0, rel=1e-6)
+    text = export(path, to="mss").text
+    assert "+ N_delta delta u |u|\n" in text and "\nN_delta = 8  # N m s^2/m^2" in text and "law" not in text
+    race = beside_thrusters(tmp_path, "yaw", N_delta=8.0, law=1.0, c=0.5)
+    assert "\nc = 0.5  # m^2/s^2" in export(race, to="mss").text
+    with pytest.raises(
+        SettingError, match=r"gz-sim cannot represent rudder \(the target has no counterpart for its law"
+    ):
+        export(race, to="gz-sim")
+    with pytest.raises(SettingError, match=r"; rudder \(it needs the logged rudder, surge\)"):
+        export(beside_thrusters(tmp_path, "heave", Z_delta=8.0, law=0.0, c=0.5), to="gz-sim", rigid_mass=3.0)
 
 
 def test_targets_without_the_speed_refuse_it_clearly(tmp_path: Path) -> None:
