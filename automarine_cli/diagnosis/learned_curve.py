@@ -307,7 +307,7 @@ def _best(
     gains = [(base.evidence - trial.evidence, trial) for trial in tried if trial is not None]
     gained = max((gain for gain, _ in gains), default=0.0)
     needed = max(gained, base.evidence - most) - max(RIVAL_RANGE, BRIEF_GAIN_SHARE * gained)
-    running = [t for gain, t in gains if gain + _promised(t) > needed and may_explain(study, t)]
+    running = [t for gain, t in gains if gain + t.fit.promised > needed and may_explain(study, t)]
     tried = map_fn(partial(_further, study), running, "learning curves")
     trials = sorted((trial for trial in tried if trial is not None), key=lambda trial: trial.evidence)
     admissible = [t for t in trials if base.evidence - t.evidence > bar and not obstacle(study, t, base)]
@@ -325,11 +325,6 @@ def _best(
         result, study=study, final=best, p_values=p_values, rivals=rivals, more=False, doubtful=None,
         compensating=undoing,
     )  # fmt: skip
-
-
-def _promised(trial: CandidateFit) -> float:
-    """Evidence that a brief fit still gains by its own equations; those of a filter promise nothing."""
-    return 0.0 if trial.fit.driven else trial.fit.promised
 
 
 def may_explain(study: DiagnosisProblem, trial: CandidateFit) -> bool:

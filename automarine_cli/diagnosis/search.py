@@ -143,7 +143,7 @@ def candidate_fit(study: DiagnosisProblem, model: Model, added: tuple[str, ...],
         for term in model.terms[len(study.base.terms) :]
     ]
     evidence = -2.0 * fit.log_likelihood + penalty(sum(counts), len(study.runs))
-    return CandidateFit(added, model, fit, evidence + (0.0 if fit.driven else fit.promised))
+    return CandidateFit(added, model, fit, evidence + fit.promised)
 
 
 Attempt = tuple[Model, tuple[str, ...], Floats, Fit]
@@ -570,8 +570,8 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         attempts += [attempt_on(best, model) for model in models]
         fits = all_refitted(study, attempts, SEARCH_BRIEF, map_fn, "more starts")
         climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
-        promises = [0.0 if trial.fit.driven else FORETELLS * trial.fit.promised for trial in climbers]
-        climbers = [t for t, more in zip(climbers, promises) if t.evidence - more - RIVAL_RANGE < best.evidence]
+        within = best.evidence + RIVAL_RANGE
+        climbers = [trial for trial in climbers if trial.evidence - FORETELLS * trial.fit.promised < within]
         climbers += [best] if not best.fit.converged else []
         onward = [attempt_on(trial) for trial in climbers]
         ended = all_refitted(study, onward, FINE_ITERATIONS, map_fn, "fitting")

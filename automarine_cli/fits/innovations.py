@@ -263,6 +263,7 @@ class InnovationsFit(Outcome):
     of least squares of them."""
 
     driven: ClassVar[Literal[True]] = True
+    promised: ClassVar[float] = 0.0  # a filter's equations promise nothing beyond where it stopped
 
     gains: Floats
     forecasts: float = 0.0

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from automarine_cli.dofs import DOFS, YAW, Dof, Motion
+from automarine_cli.dofs import DOFS, HEAVE, PITCH, YAW, Dof, Motion
 from automarine_cli.dofs.dof import DEGREE
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.pipeline.records import Codec, Source, everything, keyed, read_plain
@@ -26,6 +26,9 @@ ANGLES, ANGULAR_RATES = {"deg": DEGREE, "rad": 1.0}, {"deg/s": DEGREE, "rad/s": 
 LENGTHS, SPEEDS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}, {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600}
 VELOCITIES = ("surge", "sway", "heave")  # of the vehicle's body, which tests of every motion may log
 PLACES = ("north", "east", "lat", "lon")  # on the water, which logs of motion in the plane may hold
+ELEVATOR = "elevator"
+FLAT_FINNED = (HEAVE, PITCH)
+"""A fin that lies flat, and the motions of which it is the rudder."""
 ROTATIONS = tuple(dof for dof in DOFS.values() if dof.angular)
 
 
@@ -51,7 +54,7 @@ SIGNALS: Mapping[str, Signal] = {
     ),
     "rudder": Signal(
         {"rudder_deg": "deg", "rudder_rad": "rad"}, ANGLES, 0.0, 0.5, -1,
-        words=("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "steering_angle", "fin", "elevator"),
+        words=("rudder", "rudder_deg", "rudder_rad", "rudder_angle", "steering_angle", "fin"),
         commanded=True,
     ),
     "surge": Signal({"surge_m_s": "m/s"}, SPEEDS, 0.0, 0.4),
@@ -62,6 +65,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},
     "force": FORCES,
     **{quantity: signal.units for quantity, signal in SIGNALS.items()},
+    ELEVATOR: ANGLES,
     **dict.fromkeys(VELOCITIES, SPEEDS),
     **dict.fromkeys(PLACES[:2], LENGTHS),
     "lat": {"deg": DEGREE},
@@ -130,6 +134,7 @@ _ALL = (
     ("time", "time", TIMESTAMP),
     *_of_motions([YAW], "position", "velocity", "command"),
     *((name, quantity, unit) for quantity, signal in SIGNALS.items() for name, unit in signal.columns.items()),
+    *((f"{ELEVATOR}_{unit}", ELEVATOR, unit) for unit in ANGLES),
     *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
     *_of_motions([dof for dof in DOFS.values() if not dof.angular], "velocity", "position", "command"),
     *_of_motions([dof for dof in ROTATIONS if dof is not YAW], "position", "velocity", "command"),
@@ -198,6 +203,7 @@ WORDS: Mapping[str, Sequence[str]] = {
     "n": ("n", "cmd", "command", "n_rev_s", "effort", "throttle", "thruster_input", "pwm", "rpm", "esc", "pulse"),
     "force": ("force", "thrust", "load", "newtons", "pull", "mean_force", "total_force"),
     **{quantity: signal.words for quantity, signal in SIGNALS.items()},
+    ELEVATOR: ("elevator", "elevator_angle", "stern_plane", "sternplane", "stern_plane_angle", "fin", "fin_angle"),
     **{
         quantity: [
             word

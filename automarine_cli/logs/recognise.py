@@ -107,7 +107,8 @@ FORCE_WORDS = {
 SPEED_WORDS = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
 EXACT = {
     **{
-        quantity: {*naming.WORDS[quantity]} - {"battery", "bat"} for quantity in ("time", "n", "force", *naming.SIGNALS)
+        quantity: {*naming.WORDS[quantity]} - {"battery", "bat"}
+        for quantity in ("time", "n", "force", *naming.SIGNALS, naming.ELEVATOR)
     },
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
@@ -325,7 +326,7 @@ def _unit_in(source: str, units: Mapping[str, str]) -> str | None:
 
 LARGEST_RUDDER_RAD = 1.6  # rad; no rudder goes further
 _JUDGES = {
-    "rudder": _rudder,
+    **dict.fromkeys(("rudder", naming.ELEVATOR), _rudder),
     "time": _time,
     "force": _force,
     "voltage": _voltage,
@@ -503,6 +504,8 @@ def recognised(layout: Layout, alike: Mapping[str, Span], user_map: ColumnMap) -
     swing = layout.dof.restoring  # decays need no command
     needed: tuple[str, ...] = ("time", layout.dof.position, layout.dof.command) if swing else NEEDED
     every = BOLLARD if layout.bollard else (*needed, layout.dof.velocity) if swing else YAW_QUANTITIES
+    fin = naming.ELEVATOR if layout.dof in naming.FLAT_FINNED else "rudder"
+    every = (*every, fin, "surge") if swing and is_called(fin, names) else every
     columns = {quantity: mapped.get(quantity) or recognise(quantity, names, spans) for quantity in every}
     columns |= mapped
     if layout.bollard:

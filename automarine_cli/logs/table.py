@@ -106,6 +106,11 @@ def read_log(
         units[dof.command] = STEERED if motion is None else dof.units.forces[1]
         if line := likely_line(raw.names, dof.command):
             notes.append(f"the rudder is all that steers. If a column is a moment beside it, write {line} {GIVE_IT}")
+    if dof in naming.FLAT_FINNED:
+        if naming.ELEVATOR in quantities:
+            values_of["rudder"] = values_of.pop(naming.ELEVATOR)
+        elif line := likely_line(raw.names, naming.ELEVATOR):
+            notes.append(f"no fin turns it. If a column is the angle of one, write {line} {GIVE_IT}")
     words = categorical_columns(raw, {*used, *(columns.source_of(name) for name in LABELS)})
     return LogTable(
         source, values_of, raw.rows, labels_of(raw, columns, source), units, extras, raw.names, (*raw.notes, *notes),

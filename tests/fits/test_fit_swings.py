@@ -5,14 +5,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from made_swings import TRUTH, decay, decays, write_swings
+from scipy.integrate import solve_ivp
 
 from automarine_cli.commands import automarine
 from automarine_cli.dofs import PITCH
 from automarine_cli.fits.identify import YawFit, identify_turns
 from automarine_cli.models.parameter import Prior
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 
 PERIOD = 2.0 * np.pi * np.sqrt(TRUTH["inertia"] / TRUTH["restoring"])
@@ -111,3 +114,46 @@ def test_from_files_without_a_command_to_the_model(tmp_path: Path) -> None:
     log, model = str(tmp_path / "run_20.csv"), str(out / "roll_model.json")
     read = CliRunner().invoke(automarine, ["validate", log, "--model", model, "--json"])
     assert read.exit_code == 0 and json.loads(read.stdout)["models"]["2"]["rmse_deg"] < 0.25
+
+
+def write_torpedo(path: Path, seed: int, column: str) -> None:
+    """A log of 40 s under way at 1.2 to 1.8 m/s: the elevator goes to both sides, a rudder beside it means nothing."""
+    rng, clock = np.random.default_rng(seed), 0.1 * np.arange(400)
+    angle = np.repeat(rng.choice([-0.25, -0.1, 0.0, 0.1, 0.25], 10), 40)
+    speed = rng.uniform(1.2, 1.6) + 0.2 * np.sin(clock / 7.0)
+
+    def slope(time: float, state: Floats) -> list[float]:
+        u, delta = np.interp(time, clock, speed), angle[min(round(10.0 * time), 399)]
+        theta, q = state
+        return [q, (-18.0 * delta * u**2 - 6.0 * q - 10.0 * q * abs(q) - 30.0 * np.sin(theta)) / 12.0]
+
+    path_deg = np.degrees(solve_ivp(slope, (0.0, 40.0), [0.0, 0.0], t_eval=clock, max_step=0.02).y[0])
+    columns = {"time_s": clock, "pitch_deg": path_deg + 0.1 * rng.standard_normal(400), column: np.degrees(angle)}
+    columns |= {"rudder_deg": 5.0 * rng.standard_normal(400), "surge_m_s": speed}
+    pd.DataFrame(columns).round(4).to_csv(path, index=False)
+
+
+@pytest.mark.slow
+def test_an_elevator_is_the_rudder_of_pitch(tmp_path: Path) -> None:
+    for seed in range(4):
+        write_torpedo(tmp_path / f"run_{seed}.csv", seed, "elevator_deg")
+    out = tmp_path / "out"
+    done = CliRunner().invoke(automarine, ["fit-pitch", str(tmp_path), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    stored = json.loads((out / "pitch_model.json").read_text())
+    (elevator,) = stored["effects"]
+    assert elevator["name"] == "rudder"
+    truth = {"k_q": 0.5, "k_qq": 10.0 / 12.0, "restoring": 2.5, "M_delta": -1.5}
+    for name, estimate in (stored["models"]["2"] | elevator["parameters"]).items():
+        if name in truth:
+            assert abs(estimate["value"] - truth.pop(name)) < 3.5 * estimate["stderr"], name
+    assert not truth
+
+
+def test_a_fin_under_another_name_is_asked_about(tmp_path: Path) -> None:
+    log = tmp_path / "run_0.csv"
+    write_torpedo(log, 0, "Fin Angle (deg)")
+    note = CliRunner().invoke(automarine, ["check", str(log)])
+    assert 'write elevator_deg = "Fin Angle (deg)" under [columns]' in " ".join(note.output.split())
+    made = CliRunner().invoke(automarine, ["init", str(tmp_path), "--figures", "none"])
+    assert 'elevator_deg = "Fin Angle (deg)"' in (tmp_path / "campaign.toml").read_text(), made.output
