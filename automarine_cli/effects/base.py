@@ -208,6 +208,8 @@ class Effect:
     rotational: ClassVar[bool] = False  # whether it acts on headings alone
 
     def acts_in(self, dof: Dof) -> bool:
+        if self.acts_on:  # a rudder, or an elevator
+            return dof.wraps or not dof.horizontal
         return dof.wraps or not self.rotational
 
     def needs_at(self, values: tuple[float, ...]) -> tuple[str, ...]:

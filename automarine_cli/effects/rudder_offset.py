@@ -19,7 +19,6 @@ class RudderOffset(Effect):
     needs = ("rudder",)
     acts_on = "rudder"
     steered = False
-    rotational = True
     parity = ODD
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:

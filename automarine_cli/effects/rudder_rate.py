@@ -33,7 +33,6 @@ class RudderRate(Effect):
     )
     needs = ("rudder",)
     acts_on = "rudder"
-    rotational = True
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean angle over each step."""

@@ -28,7 +28,6 @@ class RudderStall(Effect):
     )
     needs = ("rudder",)
     acts_on = "rudder"
-    rotational = True
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         stall, fall = values

@@ -240,7 +240,7 @@ def randomness(
         floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)
         add(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7)
-    largest = float(np.abs(course.commanded).max())
+    largest = float(np.abs(course.commanded).max()) or 1.0
     for name in varying:
         add(f"{name}.spread", 1e-4 * largest, largest, 0.05 * largest, 2.0)
     return tuple(chances)

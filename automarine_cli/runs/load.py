@@ -87,7 +87,7 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     if not summed:
         _refuse(checks.stuck(run.position, _any_command(run), dof))
     parts = _bridged(_summed_up(run, likely_line(table.names, dof.position)) if summed else run)
-    if dof.restoring and not np.any(_any_command(run)):
+    if dof.restoring and not (np.any(_any_command(run)) or np.any(np.nan_to_num(run.extras.get("rudder", 0.0)))):
         free = [(decay, len(decay) < len(part)) for part in parts for decay in checks.decays(part)]
         return tuple(decay.noted(NO_HAND) if cut else decay for decay, cut in free)
     return parts if commands or dof.restoring else _let_go(parts, table)
