@@ -211,10 +211,33 @@ def driven_fits(course: Course, numbers: Sequence[str], priors: Priors, roughs: 
     """Fit several models to driven runs side by side, each from its `rough` values. None where the runs leave inertia
     or drag open, or give them sizes that no vehicle has."""
     problems, attempts = [driven_problem(model, course).informed(priors) for model in roughs], list[FitOrReason]()
-    for number, rough, fit in zip(numbers, roughs, fits_of(problems, [*map(base_starts, problems)])):
+    starts = [np.concatenate(rows) for rows in zip(map(base_starts, problems), _gear_starts(problems, priors))]
+    for number, rough, fit in zip(numbers, roughs, fits_of(problems, starts)):
         why = NO_START if fit is None else _runaway(rough.with_theta(fit.of_model), fit, course)
         attempts.append((None, why) if fit is None or why else (result_of(number, rough, fit), ""))
     return attempts
+
+
+def _gear_starts(problems: Sequence[DrivenProblem], priors: Priors) -> list[Floats]:
+    """Further starts (S, p) of models with a steering gear: the fit without it, with gears of several rates. A slow
+    gear on a strong rudder is a summit of its own."""
+    starts = [np.empty((0, len(problem.parameters))) for problem in problems]
+    geared = [i for i, problem in enumerate(problems) if any(t.name == STEERING_GEAR for t in problem.model.terms)]
+    models = [problems[i].model for i in geared]
+    bare = [replace(m, terms=tuple(term for term in m.terms if term.name != STEERING_GEAR)) for m in models]
+    plain = [driven_problem(model, problems[i].course).informed(priors) for i, model in zip(geared, bare)]
+    for i, fit in zip(geared, fits_of(plain, [*map(base_starts, plain)], brief=True)):
+        if fit is not None:
+            model, course = problems[i].model, problems[i].course
+            values = dict(zip(fit.names, fit.of_model.tolist()))
+            rate = effects.get(STEERING_GEAR).parameters[0]
+            largest = float(np.abs(course.signals.get("rudder", course.commanded[0])).max()) or 1.0
+            place = model.parameter_names.index(f"{STEERING_GEAR}.{rate.name}")
+            theta = np.array([values.get(name, value) for name, value in zip(model.parameter_names, model.theta)])
+            thetas = np.tile(theta, (len(rate.scan), 1))
+            thetas[:, place] = [rate.scaled(size, largest) for size in rate.scan]
+            starts[i] = starts_near(problems[i], list(thetas), fit.of_chance)
+    return starts
 
 
 INNOVATIONS, FORECASTS, MIDDLE = "innovations", "least squares of forecasts", "the middle of both"

@@ -116,14 +116,19 @@ def test_from_files_without_a_command_to_the_model(tmp_path: Path) -> None:
     assert read.exit_code == 0 and json.loads(read.stdout)["models"]["2"]["rmse_deg"] < 0.25
 
 
-def write_torpedo(path: Path, seed: int, column: str) -> None:
-    """A log of 40 s under way at 1.2 to 1.8 m/s: the elevator goes to both sides, a rudder beside it means nothing."""
+def write_torpedo(path: Path, seed: int, column: str, gear: float = 1e3) -> None:
+    """A log of 40 s under way at 1.2 to 1.8 m/s: the elevator goes to both sides at a rate of `gear` [rad/s], a rudder
+    beside it means nothing."""
     rng, clock = np.random.default_rng(seed), 0.1 * np.arange(400)
     angle = np.repeat(rng.choice([-0.25, -0.1, 0.0, 0.1, 0.25], 10), 40)
+    fine = np.arange(0.0, 40.0, 0.01)
+    there, wanted = 0.0 * fine, angle[np.minimum((10.0 * fine).astype(int), 399)]
+    for i in range(1, len(fine)):
+        there[i] = there[i - 1] + np.clip(wanted[i] - there[i - 1], -0.01 * gear, 0.01 * gear)
     speed = rng.uniform(1.2, 1.6) + 0.2 * np.sin(clock / 7.0)
 
     def slope(time: float, state: Floats) -> list[float]:
-        u, delta = np.interp(time, clock, speed), angle[min(round(10.0 * time), 399)]
+        u, delta = np.interp(time, clock, speed), np.interp(time, fine, there)
         theta, q = state
         return [q, (-18.0 * delta * u**2 - 6.0 * q - 10.0 * q * abs(q) - 30.0 * np.sin(theta)) / 12.0]
 
@@ -134,17 +139,19 @@ def write_torpedo(path: Path, seed: int, column: str) -> None:
 
 
 @pytest.mark.slow
-def test_an_elevator_is_the_rudder_of_pitch(tmp_path: Path) -> None:
+def test_an_elevator_is_the_rudder_of_pitch_and_its_gear_is_found(tmp_path: Path) -> None:
+    """What is logged is the command; the gear of another summit, a slow one of a strong fin, is not taken."""
     for seed in range(4):
-        write_torpedo(tmp_path / f"run_{seed}.csv", seed, "elevator_deg")
+        write_torpedo(tmp_path / f"run_{seed}.csv", seed, "elevator_deg", gear=0.3)
     out = tmp_path / "out"
-    done = CliRunner().invoke(automarine, ["fit-pitch", str(tmp_path), "-o", str(out)])
+    done = CliRunner().invoke(automarine, ["fit-pitch", str(tmp_path), "--with", "rudder-rate", "-o", str(out)])
     assert done.exit_code == 0, done.output
     stored = json.loads((out / "pitch_model.json").read_text())
-    (elevator,) = stored["effects"]
-    assert elevator["name"] == "rudder"
-    truth = {"k_q": 0.5, "k_qq": 10.0 / 12.0, "restoring": 2.5, "M_delta": -1.5}
-    for name, estimate in (stored["models"]["2"] | elevator["parameters"]).items():
+    gear, elevator = stored["effects"]
+    assert (gear["name"], elevator["name"]) == ("rudder-rate", "rudder")
+    truth = {"restoring": 2.5, "M_delta": -1.5, "rate": 0.3}
+    found = stored["models"][stored["preferred"]] | gear["parameters"] | elevator["parameters"]
+    for name, estimate in found.items():
         if name in truth:
             assert abs(estimate["value"] - truth.pop(name)) < 3.5 * estimate["stderr"], name
     assert not truth
