@@ -19,9 +19,9 @@ class RudderStall(Effect):
     )
     equation = "{f}_delivered = sgn({f}) (stall - fall (|{f}| - stall)) where |{f}| > stall, at least 0"
     says = "Beyond an angle the rudder stalls and loses lift."
-    reveals = "zigzags or turns at several rudder angles, up to hard over"
+    reveals = "the rudder at several angles to both sides, up to hard over"
     mistaken_for = ("saturation", "thrust-exponent")
-    separated_by = "turns at three or more angles on both sides of the suspected stall"
+    separated_by = "the rudder at three or more angles below and beyond the suspected stall"
     source = (
         "Molland and Turnock (2007), Marine Rudders and Control Surfaces, chapter 5 (lift against incidence); Fossen "
         "(2021), Handbook of Marine Craft Hydrodynamics and Motion Control, section 9.5 (rudders)"

@@ -38,11 +38,11 @@ def test_what_is_hidden_is_found() -> None:
 def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
     dof = DOFS[motion]
     turning = {"compass-deviation", "heading-moment", "cross-coupling", "current-deviation", "wall", "rudder-inflow"}
-    turning |= {"rudder-offset", "rudder-rate", "rudder-stall", "restoring-moment"}  # of roll and pitch
+    turning |= {"restoring-moment"}  # of roll and pitch
     if motion == "heave":  # has one thruster
         turning |= {"thruster-dead-band", "thruster-imbalance", "thruster-limit", "rudder-drag"}
     elif motion == "surge":
-        turning |= {"rudder", "rudder-race"}
+        turning |= {"rudder", "rudder-race", "rudder-offset", "rudder-rate", "rudder-stall"}
     elsewhere = {"linear-drag-asymmetry", "restoring-moment", "rudder-drag"} if motion == "yaw" else turning
     assert {name for name in effects.names() if motion not in effects.get(name).motions} == elsewhere
     if motion == "yaw":
