@@ -10,7 +10,7 @@ class RudderOffset(Effect):
     place = Place.ACTUATOR
     stage = SINGLE  # a gear and its offset change places; a stall comes after both
     parameters = (Parameter("offset", "angle of the rudder where the log says zero", "{force}", -inf, inf, 0.1),)
-    equation = "{f}_delivered = {f} + offset"
+    equation = "delta_delivered = delta + offset"
     says = "The rudder stands at an angle where the log says zero."
     reveals = "the rudder at zero under way, at two speeds"
     mistaken_for = ("bias-moment", "thrust-asymmetry")

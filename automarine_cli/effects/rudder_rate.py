@@ -19,7 +19,7 @@ class RudderRate(Effect):
         choice("law", "how the gear follows", "at its largest rate; with a lag at the end"),
         Parameter("T", "time constant of the gear", "s", 0.0, 10.0, 1.0, scan=(0.3, 2.0), laws=(1,)),
     )
-    equation = "|{f}_delivered'| <= rate, towards {f}"
+    equation = "|delta_delivered'| <= rate, towards delta"
     says = "The steering gear follows the commanded rudder only at its largest rate."
     reveals = "zigzags from hard over to hard over, where only the command is logged"
     mistaken_for = ("input-delay", "thruster-lag")
@@ -27,7 +27,7 @@ class RudderRate(Effect):
     source = "Van Amerongen (1982), Adaptive steering of ships, Delft (steering machine with a limited rate)"
     laws = (
         Law(
-            "{f}_delivered' = ({f} - {f}_delivered)/T, at most rate",
+            "delta_delivered' = (delta - delta_delivered)/T, at most rate",
             "Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, section 9.5 (steering machine)",
         ),
     )

@@ -17,7 +17,7 @@ class RudderStall(Effect):
         ),
         Parameter("fall", "lift lost beyond, as a share of what it gained before", "1", 0.0, 5.0, 0.5, scan=(0.2, 1.0)),
     )
-    equation = "{f}_delivered = sgn({f}) (stall - fall (|{f}| - stall)) where |{f}| > stall, at least 0"
+    equation = "delta_delivered = sgn(delta) (stall - fall (|delta| - stall)) where |delta| > stall, at least 0"
     says = "Beyond an angle the rudder stalls and loses lift."
     reveals = "the rudder at several angles to both sides, up to hard over"
     mistaken_for = ("saturation", "thrust-exponent")
