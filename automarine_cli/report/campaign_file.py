@@ -183,7 +183,7 @@ def _seen(look: Survey, files: Sequence[LogFile]) -> str:
     text, runs = plural(len(files), "log"), [run for file in files for run in look.runs.get(file, ())]
     if runs:
         text += f", {plural(len(runs), 'run')}"
-        if levels := [level for run in runs for level in run.levels or ()]:
+        if any(levels := [level for run in runs for level in run.levels or ()]):
             text += f", {number(min(levels), 3)} to {number(max(levels), 3)} {runs[0].moment_unit}"
     unread = len({*look.unread} & {*files})
     return f"{text}; {unread} of them show what they are once the questions are answered" if unread else text
