@@ -179,8 +179,8 @@ class Target:
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
     effects it has terms for, `in_plane` those of them in surge, sway and yaw alone, `lacks` the laws of them that it
     has none for; `varying` whether also effects that differ from run to run. `si` whether moments must be newton
-    metres; `uses` the settings that mean something; `motions`
-    those whose models it takes (none: thruster maps), `several` how it takes motions together (None: not at all)."""
+    metres; `uses` the settings that mean something; `motions` those whose models it takes (none: thruster maps),
+    `several` how it takes motions together (None: not at all)."""
 
     name: str
     says: str

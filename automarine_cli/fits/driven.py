@@ -223,19 +223,15 @@ def _gear_starts(problems: Sequence[DrivenProblem], priors: Priors) -> list[Floa
     gear on a strong rudder is a summit of its own."""
     starts = [np.empty((0, len(problem.parameters))) for problem in problems]
     geared = [i for i, problem in enumerate(problems) if any(t.name == STEERING_GEAR for t in problem.model.terms)]
-    models = [problems[i].model for i in geared]
+    models, rate = [problems[i].model for i in geared], effects.get(STEERING_GEAR).parameters[0]
     bare = [replace(m, terms=tuple(term for term in m.terms if term.name != STEERING_GEAR)) for m in models]
     plain = [driven_problem(model, problems[i].course).informed(priors) for i, model in zip(geared, bare)]
     for i, fit in zip(geared, fits_of(plain, [*map(base_starts, plain)], brief=True)):
         if fit is not None:
-            model, course = problems[i].model, problems[i].course
-            values = dict(zip(fit.names, fit.of_model.tolist()))
-            rate = effects.get(STEERING_GEAR).parameters[0]
-            largest = float(np.abs(course.signals.get("rudder", course.commanded[0])).max()) or 1.0
-            place = model.parameter_names.index(f"{STEERING_GEAR}.{rate.name}")
-            theta = np.array([values.get(name, value) for name, value in zip(model.parameter_names, model.theta)])
+            names, values = problems[i].model.parameter_names, dict(zip(fit.names, fit.of_model.tolist()))
+            theta = [values.get(name, start) for name, start in zip(names, problems[i].model.theta)]
             thetas = np.tile(theta, (len(rate.scan), 1))
-            thetas[:, place] = [rate.scaled(size, largest) for size in rate.scan]
+            thetas[:, names.index(f"{STEERING_GEAR}.{rate.name}")] *= np.array(rate.scan) / rate.start
             starts[i] = starts_near(problems[i], list(thetas), fit.of_chance)
     return starts
 

@@ -38,7 +38,7 @@ def test_what_is_hidden_is_found() -> None:
 def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
     dof = DOFS[motion]
     turning = {"compass-deviation", "heading-moment", "cross-coupling", "current-deviation", "wall", "rudder-inflow"}
-    turning |= {"restoring-moment"}  # of roll and pitch
+    turning.add("restoring-moment")  # of roll and pitch
     if motion == "heave":  # has one thruster
         turning |= {"thruster-dead-band", "thruster-imbalance", "thruster-limit", "rudder-drag"}
     elif motion == "surge":
