@@ -122,10 +122,7 @@ def _fit(
     campaign = load_runs(logs, columns, dof=dof, strict=strict, progress=progress, jobs=jobs)
     runs = [run if drive is None else drive(run) for run in campaign.runs]
     turns, not_turned = ((), ()) if dof.restoring else half_turns(runs, trim)
-
-    def whole_runs() -> list[Any]:
-        return [trim.of_whole(run) for run in runs]
-
+    whole_runs = [trim.of_whole(run) for run in runs]
     with append_exclusions(campaign.set_aside):
         fit = identify_turns(
             dof, turns, not_turned, whole_runs, fit_to="half-turns" if fit_to == "steps" else fit_to, priors=priors,

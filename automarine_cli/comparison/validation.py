@@ -31,18 +31,17 @@ from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.characteristics import overshoots, overshoots_json
 from automarine_cli.fits.driven import (
-    MAX_STEPS_S,
     Judgement,
     base_starts,
     by_model_alone,
-    disturbed,
     driven_problem,
+    is_driven,
     judged_of,
+    mostly_stepped,
     worth_of,
 )
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
 from automarine_cli.fits.preference import forecast_losses, is_ahead
-from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels, Use
@@ -54,7 +53,6 @@ from automarine_cli.runs.checks import without_undriven
 from automarine_cli.runs.half_turn import start_at_rest
 from automarine_cli.runs.load import GAP_IN_PERIODS, LoadedRuns, load_runs, require_usable
 from automarine_cli.runs.run import ExcludedRun, Run, command_warnings, position_noise, runs_json
-from automarine_cli.simulation.batch import make_batch
 from automarine_cli.text import format_value
 from automarine_cli.thrusters.map import driven_by, moment_maker
 
@@ -497,12 +495,8 @@ def predictions_of(
     those that were fitted, or no filter follows them. `channels` names what counts, None for positions."""
     at_rest = start_at_rest(runs)
     try:
-        rough = rough_model("2", make_batch(runs, MAX_STEPS_S[0]))  # what runs are hangs on no model to be judged
-    except FitError:
-        rough = stored.model
-    try:
-        if not stored.random and not disturbed(runs, rough, at_rest, channels):
-            return {}
+        if not stored.random and (mostly_stepped(runs) or not is_driven(runs, at_rest, channels)):
+            return {}  # held commands tell in a simulation what they do
         return {number: _predicted(model, runs, at_rest, channels) for number, model in stored.models.items()}
     except FitError:  # what the free runs say has to do
         return {}

@@ -16,7 +16,7 @@ from automarine_cli.errors import FitError
 from automarine_cli.filters.course import SLOW_ANSWER_S, SLOW_STEP_S, Course, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
+from automarine_cli.fits.driven import base_starts, driven_problem, mostly_steps, shows_disturbance, starts_near
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, fits_of
 from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
@@ -450,7 +450,7 @@ def study_of(
     inertia = base.dof.parameter("inertia")
     if inertia not in base.fixed and not any(np.any(run.command) for run in runs):
         base = replace(base, fixed=(*base.fixed, inertia))
-    driven = driven or disturbed(runs, base, start_at_rest(runs), channels)
+    driven = driven or (not mostly_steps(runs) and shows_disturbance(runs, base, start_at_rest(runs), channels))
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
     return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted({*needed, *base.signals})), channels=channels)

@@ -48,6 +48,7 @@ START_DELAYS = (0.0, 0.2, 0.4)  # s, between which the likelihood of commands th
 MIN_DISTURBANCE_GAIN = 10.0  # deviance beyond its penalty that a disturbance has to gain
 MAX_RUNS_TRIED = 16  # runs that show whether there is one
 MIN_HELD_S, MIN_HELD_SHARE = 1.0, 0.8  # for which a run holds its command; share of the run that this makes
+MAX_STEP_SEGMENTS = 5  # stretches of one command of a run of steps: rest, a step, rest, one back, rest
 
 
 def driven_problem(
@@ -120,19 +121,16 @@ def mostly_stepped(runs: Sequence[Run]) -> bool:
     return 2 * sum(stepped(run) for run in runs) >= len(runs)
 
 
+def mostly_steps(runs: Sequence[Run]) -> bool:
+    """Whether half of the runs hold few commands, a step or two. What differs between such runs in a pool is in their
+    gains, and a disturbance would absorb just what a diagnosis looks for."""
+    return 2 * sum(stepped(run) and len(segments(run.command)) <= MAX_STEP_SEGMENTS for run in runs) >= len(runs)
+
+
 def by_model_alone(runs: Sequence[Run]) -> bool:
     """Whether the model alone forecasts: held commands answer nothing within a forecast, and a disturbance that a
     filter carries on is then mostly what the model lacks. A rudder's commands answer the heading."""
     return runs[0].moment_unit != STEERED and mostly_stepped(runs)
-
-
-def disturbed(runs: Sequence[Run], base: Model, at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None) -> bool:
-    """Whether a diagnosis has to reckon with a disturbance.
-
-    Runs of held commands answer nothing: what differs in a pool is in their gains, and a disturbance would absorb just
-    what is looked for. Where half of the runs are such, the question is not asked.
-    """
-    return not mostly_stepped(runs) and shows_disturbance(runs, base, at_rest, channels)
 
 
 def shows_disturbance(

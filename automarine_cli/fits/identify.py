@@ -1,6 +1,6 @@
 """From runs to a yaw fit: which runs serve for what, then both estimators, and the preferred model."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -45,7 +45,7 @@ from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import STEERED
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.checks import coasts, still, without_stuck, without_undriven
-from automarine_cli.runs.half_turn import HalfTurn, released, start_at_rest, without_contrary
+from automarine_cli.runs.half_turn import HalfTurn, released, segments, start_at_rest, without_contrary
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -268,46 +268,53 @@ def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
 PREDICTING = "predicting runs left out"
 WIDENING_INTERVALS = "widening intervals"
 MIN_STEPS = 3
+MIN_STEP_SHARE = 0.4  # of the time commanded, that steps from rest take; those of "one way, then back" take half
 MIN_DRIVEN = 2  # driven runs from which on each is predicted by the others
 FEWEST_SAMPLES = 20  # of a whole run
 MIN_NOISE_RATIO = 1.3  # ratio of what a model leaves to the noise of the positions from which on something is missing
 
 
 def identify_turns(
-    dof: Dof, turns: tuple[HalfTurn, ...], set_aside: tuple[ExcludedRun, ...], load_runs: Callable[[], Sequence[Run]],
+    dof: Dof, turns: tuple[HalfTurn, ...], set_aside: tuple[ExcludedRun, ...], runs: Sequence[Run],
     fit_to: str = "auto", priors: Priors = NOTHING_KNOWN, map_jobs: Each = alone, channels: str = AUTO,
     tail: float | None = None, with_effects: Sequence[str] = (), mass: float | None = None, length: float | None = None,
 ) -> YawFit:  # fmt: skip
-    """Fit the three models to a motion's steps, or to whole runs, which `load_runs` gives if they are needed.
+    """Fit the three models to a motion's steps, or to whole `runs`.
 
     `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": steps if at least
-    three at two sizes of moment serve and they are half of the runs or more, else whole runs. Steps count whole, unless
-    what comes after the first half-turns disagrees with them (see steps.py). `priors` are what
+    three at two sizes of moment serve and they take MIN_STEP_SHARE of the time commanded, else whole runs. Steps count
+    whole, unless what comes after the first half-turns disagrees with them (see steps.py). `priors` are what
     need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
     of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back,
     `length` [m] the vehicle's. Raises RunError where too few runs are left, FitError where the data cannot carry a fit.
     """
-    runs = len(turns) + len(set_aside)
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
     enough = len(turns) >= MIN_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
         steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
-    logged = tuple(load_runs()) if dof.wraps else ()
-    steered = any(run.moment_unit == STEERED for run in logged) or rudder_beside(logged)  # its thrust may be anything
-    few_steps = not enough or 2 * len(turns) < runs
+    # beside a rudder thrust may be anything
+    steered = dof.wraps and (any(run.moment_unit == STEERED for run in runs) or rudder_beside(runs))
+    few_steps = not enough or _step_share(turns, runs) < MIN_STEP_SHARE
     stepped = fit_to == "half-turns" or (fit_to == "auto" and not few_steps)
     if stepped and not (with_effects or steered or dof.restoring):
         return _fit_steps(turns, set_aside, fit_to, priors, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
-            f"{plural(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
-            "none; leave the tail out, or give more runs from rest at one command"
+            f"{plural(len(turns), 'run')} of {len(turns) + len(set_aside)} can be read by tails, too few for Table 1, "
+            "and whole runs have none; leave the tail out, or give more runs from rest at one command"
         )
-    fit = _fit_whole(tuple(load_runs()), turns, few_steps, fit_to, priors, map_jobs, channels, with_effects, length)
+    fit = _fit_whole(tuple(runs), turns, few_steps, fit_to, priors, map_jobs, channels, with_effects, length)
     return replace(fit, mass=mass)
+
+
+def _step_share(turns: Sequence[HalfTurn], runs: Sequence[Run]) -> float:
+    """Return what the steps that serve take of the time in which anything is commanded."""
+    held = [run.time[stop - 1] - run.time[first] for run in runs for first, stop, at in segments(run.command) if at]
+    of_steps = sum(turn.step.run.time[turn.step.stop - 1] - turn.step.run.time[turn.step.first] for turn in turns)
+    return float(of_steps / max(sum(held), 1e-9))
 
 
 def _reasons(set_aside: Sequence[ExcludedRun]) -> str:
@@ -424,7 +431,7 @@ def _fit_whole(
     asks = bool(with_effects) or steered or (not free_decays and driven.is_driven(moving, at_rest, chosen.names))
     by_innovations = partial(_fit_driven, moving, course, map_jobs, with_effects, priors)
     norrbin: whole_runs.OutputErrorFit | None = None
-    by_filter = asks and (bool(with_effects) or steered or not driven.mostly_stepped(moving))
+    by_filter = asks and (bool(with_effects) or steered or not driven.mostly_steps(moving))
     if by_filter:
         fits, preference, use, refused, norrbin = by_innovations()
     else:
@@ -453,14 +460,15 @@ def _fit_whole(
         fastest = float(course.fastest[0])
         nomoto = answer_to_rudder(moving, fits["1"], norrbin, fits[preference.number].answering, fastest, length)
     option = "--with" if asked else "--fit-to whole-runs"
+    few = f": {100 * _step_share(turns, runs):.0f} % of the time commanded, too little" if turns else ", too few"
     why = (
         f"Steps end at an angle, not at a {words.speed}, and have no velocity errors; the whole runs were fitted {how}"
         if dof.restoring
         else f"The whole runs were fitted {how}, as asked ({option}); steady "
         f"{words.speed}s and velocity errors are of {words.step}s only"
         if fit_to == "whole-runs" or asked
-        else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
-        f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
+        else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}{few} "
+        f"for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
     return YawFit(
         moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, priors,

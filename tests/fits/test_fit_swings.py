@@ -25,7 +25,7 @@ DAMPING = TRUTH["linear"] / (2.0 * np.sqrt(TRUTH["inertia"] * TRUTH["restoring"]
 def fitted(runs: list[Run], known: float | None = 1.9, mass: float | None = None) -> YawFit:
     dof = runs[0].dof
     priors = {} if known is None else {dof.parameter("inertia"): Prior(known)}
-    return identify_turns(dof, (), (), lambda: runs, priors=priors, mass=mass)
+    return identify_turns(dof, (), (), runs, priors=priors, mass=mass)
 
 
 @pytest.mark.slow

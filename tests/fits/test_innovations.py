@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
-from identified import driven_fit
+from identified import driven_fit, identify
 from made_campaigns import shifted
 from made_driven import Sea, steered, turned
 from made_runs import written
@@ -22,10 +22,11 @@ from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits import driven as driven_module
 from automarine_cli.fits.driven import (
     base_starts,
-    disturbed,
     driven_fits,
     driven_problem,
     left_out_predictions,
+    mostly_steps,
+    shows_disturbance,
     starts_near,
 )
 from automarine_cli.fits.identify import identify_turns
@@ -207,7 +208,27 @@ def test_the_evidence_asks_for_a_disturbance_where_there_is_one() -> None:
     for sea, asked in ((Sea(), True), (Sea(size=0.0, thrust=0.0), False)):
         runs = steered(3, 1, sea, length=20.0)
         rough = rough_model("2", make_batch(runs, 0.1))
-        assert disturbed(runs, rough, np.ones(3, dtype=bool), None) is asked
+        assert shows_disturbance(runs, rough, np.ones(3, dtype=bool), None) is asked
+
+
+LEVELS = Sea(k_r=0.3, noise_deg=0.2, size=0.05)
+
+
+def test_a_few_levels_are_steps_and_many_are_none() -> None:
+    levels = steered(3, 1, LEVELS, length=30.0, period=0.1, held=4.0, free=True)
+    assert not mostly_steps(levels) and mostly_steps([run.cut(0, 120) for run in levels])
+    assert shows_disturbance(levels, base(), np.ones(3, dtype=bool), None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_runs_of_many_levels_are_fitted_whole(seed: int) -> None:
+    """Their first levels passed for steps, and nine tenths of the data were laid aside."""
+    fit = identify(steered(8, seed, LEVELS, period=0.1, held=4.0, free=True))
+    assert fit.turns == () and fit.preferred.mixed.driven and "by a filter" in fit.why_no_velocity_error
+    for name, truth in (("I_r", LEVELS.inertia), ("k_rr", LEVELS.k_rr), ("k_r", LEVELS.k_r)):
+        estimate = fit.output_error["2"].estimates[name]
+        assert abs(estimate.value - truth) < 3.0 * estimate.stderr < (0.09 if name == "I_r" else 0.3), name
 
 
 def test_commands_that_move_nothing_give_no_model() -> None:
@@ -261,7 +282,7 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
 
     monkeypatch.setattr(driven_module, "driven_fits", refusing)
     runs = steered(3, 1, length=12.0, period=0.02)
-    fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
+    fit = identify_turns(YAW, (), (), runs, with_effects=("input-delay",))
     assert list(fit.output_error) == ["1"]
     for number in "23":
         assert f"Model {number} could not be fitted: these runs do not determine the model: it has no end." in (
@@ -273,7 +294,7 @@ def test_what_cannot_be_fitted_and_how_fast_logs_are_read_is_said(monkeypatch: p
 @pytest.mark.slow
 def test_a_fit_chooses_the_law_of_its_effect() -> None:
     """In the propeller's law the lag of the thrust ended as a delay."""
-    fit = identify_turns(YAW, (), (), lambda: steps_in_water(thrust_lag=0.4, seed=2), with_effects=("thruster-lag",))
+    fit = identify_turns(YAW, (), (), steps_in_water(thrust_lag=0.4, seed=2), with_effects=("thruster-lag",))
     (effect,) = fit.to_json()["models"][fit.preference.number]["effects"]  # type: ignore[index]
     lag, law = (effect["parameters"][name] for name in ("T", "law"))
     assert law["value"] == 1.0 and abs(lag["value"] - 0.4) < 3.0 * lag["stderr"] < 0.3
@@ -282,7 +303,7 @@ def test_a_fit_chooses_the_law_of_its_effect() -> None:
 @pytest.mark.slow
 def test_a_long_delay_in_a_closed_loop_is_reached() -> None:
     """From no delay the search ended at half of it, with an inertia a quarter too large and a tenth of it wide."""
-    fit = identify_turns(YAW, (), (), lambda: controlled(delay=0.3)).preferred
+    fit = identify_turns(YAW, (), (), controlled(delay=0.3)).preferred
     for name, truth in (("I_r", INERTIA), ("k_rr", K_RR), ("k_r", K_R)):
         assert abs(fit.estimates[name].value - truth) < 3.0 * fit.estimates[name].stderr < 0.3 * truth, name
     assert fit.delay.value == pytest.approx(0.35, abs=0.02) and not fit.proposed
@@ -292,7 +313,7 @@ def test_a_long_delay_in_a_closed_loop_is_reached() -> None:
 def test_a_lag_in_a_closed_loop_is_allowed_for_and_found() -> None:
     runs = controlled(thrust_lag=0.4)
     plain, lagging = (
-        identify_turns(YAW, (), (), lambda: runs, with_effects=names).preferred for names in ((), ("thruster-lag",))
+        identify_turns(YAW, (), (), runs, with_effects=names).preferred for names in ((), ("thruster-lag",))
     )
     low, high = plain.estimates["I_r"].ci95
     assert "thruster-lag" in plain.proposed and low < INERTIA < high
@@ -304,7 +325,7 @@ def test_a_lag_in_a_closed_loop_is_allowed_for_and_found() -> None:
 def test_results_of_driven_runs_show_effects() -> None:
     """Of a vehicle that answers 0.3 s late, fitted with that effect."""
     runs = steered(3, 1, Sea(delay=0.3), length=15.0)
-    fit = identify_turns(YAW, (), (), lambda: runs, with_effects=("input-delay",))
+    fit = identify_turns(YAW, (), (), runs, with_effects=("input-delay",))
     assert all(draw().axes for draw in sections(fit).figures.values())
     (row,) = (row for row in tables(fit)[0].rows if str(row[0]).startswith("input-delay t_d"))
     assert all("[" in str(cell) for cell in row[1:]) and "[s]" in str(row[0])

@@ -23,7 +23,7 @@ def identify(runs: Sequence[Run], fit_to: str = "auto", trim: Trim = UNTRIMMED, 
     if not runs:
         raise RunError("there are no runs to fit; give at least one")
     turns, set_aside = half_turns(runs, trim)
-    fit = identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, map_jobs=as_sent, channels=channels)
+    fit = identify_turns(runs[0].dof, turns, set_aside, runs, fit_to, map_jobs=as_sent, channels=channels)
     return replace(fit, warnings=warnings_of(fit))
 
 
