@@ -122,11 +122,11 @@ def _fit(
     campaign = load_runs(logs, columns, dof=dof, strict=strict, progress=progress, jobs=jobs)
     runs = [run if drive is None else drive(run) for run in campaign.runs]
     turns, not_turned = ((), ()) if dof.restoring else half_turns(runs, trim)
-    whole_runs = [trim.of_whole(run) for run in runs]
     with append_exclusions(campaign.set_aside):
         fit = identify_turns(
-            dof, turns, not_turned, whole_runs, fit_to="half-turns" if fit_to == "steps" else fit_to, priors=priors,
-            map_jobs=map_fn, channels=channels, tail=tail_start, with_effects=names, mass=mass, length=length,
+            dof, turns, not_turned, [trim.of_whole(run) for run in runs],
+            fit_to="half-turns" if fit_to == "steps" else fit_to, priors=priors, map_jobs=map_fn, channels=channels,
+            tail=tail_start, with_effects=names, mass=mass, length=length,
         )  # fmt: skip
     limits = [limit.warning for limit in campaign.limits if limit.dof is dof]
     warnings = [*command_warnings(runs), *frame_warnings(runs), *limits, *warnings_of(fit)]

@@ -37,7 +37,7 @@ from automarine_cli.fits.driven import (
     driven_problem,
     is_driven,
     judged_of,
-    mostly_stepped,
+    mostly_held,
     worth_of,
 )
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
@@ -495,7 +495,7 @@ def predictions_of(
     those that were fitted, or no filter follows them. `channels` names what counts, None for positions."""
     at_rest = start_at_rest(runs)
     try:
-        if not stored.random and (mostly_stepped(runs) or not is_driven(runs, at_rest, channels)):
+        if not stored.random and (mostly_held(runs) or not is_driven(runs, at_rest, channels)):
             return {}  # held commands tell in a simulation what they do
         return {number: _predicted(model, runs, at_rest, channels) for number, model in stored.models.items()}
     except FitError:  # what the free runs say has to do

@@ -110,27 +110,27 @@ def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: Mappin
     return problem.parameters.within([[*theta, *chances] for theta in thetas])
 
 
-def stepped(run: Run) -> bool:
+def holds_commands(run: Run) -> bool:
     """Whether a run holds its command for MIN_HELD_S seconds at a time, nearly all of the time."""
     durations = [run.time[stop - 1] - run.time[first] for first, stop, _ in segments(run.command)]
     return sum(length for length in durations if length >= MIN_HELD_S) > MIN_HELD_SHARE * (run.time[-1] - run.time[0])
 
 
-def mostly_stepped(runs: Sequence[Run]) -> bool:
+def mostly_held(runs: Sequence[Run]) -> bool:
     """Whether half of the runs hold their commands."""
-    return 2 * sum(stepped(run) for run in runs) >= len(runs)
+    return 2 * sum(holds_commands(run) for run in runs) >= len(runs)
 
 
 def mostly_steps(runs: Sequence[Run]) -> bool:
     """Whether half of the runs hold few commands, a step or two. What differs between such runs in a pool is in their
     gains, and a disturbance would absorb just what a diagnosis looks for."""
-    return 2 * sum(stepped(run) and len(segments(run.command)) <= MAX_STEP_SEGMENTS for run in runs) >= len(runs)
+    return 2 * sum(holds_commands(run) and len(segments(run.command)) <= MAX_STEP_SEGMENTS for run in runs) >= len(runs)
 
 
 def by_model_alone(runs: Sequence[Run]) -> bool:
     """Whether the model alone forecasts: held commands answer nothing within a forecast, and a disturbance that a
     filter carries on is then mostly what the model lacks. A rudder's commands answer the heading."""
-    return runs[0].moment_unit != STEERED and mostly_stepped(runs)
+    return runs[0].moment_unit != STEERED and mostly_held(runs)
 
 
 def shows_disturbance(
@@ -556,7 +556,7 @@ def is_driven(runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[s
     try:
         return shows_disturbance(runs, rough_model("2", make_batch(runs, MAX_STEPS_S[0])), at_rest, channels)
     except FitError:  # what is wrong with them, their fit will say
-        return not mostly_stepped(runs)
+        return not mostly_held(runs)
 
 
 def fit_driven_models(
@@ -592,7 +592,7 @@ def fit_driven_models(
         except FitError as error:
             attempts.append((None, str(error)))
     likely = [fit for fit, _ in attempts if fit is not None]
-    chosen = iter(beside_forecasts(course, likely, mostly_stepped(runs), map_jobs))
+    chosen = iter(beside_forecasts(course, likely, mostly_held(runs), map_jobs))
     return [(None, why) if fit is None else (next(chosen), "") for fit, why in attempts]
 
 

@@ -268,7 +268,7 @@ def _scatter_json(fit: whole_runs.OutputErrorFit) -> dict[str, object]:
 PREDICTING = "predicting runs left out"
 WIDENING_INTERVALS = "widening intervals"
 MIN_STEPS = 3
-MIN_STEP_SHARE = 0.4  # of the time commanded, that steps from rest take; those of "one way, then back" take half
+MIN_COMMANDED_SHARE = 0.4  # of the time commanded, that steps from rest take; those of "one way, then back" take half
 MIN_DRIVEN = 2  # driven runs from which on each is predicted by the others
 FEWEST_SAMPLES = 20  # of a whole run
 MIN_NOISE_RATIO = 1.3  # ratio of what a model leaves to the noise of the positions from which on something is missing
@@ -282,9 +282,9 @@ def identify_turns(
     """Fit the three models to a motion's steps, or to whole `runs`.
 
     `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": steps if at least
-    three at two sizes of moment serve and they take MIN_STEP_SHARE of the time commanded, else whole runs. Steps count
-    whole, unless what comes after the first half-turns disagrees with them (see steps.py). `priors` are what
-    need not be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
+    three at two sizes of moment serve and take MIN_COMMANDED_SHARE of the time commanded, else whole runs. Steps count
+    whole, unless what comes after the first half-turns disagrees with them (see steps.py). `priors` are what need not
+    be estimated, or is known with an error, by qualified names; `map_jobs` maps a function over the models (on
     processes), `channels` says which sensors count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails
     of the paper's method start, None: where they are best; `mass` [kg] is that of a vehicle that weight turns back,
     `length` [m] the vehicle's. Raises RunError where too few runs are left, FitError where the data cannot carry a fit.
@@ -295,16 +295,17 @@ def identify_turns(
         steps = f"{plural(len(turns), dof.words.step)} at {plural(sizes, 'size')} of {dof.words.force} are usable"
         remedy = f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         raise RunError(f"{steps}, and at least {MIN_STEPS} at 2 are needed; {remedy}")
-    # beside a rudder thrust may be anything
+    # what thrusts beside a rudder may be anything
     steered = dof.wraps and (any(run.moment_unit == STEERED for run in runs) or rudder_beside(runs))
-    few_steps = not enough or _step_share(turns, runs) < MIN_STEP_SHARE
+    share = _step_share(turns, runs)
+    few_steps = not enough or share < MIN_COMMANDED_SHARE
     stepped = fit_to == "half-turns" or (fit_to == "auto" and not few_steps)
     if stepped and not (with_effects or steered or dof.restoring):
         return _fit_steps(turns, set_aside, fit_to, priors, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
-            f"{plural(len(turns), 'run')} of {len(turns) + len(set_aside)} can be read by tails, too few for Table 1, "
-            "and whole runs have none; leave the tail out, or give more runs from rest at one command"
+            f"{plural(len(turns), 'run')} with tails, {100 * share:.0f} % of the time commanded, too few for Table 1; "
+            "whole runs have none: leave the tail out, or give more runs from rest at one command"
         )
     fit = _fit_whole(tuple(runs), turns, few_steps, fit_to, priors, map_jobs, channels, with_effects, length)
     return replace(fit, mass=mass)
@@ -312,9 +313,9 @@ def identify_turns(
 
 def _step_share(turns: Sequence[HalfTurn], runs: Sequence[Run]) -> float:
     """Return what the steps that serve take of the time in which anything is commanded."""
-    held = [run.time[stop - 1] - run.time[first] for run in runs for first, stop, at in segments(run.command) if at]
-    of_steps = sum(turn.step.run.time[turn.step.stop - 1] - turn.step.run.time[turn.step.first] for turn in turns)
-    return float(of_steps / max(sum(held), 1e-9))
+    commanded = sum(run.time[b - 1] - run.time[a] for run in runs for a, b, command in segments(run.command) if command)
+    of_steps = sum(float(np.ptp(turn.step.run.time[turn.step.first : turn.step.stop])) for turn in turns)
+    return float(of_steps / max(commanded, 1e-9))
 
 
 def _reasons(set_aside: Sequence[ExcludedRun]) -> str:
@@ -460,15 +461,15 @@ def _fit_whole(
         fastest = float(course.fastest[0])
         nomoto = answer_to_rudder(moving, fits["1"], norrbin, fits[preference.number].answering, fastest, length)
     option = "--with" if asked else "--fit-to whole-runs"
-    few = f": {100 * _step_share(turns, runs):.0f} % of the time commanded, too little" if turns else ", too few"
+    shortage = f": {100 * _step_share(turns, runs):.0f} % of the time commanded, too little" if turns else ", too few"
     why = (
         f"Steps end at an angle, not at a {words.speed}, and have no velocity errors; the whole runs were fitted {how}"
         if dof.restoring
         else f"The whole runs were fitted {how}, as asked ({option}); steady "
         f"{words.speed}s and velocity errors are of {words.step}s only"
         if fit_to == "whole-runs" or asked
-        else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}{few} "
-        f"for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
+        else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}"
+        f"{shortage} for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
     return YawFit(
         moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, dof, chosen, use, priors,
