@@ -29,7 +29,7 @@ from automarine_cli.fits.linear_mixed import (
     bias_of,
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
-from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, Model, main_drag
+from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, MAX_EARLY, Model, main_drag
 from automarine_cli.models.parameter import NOTHING_KNOWN, NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import start_motion
@@ -140,18 +140,17 @@ def whole_run_problem(
 ) -> Problem:  # fmt: skip
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
-    theta is (the model's `parameters`, the command delay [s] from half a sample interval before the middle of the one
-    in which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on a lake
-    thrusters lag. If `confined`, every switch stays in its interval, for more is an effect's to say: where in it is
-    `instant` of a z common to all, which is then the last entry of theta, and one of its own. Run
-    effects are start position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is
-    false), log gain of the moment delivered, where in its interval each change of command was, and a disturbance held
-    over each window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
-    in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle, because
-    positions integrate every disturbance; unless `disturbed` there is none. It is an acceleration, so that a common
-    gain scales inertia and drag and nothing else. Then come the biases of velocity sensors, and last the coefficients
-    of effects that vary from run to run, in the model's order, each effect's with a factor of its own on the largest
-    moment.
+    theta is (the model's `parameters`, the command delay [s] from MAX_EARLY half sample intervals before the middle of
+    the one in which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on
+    a lake thrusters lag. If `confined`, every switch stays in its interval, for more is an effect's to say: where in it
+    is `instant` of a z common to all, which is then the last entry of theta, and one of its own. Run effects are start
+    position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is false), log gain of
+    the moment delivered, where in its interval each change of command was, and a disturbance held over each window of
+    the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero in a quiet pool, and
+    without it a minute of free running on a lake would say nothing of the vehicle, because positions integrate every
+    disturbance; unless `disturbed` there is none. It is an acceleration, so that a common gain scales inertia and drag
+    and nothing else. Then come the biases of velocity sensors, and last the coefficients of effects that vary from run
+    to run, in the model's order, each effect's with a factor of its own on the largest moment.
     """
     first = batch.position[:, :1]
     varying = varying_terms(model)
@@ -189,7 +188,7 @@ def whole_run_problem(
                 predicted[i] = predicted[i] + blocks.of(b, bias_of(channel.quantity))
         return np.concatenate(predicted, axis=2)
 
-    ends = (-batch.half_interval, MAX_DELAY_S if batch.half_interval else 0.0)
+    ends = (-MAX_EARLY * batch.half_interval, MAX_DELAY_S if batch.half_interval else 0.0)
     if confined:
         ends = (-MAX_SWITCH_Z, MAX_SWITCH_Z)
     delay = Parameter(COMMAND_DELAY, 0.0, *ends, role=NUISANCE, unit="s")

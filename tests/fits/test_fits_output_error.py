@@ -275,6 +275,17 @@ def test_a_delay_is_a_parameter_of_every_fit(fit_to: str) -> None:
     assert not identify(runs, fit_to=fit_to).is_late
 
 
+def test_commands_that_the_log_shows_a_message_late_act_before() -> None:
+    """As in an autopilot's log, which holds what was sent last; half a sample was the earliest, with a wrong inertia."""
+    runs = campaign(both_ways((0.2, 0.4, 0.8, 1.1)), seed=1)
+    early = [replace(run, position=np.interp(run.time + 0.1, run.time, run.position)) for run in runs]
+    together, apart = (identify(logged, "whole-runs").preferred for logged in (runs, early))
+    assert apart.delay.value - together.delay.value == pytest.approx(-0.1, abs=0.02) and not apart.delay.at_bound
+    for name in TRUTH:
+        error = apart.estimates[name].value - together.estimates[name].value
+        assert abs(error) < 2 * apart.estimates[name].stderr, name
+
+
 def test_vehicles_of_hardly_any_drag_or_inertia_are_warned_of() -> None:
     fit = identify(campaign(both_ways((0.2, 0.5, 0.8)), vehicle=Vehicle(1.0, 0.0, 0.001), seed=1))
     assert said(fit, "Half a turn is too short for a steady speed")
