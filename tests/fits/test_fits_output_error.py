@@ -276,7 +276,7 @@ def test_a_delay_is_a_parameter_of_every_fit(fit_to: str) -> None:
 
 
 def test_commands_that_the_log_shows_a_message_late_act_before() -> None:
-    """As in an autopilot's log, which holds what was sent last; half a sample was the earliest, with a wrong inertia."""
+    """As in an autopilot's log, which holds what was sent last: with half a sample at most the inertia was wrong."""
     runs = campaign(both_ways((0.2, 0.4, 0.8, 1.1)), seed=1)
     early = [replace(run, position=np.interp(run.time + 0.1, run.time, run.position)) for run in runs]
     together, apart = (identify(logged, "whole-runs").preferred for logged in (runs, early))
