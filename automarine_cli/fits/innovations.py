@@ -25,7 +25,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.fits.mixed_model import MixedFit, Outcome
 from automarine_cli.fits.optimise import Maximum, Point, maximise
-from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, MAX_EARLY, Model
+from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, MAX_EARLY_HALF_SAMPLES, Model
 from automarine_cli.models.parameter import NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.models.store import Sensor
 from automarine_cli.pipeline.records import to_mapping
@@ -233,7 +233,7 @@ def randomness(
         thrust = (0.0, 0.0) if quiet else (1e-3, 3.0)
         add(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0)
     add("gain-scatter", 1e-3, 0.3, 0.04, 0.5)
-    earliest = -MAX_EARLY * course.half_width if latest else 0.0
+    earliest = -MAX_EARLY_HALF_SAMPLES * course.half_width if latest else 0.0
     anywhere = Prior(0.0, MAX_DELAY_S)
     chances.append(Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, unit="s", prior=anywhere))
     for channel, noise in zip(course.channels, course.noise):

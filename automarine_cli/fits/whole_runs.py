@@ -29,7 +29,7 @@ from automarine_cli.fits.linear_mixed import (
     bias_of,
 )
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed, jackknife, slots_of
-from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, MAX_EARLY, Model, main_drag
+from automarine_cli.models.model import COMMAND_DELAY, MAX_DELAY_S, MAX_EARLY_HALF_SAMPLES, Model, main_drag
 from automarine_cli.models.parameter import NOTHING_KNOWN, NUISANCE, Parameter, Parameters, Prior, Priors
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import start_motion
@@ -140,8 +140,8 @@ def whole_run_problem(
 ) -> Problem:  # fmt: skip
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
-    theta is (the model's `parameters`, the command delay [s] from MAX_EARLY half sample intervals before the middle of
-    the one in which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on
+    theta is (the model's `parameters`, the command delay [s] from MAX_EARLY_HALF_SAMPLES before the middle of the
+    interval in which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on
     a lake thrusters lag. If `confined`, every switch stays in its interval, for more is an effect's to say: where in it
     is `instant` of a z common to all, which is then the last entry of theta, and one of its own. Run effects are start
     position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is false), log gain of
@@ -188,7 +188,7 @@ def whole_run_problem(
                 predicted[i] = predicted[i] + blocks.of(b, bias_of(channel.quantity))
         return np.concatenate(predicted, axis=2)
 
-    ends = (-MAX_EARLY * batch.half_interval, MAX_DELAY_S if batch.half_interval else 0.0)
+    ends = (-MAX_EARLY_HALF_SAMPLES * batch.half_interval, MAX_DELAY_S if batch.half_interval else 0.0)
     if confined:
         ends = (-MAX_SWITCH_Z, MAX_SWITCH_Z)
     delay = Parameter(COMMAND_DELAY, 0.0, *ends, role=NUISANCE, unit="s")

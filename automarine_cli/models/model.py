@@ -47,7 +47,7 @@ COMMAND_DELAY = "command_delay_s"
 acts: beside inertia and drag a parameter of every fit."""
 DELAY = "input-delay"  # the effect that means the same
 MAX_DELAY_S = effects.get(DELAY).parameters[0].upper
-MAX_EARLY = 3.0  # half sample intervals by which they act before that at most: logs may show them a message late
+MAX_EARLY_HALF_SAMPLES = 3.0  # before that middle, in which commands act at most: a log may show them a message late
 CONSTANT = "bias-moment"  # the term of a moment or force that always acts
 RESTORING = "restoring-moment"  # the term by which weight and buoyancy turn the vehicle back
 SIDED_DRAG = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
