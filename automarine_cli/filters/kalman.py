@@ -571,10 +571,11 @@ class Predicted:
 
 def predict(
     model: Model, course: Course, theta: Floats, noises: Noises, channel: int = 0,
-    followed: FilterResult | None = None, alone: bool = False,
+    followed: FilterResult | None = None, alone: bool = False, horizons: Sequence[float] = HORIZONS,
 ) -> tuple[Predicted, ...]:  # fmt: skip
-    """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
-    that were `followed`; by the model `alone`, without the disturbance and the gain that the filter believes in."""
+    """Predictions of a channel over `horizons` [s] under one parameter set theta (p,), with the sizes of what is
+    random, from the states that were `followed`; by the model `alone`, without the disturbance and the gain that the
+    filter believes in."""
     followed = followed or follow(model, course.unthinned, theta[None], noises, keep=True)
     assert followed.states is not None
     states = followed.states[:, 0]
@@ -583,7 +584,7 @@ def predict(
         states[[*followed.places.pushed, followed.places.gain]] = 0.0
     of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING_S))
-    targets = {h: targets_of(of.seen, time, run, origin, h) for h in HORIZONS}
+    targets = {h: targets_of(of.seen, time, run, origin, h) for h in horizons}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
     path = carried(model, course, theta[None], noises, states, (of,), run, origin, last)[0, 0]
     rates = _rates(of, time, run, origin, targets)

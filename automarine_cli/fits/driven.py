@@ -14,7 +14,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.filters.kalman import Predicted, predict
+from automarine_cli.filters.kalman import HORIZONS, Predicted, predict
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import NO_START, DrivenProblem, Fit, InnovationsFit, fits_of, randomness
 from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN
@@ -298,10 +298,9 @@ def _best_of(
     problem, dof, count = _informed(course, likely), likely.model.dof, len(likely.model.theta)
     steered = course.moment_unit == STEERED
     over = STEERED_HORIZONS_S if steered else COMPARISON_HORIZONS_S
-    ahead = {name: left_out_predictions(problem, fit, alone=is_held and not steered)[0] for name, fit in fits.items()}
-    sizes = {
-        name: [p.rmse() for p in predicted if p.horizon in over and len(p.error)] for name, predicted in ahead.items()
-    }
+    ask = partial(left_out_predictions, problem, alone=is_held and not steered, horizons=over)
+    ahead = {name: ask(fit)[0] for name, fit in fits.items()}
+    sizes = {name: [p.rmse() for p in predicted if len(p.error)] for name, predicted in ahead.items()}
     if not sizes[FORECASTS] or not np.all(np.isfinite(sizes[FORECASTS])):
         return likely
     losses = forecast_losses(ahead, len(course.names), over)
@@ -408,9 +407,10 @@ RUNS_A_PASS = 16  # runs that one filter follows by as many fits, of which those
 
 
 def left_out_predictions(
-    problem: DrivenProblem, fit: Fit, channels: Sequence[int] = (0,), *, thinned: bool = False, alone: bool = False
-) -> list[tuple[Predicted, ...]]:
-    """Predictions of each run by the parameters that the other runs give, of each channel over each horizon.
+    problem: DrivenProblem, fit: Fit, channels: Sequence[int] = (0,), *, thinned: bool = False, alone: bool = False,
+    horizons: Sequence[float] = HORIZONS,
+) -> list[tuple[Predicted, ...]]:  # fmt: skip
+    """Predictions of each run by the parameters that the other runs give, of each channel over each horizon [s].
 
     States follow all readings, or those that are `thinned`. The model predicts with the disturbance and the gain that
     the filter believes in, or `alone`, as whoever simulates it does.
@@ -422,7 +422,8 @@ def left_out_predictions(
         for i, r in enumerate(group):
             of_run, theta = problem.course.some(runs == r), problem.parameters.natural(fit.left_out[r])
             model, noises, followed = theta[: len(fit.of_model)], problem.noises(theta[None]), together.of(i, i)
-            by_run.append([predict(problem.model, of_run, model, noises, c, followed, alone) for c in channels])
+            ask = partial(predict, problem.model, of_run, model, noises, followed=followed, alone=alone)
+            by_run.append([ask(channel=c, horizons=horizons) for c in channels])
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
 
@@ -475,24 +476,26 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
     estimated alike, also where that is the middle of two estimates.
     """
     narrow, count, have = fit.mixed, len(fit.model.theta), {term.name for term in fit.model.terms}
-    gains, shifts = dict[str, float](), dict[str, Floats]()
     steered = course.moment_unit == STEERED
     of_rudder = PROPOSED_OF_RUDDER if steered or "rudder" in course.signals else ()
     names = [name for name in (*PROPOSED, *of_rudder) if effects.get(name).steered in (None, steered)]
-    tried = [(name, start_of(name, course), narrow.of_chance) for name in names]
-    if comes_late(fit, course.half_width):
+    tried = [(name, start_of(name, course), narrow.of_chance) for name in names if name not in have]
+    if THRUSTER_LAG not in have and comes_late(fit, course.half_width):
         at_once = {**narrow.of_chance, COMMAND_DELAY: 0.0}
         tried += [(THRUSTER_LAG, start, at_once) for start in lags_like(fit.delay.value, course)]
+    if not tried:
+        return fit
+    problems, starts = list[DrivenProblem](), list[Floats]()
     for name, start, chances in tried:
-        if name in have:
-            continue
         wider = driven_problem(fit.model.with_effect(name, start), course).informed(narrow.parameters.priors)
-        theta = np.array([*narrow.of_model, *start])
-        problems, starts = [wider], [starts_near(wider, [theta], chances)]
-        if fit.to_forecasts:  # at which innovations are not most likely
-            problems, starts = [wider, _informed(course, fit)], [*starts, narrow.theta[None]]
-        wide, *bases = fits_of(problems, starts, brief=True)
-        likelihood = next((base.log_likelihood for base in bases if base), narrow.log_likelihood)
+        problems.append(wider)
+        starts.append(starts_near(wider, [np.array([*narrow.of_model, *start])], chances))
+    if fit.to_forecasts:  # at which innovations are not most likely
+        problems, starts = [*problems, _informed(course, fit)], [*starts, narrow.theta[None]]
+    fits = fits_of(problems, starts, brief=True)
+    base, gains, shifts = fits[-1] if fit.to_forecasts else None, dict[str, float](), dict[str, Floats]()
+    likelihood = base.log_likelihood if base else narrow.log_likelihood
+    for (name, *_), wider, wide in zip(tried, problems, fits):
         gain = 2.0 * (wide.log_likelihood - likelihood) if wide else 0.0
         if wide and gain > max(gains.get(name, 0.0), MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2))):
             phi = wide.phi

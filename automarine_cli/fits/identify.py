@@ -446,14 +446,15 @@ def _fit_whole(
         fit = fits[preference.number]
         worth = {dof.position: driven.worth_of(ahead[preference.number])}
         use = driven.Judgement(worth, len(moving), large=driven.unknown_push(fit, moving))
-        late = partial(driven.inflate_for_lag, moving, at_rest, chosen.names, disturbed=True)
-        [fits[preference.number]] = map_jobs(late, [fit], WIDENING_INTERVALS)
         if asks and few_steps:
             with suppress(FitError):  # where innovations fit no model
                 rivals, best, judgement, without, _ = by_innovations()
                 if by_filter := driven.predicts_better(course, fit, rivals[best.number]):
                     fits, preference, refused = rivals, best, without
                     use = replace(judgement, large=judgement.large or use.large)
+    of_simulated = partial(driven.inflate_for_lag, moving, at_rest, chosen.names, disturbed=True)
+    widen = partial(driven.inflate_for_missing, course) if by_filter else of_simulated
+    [fits[preference.number]] = map_jobs(widen, [fits[preference.number]], WIDENING_INTERVALS)
     reason = "which predicts runs left out as well" if asks else "for the evidence asks for no disturbance"
     how = _by_filter(moving, asked) if by_filter else f"by output error, {reason}"
     words, nomoto = dof.words, None
@@ -536,9 +537,8 @@ def _fit_driven(
 ) -> tuple[
     dict[str, whole_runs.OutputErrorFit], Preference, driven.Judgement, dict[str, str], whole_runs.OutputErrorFit | None
 ]:
-    """Fit the models that driven runs can carry, prefer one, allow in its intervals for what it lacks, and judge it;
-    last come why others are not fitted, and Norrbin's model of what is steered. Raises FitError with the first one's
-    refusal where there is none."""
+    """Fit the models that driven runs can carry, prefer one and judge it; last come why others are not fitted, and
+    Norrbin's model of what is steered. Raises FitError with the first one's refusal where there is none."""
     steered = course.moment_unit == STEERED
     further = {"1": "cubic-drag", "2": DRIFT} if steered else {}
     models = [(number, with_effects) for number in MODEL_NUMBERS]
@@ -552,18 +552,16 @@ def _fit_driven(
     drifting = {} if DRIFT in with_effects else _drifting(fits, drifts, course)
     every, fits, dof = {**fits, **drifting}, drifting or fits, course.motion.dofs[0]
     predict = partial(driven.predictions_of, course, alone=driven.by_model_alone(runs))
-    inflate = partial(driven.inflate_for_missing, course)
     ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], PREDICTING)))
     horizons = STEERED_HORIZONS_S if steered else COMPARISON_HORIZONS_S
     preference = prefer_driven(fits, ahead, dof, horizons) or prefer(fits)
-    number = preference.number
-    if estimator := fits[number].estimator:
-        preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
-    [fit] = map_jobs(inflate, [fits[number]], WIDENING_INTERVALS)
+    number, fit = preference.number, fits[preference.number]
+    if fit.estimator:
+        preference = replace(preference, because=f"{preference.because} Its parameters are {fit.estimator}.")
     large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
     worth = {dof.position: driven.worth_of(ahead[number])}
     use = driven.Judgement(worth, len(course.names), ahead[number], course, large)
-    return {**every, number: fit}, preference, use, refused, norrbin
+    return every, preference, use, refused, norrbin
 
 
 def _by_filter(runs: Sequence[Run], with_effects: Sequence[str]) -> str:
