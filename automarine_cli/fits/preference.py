@@ -108,7 +108,8 @@ def prefer_driven(
     too short, or one alone, to tell.
 
     Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
-    not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
+    not what they are used for: it decides only between those whose predictions chance alone tells apart. Over longer
+    horizons the logged command answers disturbances that no model knows of.
     """
     runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
     if (losses := forecast_losses(ahead, runs, horizons)) is None:
@@ -117,12 +118,14 @@ def prefer_driven(
         number: [p.rmse() for p in predicted if p.horizon in horizons and len(p.error)]
         for number, predicted in ahead.items()
     }
-    chosen = simplest_within(losses, {number: len(fit.model.theta) for number, fit in fits.items()})
+    best = min(losses, key=lambda number: float(losses[number].sum()))
+    level = [number for number in losses if not is_ahead(losses[best], losses[number])]
+    parameters = {number: len(fits[number].model.theta) for number in level}
+    chosen = simplest_within({number: -fits[number].mixed.predictive for number in level}, parameters)
     errors = {n: " and ".join(f"{dof.shown(error):.3g}" for error in size) for n, size in sorted(sizes.items())}
     rivals = [f"model {number} {error}" for number, error in errors.items() if number != chosen]
     listed = ", ".join([f"{errors[chosen]} {dof.units.shown}", *rivals])
-    best = min(losses.values(), key=np.sum) is losses[chosen]
-    how = "best" if best else "as well as any with more parameters"
+    how = "best" if chosen == best else "as well as any"
     over = " and ".join(f"{horizon:g}" for horizon in horizons[: len(sizes[chosen])])
     return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
 

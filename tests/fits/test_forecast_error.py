@@ -120,21 +120,24 @@ def test_states_by_later_readings_too_are_nearer_to_the_truth_and_end_as_filtere
     assert missed[0] < 0.8 * missed[1]
 
 
-def test_of_equally_simple_models_the_smaller_error_wins_and_a_large_disturbance_is_said() -> None:
-    """Model 3 is worse than model 1 in one run by far and so passes as level; model 1 is worse by a sure little."""
-    found, (problem, _), run = complete(), forecasts(), np.arange(4)
-    bases = {n: Model.base(n, 1.0, [1.0] * (1 + (n == "2")), "nu", YAW) for n in "123"}
-    covariance = found.covariance  # one outcome: only the numbers of parameters count
-    models = {n: OutputErrorFit(n, base, found, covariance) for n, base in bases.items()}
-    sizes = {"1": [1.01, 1.02, 1.01, 1.02], "2": [1.0] * 4, "3": [0.9, 1.0, 1.0, 1.6]}
+def test_of_models_that_forecast_alike_likelihood_decides_and_a_large_disturbance_is_said() -> None:
+    """Model 2 has one parameter more; model 3 forecasts worse by a sure little."""
+    fitted, (problem, _), run = complete(), forecasts(), np.arange(4)
+    sizes = {"1": [1.01, 0.98, 1.01, 1.02], "2": [1.0] * 4, "3": [1.02, 1.03, 1.02, 1.03]}
     errors = {number: np.array(row) for number, row in sizes.items()}
     ahead = {
         number: tuple(Predicted(h, run, run, run, error, 9.0 * error, 9.0 * error) for h in (2.0, 5.0))
         for number, error in errors.items()
     }
-    preference = prefer_driven(models, ahead, YAW)
-    assert preference is not None and preference.number == "1"
-    assert large_disturbance(problem.course, np.ones(1), found.of_chance) == ""
+    for likelier, chosen in (("", "1"), ("1", "1"), ("2", "2"), ("3", "1")):
+        models = {}
+        for n in "123":
+            base = Model.base(n, 1.0, [1.0] * (1 + (n == "2")), "nu", YAW)
+            outcome = replace(fitted, predictive=np.array([5.0, 4.0, 6.0, 5.0]) * (n == likelier))
+            models[n] = OutputErrorFit(n, base, outcome, fitted.covariance)
+        preference = prefer_driven(models, ahead, YAW)
+        assert preference is not None and preference.number == chosen
+    assert large_disturbance(problem.course, np.ones(1), fitted.of_chance) == ""
     sentence = large_disturbance(problem.course, np.ones(1), {"yaw.disturbance": 2.0})
     assert sentence.startswith("The disturbance is as large as the commands: yaw moment 2 of ")
 
