@@ -76,12 +76,9 @@ class ForecastGain:
     density_gain: float
 
     @property
-    def judged(self) -> tuple[ForecastScore, ForecastScore] | None:
-        return next((pair for pair in self.ahead if pair[0].horizon == GAP_HORIZON_S), None)
-
-    @property
     def longest(self) -> tuple[ForecastScore, ForecastScore]:
-        return self.judged or self.ahead[-1]
+        """The scores over GAP_HORIZON_S, or over the longest horizon below it that any run is long enough for."""
+        return next((pair for pair in self.ahead if pair[0].horizon == GAP_HORIZON_S), self.ahead[-1])
 
     def to_json(self, dof: Dof) -> dict[str, object]:
         def entry(before: ForecastScore, after: ForecastScore) -> dict[str, object]:

@@ -25,10 +25,11 @@ from automarine_cli.diagnosis.diagnose import (
 )
 from automarine_cli.diagnosis.residual_regions import (
     Factor,
-    Gap,
     ResidualGrid,
     ResidualRegions,
+    errors_at_nodes,
     find_regions,
+    gap_ahead,
     last_side,
     of_run_or_sample,
     since_change,
@@ -36,7 +37,7 @@ from automarine_cli.diagnosis.residual_regions import (
 )
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
-from automarine_cli.diagnosis.study import GAP_HORIZON_S
+from automarine_cli.diagnosis.study import judged
 from automarine_cli.dofs import PLANAR, SWAY, YAW
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
@@ -328,12 +329,8 @@ def judged_runs(likelihood: PlanarLikelihood, before: OutputErrorFit, after: Out
     """Judge both models on a likelihood's runs by predictions of the heading, and by the density of the runs."""
     old, new = (forecasts(likelihood, estimate) for estimate in (before, after))
     gained = _densities(likelihood, after) - _densities(likelihood, before)
-    course, outlook = likelihood.course, outlook_of(old, new, float(gained.sum()))
-    missed = tuple(errors_at_nodes(course, judged(predictions)) for predictions in (old, new))
-    gap = Gap(np.nan, np.nan, after.mixed.noise_of[YAW.position], missed, time=course.time)
-    if outlook is not None:
-        first, last = outlook.longest
-        gap = replace(gap, before=first.error, after=last.error, horizon=first.horizon)
+    outlook = outlook_of(old, new, float(gained.sum()))
+    gap = gap_ahead(likelihood.course, old, new, after.mixed.noise_of[YAW.position])
     return JudgedRuns(likelihood.runs, gap, outlook)
 
 
@@ -347,13 +344,6 @@ def forecasts(likelihood: PlanarLikelihood, estimate: OutputErrorFit) -> Sequenc
     problem, fit = likelihood.problem(estimate.model), estimate.mixed
     channel = [channel.quantity for channel in problem.course.channels].index(YAW.position)
     return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), channel=channel)
-
-
-def errors_at_nodes(course: Course, prediction: Predicted) -> Floats:
-    """Lay out the errors of a prediction at its targets, (R, K), zero elsewhere."""
-    errors = np.zeros(course.time.shape)
-    errors[prediction.run, prediction.target] = prediction.error
-    return errors
 
 
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances
@@ -389,12 +379,6 @@ def find_planar_where(every: PlanarLikelihood, before: OutputErrorFit, seed: int
     )  # fmt: skip
     inside = [replace(column, values=np.where(part, column.values[r], np.nan)) for column in columns]
     return find_regions(inside, {name: (unit, part * x[r]) for name, (unit, x) in kinds.items()}, gap, seed)
-
-
-def judged(predictions: Sequence[Predicted]) -> Predicted:
-    """The predictions over the horizon that shows the gap, or the longest below it that any run is long enough for."""
-    some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= GAP_HORIZON_S]
-    return max(some or predictions[:1], key=lambda prediction: prediction.horizon)
 
 
 def _columns(

@@ -18,10 +18,12 @@ from scipy import special
 
 from automarine_cli.comparison.validation import compare
 from automarine_cli.diagnosis.search import STANDS, CandidateFit
-from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, missed
+from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, judged, missed
 from automarine_cli.dofs import DOFS
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.filters.course import Course
+from automarine_cli.filters.kalman import Predicted
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import DISTURBANCE, GAIN, choose_variances
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
@@ -353,7 +355,7 @@ def find_where(study: DiagnosisProblem, base: CandidateFit, seed: int) -> Residu
     batch, dof, fit = study.batch, study.base.dof, base.fit
     side = last_side(np.nan_to_num(at_samples(study, [run.command for run in study.runs])))
     if fit.driven:  # what is known as a prediction begins is independent of its error by chance
-        residual = missed(study, base.model, fit, begun=True)
+        residual = missed(study, base.model, fit)
         fitted, rate, moment = filtered(study, base.model, fit)
         raw, variables = residual, columns(study, fitted, rate)
     else:
@@ -458,7 +460,7 @@ class Gap:
 
     def little(self, least: float) -> str:
         """Say how little of what stands above the noise is gone; empty from the share `least`."""
-        if self.before <= STANDS * self.floor or self.closed >= least:
+        if not self.before > STANDS * self.floor or self.closed >= least:
             return ""
         closed = 100.0 * max(self.closed, 0.0)
         return f"closes {closed:.0f} % of the held-out error above the noise: a name takes {100 * least:.0f} %."
@@ -479,18 +481,32 @@ class Gap:
 
 def gap(study: DiagnosisProblem, base: CandidateFit, final: CandidateFit, fitted: bool = False) -> Gap:
     """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
+    if base.fit.driven and final.fit.driven:
+        predicted = (study.predictions(base.model, base.fit), study.predictions(final.model, final.fit))
+        return gap_ahead(study.course, *predicted, study.floor)
     off = tuple(residuals(study, trial, fitted) for trial in (base, final))
-    masks = [residual != 0.0 if study.driven else study.batch.seen for residual in off]
-    before, after = (float(np.sqrt((r**2).sum() / max(int(s.sum()), 1))) for r, s in zip(off, masks))
+    before, after = (float(np.sqrt((residual**2).sum() / max(int(study.batch.seen.sum()), 1))) for residual in off)
     return Gap(before, after, study.floor, off)
 
 
 def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False) -> Floats:
-    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
-    runs measured less predicted ones, GAP_HORIZON_S ahead from the filtered state."""
-    if trial.fit.driven:
-        return missed(study, trial.model, trial.fit)
+    """Measured less simulated positions (R, N) with each run's own effects at their posterior means."""
+    assert not trial.fit.driven  # driven runs are predicted, not simulated whole
     return study.residual(trial.fit.fitted if fitted else study.responses_of(trial.model, trial.fit)[0])
+
+
+def gap_ahead(course: Course, before: Sequence[Predicted], after: Sequence[Predicted], floor: float) -> Gap:
+    """The gap of predictions by two models, laid out at their targets; not a number where all runs are too short."""
+    old, new = judged(before), judged(after)
+    off = errors_at_nodes(course, old), errors_at_nodes(course, new)
+    return Gap(old.rmse(), new.rmse(), floor, off, old.horizon, time=course.time)
+
+
+def errors_at_nodes(course: Course, prediction: Predicted) -> Floats:
+    """Lay out the errors of a prediction at its targets, (R, K), zero elsewhere."""
+    errors = np.zeros(course.time.shape)
+    errors[prediction.run, prediction.target] = prediction.error
+    return errors
 
 
 def gap_from_commands(

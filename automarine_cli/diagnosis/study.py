@@ -456,19 +456,24 @@ def study_of(
     return DiagnosisProblem(tuple(runs), base, driven, tuple(sorted({*needed, *base.signals})), channels=channels)
 
 
-def missed(study: DiagnosisProblem, model: Model, fit: InnovationsFit, begun: bool = False) -> Floats:
-    """Measured less predicted positions (R, N) of driven runs, GAP_HORIZON_S ahead, zero where none; or over the
-    shortest horizon that readings allow, at the times when predictions have `begun`.
+def judged(predictions: Sequence[Predicted]) -> Predicted:
+    """The predictions over the horizon that shows the gap, or the longest below it that any run is long enough for."""
+    some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= GAP_HORIZON_S]
+    return max(some or predictions[:1], key=lambda prediction: prediction.horizon)
+
+
+def missed(study: DiagnosisProblem, model: Model, fit: InnovationsFit) -> Floats:
+    """Measured less predicted positions (R, N) of driven runs over the shortest horizon that readings allow, at the
+    times when predictions begin, zero where none.
 
     What a controller commands and the vehicle does in between answer what made an error: by chance only what was before
     is independent of it."""
-    predictions = study.predictions(model, fit)
-    prediction = shortest(predictions) if begun else next(p for p in predictions if p.horizon == GAP_HORIZON_S)
+    prediction = shortest(study.predictions(model, fit))
     out = np.zeros(study.batch.seen.shape)
     for r, (row, run) in enumerate(zip(out, study.runs)):
         of_run = prediction.run == r
         if of_run.any():
-            when = study.course.time[r, (prediction.origin if begun else prediction.target)[of_run]]
+            when = study.course.time[r, prediction.origin[of_run]]
             row[: len(run)] = np.interp(run.time - run.time[0], when, prediction.error[of_run], left=0.0, right=0.0)
     return out
 

@@ -13,7 +13,6 @@ from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.diagnosis.scores import CLAIM_LEVEL
 from automarine_cli.diagnosis.search import BASE_DRAG
-from automarine_cli.diagnosis.study import GAP_HORIZON_S
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
@@ -239,22 +238,16 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     names = " and ".join(counted or drag)
     if counted and drag:
         names += f", where {' and '.join(drag)} puts the drag of the base right"
-    if plane:
-        what, level = "error of the heading", "no run is long enough for predictions"
-        if part.outlook is None:
-            sizes = [MISSING, MISSING]
-        else:
+    noise = f"noise of the {dof.words.position} {number(dof.shown(part.gap.floor), 3)} {unit}"
+    what, level = f"error{of}, with each run's{OWN_THRUST[1:]},", noise
+    if diagnosis.driven:
+        what, level = f"error of the {dof.words.position}{of}", "no run is long enough for predictions"
+        sizes = [MISSING, MISSING]
+        if part.outlook is not None:
             sizes, level = _forecast(part.outlook.longest, dof)
-            of = "" if part is diagnosis.fitted else " of the runs held out"
-            what = f"error of headings predicted {part.outlook.longest[0].horizon:g} s ahead{of}"
-    else:
-        level = f"noise of the {dof.words.position} {number(dof.shown(part.gap.floor), 3)} {unit}"
-        if judged := part.outlook and part.outlook.judged:
-            sizes, misses = _forecast(judged, dof)
-            level = f"{misses}, {level}"
-        what = f"error{of}, with each run's{OWN_THRUST[1:]},"
-        if diagnosis.driven:
-            what, data = f"error of predictions {GAP_HORIZON_S:g} s ahead{of}", f"{data} beside their disturbances"
+            what = f"error of the {dof.words.position} predicted {part.outlook.longest[0].horizon:g} s ahead{of}"
+        if not plane:
+            level, data = f"{level}, {noise}", f"{data} beside their disturbances"
     return _verdict(diagnosis.verdict, names, diagnosis.why, what, sizes, unit, level, data, diagnosis.remainder, alone)
 
 

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.residual_regions import ResidualRegions, Variable
-from automarine_cli.diagnosis.study import GAP_HORIZON_S
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.dofs import Dof
 from automarine_cli.report.figures import style
@@ -90,8 +89,8 @@ def before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
         # zero: padded, not predicted
         pairs = [(np.flatnonzero(of_model[r]), of_model[r]) for of_model in gap.residuals]
         residuals.append((run.name, [(clock[at], np.asarray(dof.shown(errors[at]))) for at, errors in pairs]))
-    horizon, state = gap.horizon or GAP_HORIZON_S, "" if plane else " from filtered states"
-    how = f"predicted {horizon:g} s ahead{state}" if diagnosis.driven else "with their own thrust and start"
+    state = "" if plane else " from filtered states"
+    how = f"predicted {gap.horizon:g} s ahead{state}" if diagnosis.driven else "with their own thrust and start"
     title = f"{'Headings of runs' if plane else 'Runs'} {'fitted' if part is diagnosis.fitted else 'held out'}, {how}"
     floor = float(dof.shown(gap.floor))
     return style.residuals_figure(residuals, BEFORE_AFTER, dof.units.shown, floor, title, beneath=alone)
