@@ -24,11 +24,12 @@ from automarine_cli.diagnosis.diagnose import (
     split_by,
     support,
 )
-from automarine_cli.diagnosis.residual_regions import Gap, Region
+from automarine_cli.diagnosis.residual_regions import Gap, Region, gap_ahead
 from automarine_cli.diagnosis.scores import Scores, score
 from automarine_cli.diagnosis.search import CandidateFit, SearchResult, SearchStep, candidate_fit, compensating
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
 from automarine_cli.dofs import YAW
+from automarine_cli.filters.kalman import Predicted
 from automarine_cli.models.model import Model
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
@@ -220,6 +221,29 @@ def test_an_effect_below_the_noise_is_said_to_be_small_unless_thrust_is_steadier
         runs = Gap(1.1, 1.0, np.radians(1.0), residuals=(noise + np.radians(change_deg), noise))
         says = diagnose.smallness(YAW, runs, Share(blank, 30.0, 0.0, steadier))
         assert says == ("It is small: it changes the heading by 0.3 deg, and the noise is 1 deg." if small else "")
+
+
+@pytest.mark.parametrize(("length", "horizon"), [(9, 5.0), (4, 2.0), (1, 2.0)])
+def test_the_gap_of_driven_runs_is_that_of_their_predictions(length: int, horizon: float) -> None:
+    """Over 5 s, over 2 s where no run is longer, and not a number where none is as long as that; nodes a second apart.
+    Only nodes that are predicted have an error."""
+
+    def predicted(size: float) -> list[Predicted]:
+        every = []
+        for h in (2, 5, 15):
+            origin = np.arange(max(length - h, 0))
+            error = size * np.cos(origin + 1.0)
+            every.append(Predicted(float(h), 0 * origin, origin, origin + h, error, error, error))
+        return every
+
+    course: Any = SimpleNamespace(time=np.arange(float(length))[None])
+    runs = gap_ahead(course, predicted(3.0), predicted(1.0), 0.1)
+    count = max(length - int(horizon), 0)
+    assert runs.horizon == horizon and [np.count_nonzero(off) for off in runs.residuals] == [count, count]
+    sizes = [float(np.sqrt((off**2).sum() / count)) if count else np.nan for off in runs.residuals]
+    assert [runs.before, runs.after] == pytest.approx(sizes, nan_ok=True)
+    assert runs.exceeds_noise == bool(count) and not runs.little(0.1)
+    assert runs.to_json("deg")["horizon_s"] == horizon and (runs.to_json("deg")["before_deg"] is None) == (not count)
 
 
 def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
