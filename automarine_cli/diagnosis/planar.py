@@ -27,7 +27,6 @@ from automarine_cli.diagnosis.residual_regions import (
     Factor,
     ResidualGrid,
     ResidualRegions,
-    errors_at_nodes,
     find_regions,
     gap_ahead,
     last_side,
@@ -344,6 +343,13 @@ def forecasts(likelihood: PlanarLikelihood, estimate: OutputErrorFit) -> Sequenc
     problem, fit = likelihood.problem(estimate.model), estimate.mixed
     channel = [channel.quantity for channel in problem.course.channels].index(YAW.position)
     return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), channel=channel)
+
+
+def errors_at_nodes(course: Course, prediction: Predicted) -> Floats:
+    """Lay out the errors of a prediction at its targets, (R, K), zero elsewhere."""
+    errors = np.zeros(course.time.shape)
+    errors[prediction.run, prediction.target] = prediction.error
+    return errors
 
 
 STRETCH = 10.0  # length [s] of a stretch: twice the horizon, and several time constants of usual disturbances

@@ -436,7 +436,8 @@ class Gap:
     """Root mean square of measured less modelled, before and after, and the noise estimated without a model.
 
     Of motions over all samples of a set of runs, with `residuals` (R, N) [rad] before and after, zero in the padding;
-    or of predictions over one `horizon` [s], at `time` (R, N). Each run's own start heading, start rate, thrust gain
+    or of A predictions over one `horizon` [s], (A,) each, the `targets` of which are in these runs (A,), at those times
+    in them (A,) [s]. Each run's own start heading, start rate, thrust gain
     and switch instants are taken at their posterior means: what is left is what the model lacks, and noise. Of free
     runs from the commands alone, in the unit that people see, with `ci95` over runs: infinite of a model that
     diverges."""
@@ -447,7 +448,7 @@ class Gap:
     residuals: tuple[Floats, ...] = ()
     horizon: float | None = None
     ci95: tuple[tuple[float, float] | None, ...] = ()
-    time: Floats | None = None
+    targets: tuple[NDArray[np.int64], Floats] | None = None
 
     @property
     def exceeds_noise(self) -> bool:
@@ -496,17 +497,10 @@ def residuals(study: DiagnosisProblem, trial: CandidateFit, fitted: bool = False
 
 
 def gap_ahead(course: Course, before: Sequence[Predicted], after: Sequence[Predicted], floor: float) -> Gap:
-    """The gap of predictions by two models, laid out at their targets; not a number where all runs are too short."""
+    """The gap of predictions by two models of the runs of `course`; not a number where all are too short."""
     old, new = judged(before), judged(after)
-    off = errors_at_nodes(course, old), errors_at_nodes(course, new)
-    return Gap(old.rmse(), new.rmse(), floor, off, old.horizon, time=course.time)
-
-
-def errors_at_nodes(course: Course, prediction: Predicted) -> Floats:
-    """Lay out the errors of a prediction at its targets, (R, K), zero elsewhere."""
-    errors = np.zeros(course.time.shape)
-    errors[prediction.run, prediction.target] = prediction.error
-    return errors
+    targets = old.run, course.time[old.run, old.target]
+    return Gap(old.rmse(), new.rmse(), floor, (old.error, new.error), old.horizon, targets=targets)
 
 
 def gap_from_commands(

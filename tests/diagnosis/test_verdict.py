@@ -225,8 +225,7 @@ def test_an_effect_below_the_noise_is_said_to_be_small_unless_thrust_is_steadier
 
 @pytest.mark.parametrize(("length", "horizon"), [(9, 5.0), (4, 2.0), (1, 2.0)])
 def test_the_gap_of_driven_runs_is_that_of_their_predictions(length: int, horizon: float) -> None:
-    """Over 5 s, over 2 s where no run is longer, and not a number where none is as long as that; nodes a second apart.
-    Only nodes that are predicted have an error."""
+    """Over 5 s, over 2 s where no run is longer, and not a number where none is as long as that; nodes a second apart."""
 
     def predicted(size: float) -> list[Predicted]:
         every = []
@@ -239,7 +238,8 @@ def test_the_gap_of_driven_runs_is_that_of_their_predictions(length: int, horizo
     course: Any = SimpleNamespace(time=np.arange(float(length))[None])
     runs = gap_ahead(course, predicted(3.0), predicted(1.0), 0.1)
     count = max(length - int(horizon), 0)
-    assert runs.horizon == horizon and [np.count_nonzero(off) for off in runs.residuals] == [count, count]
+    assert runs.horizon == horizon and [len(off) for off in runs.residuals] == [count, count]
+    assert runs.targets is not None and runs.targets[1].tolist() == [*range(int(horizon), length)]
     sizes = [float(np.sqrt((off**2).sum() / count)) if count else np.nan for off in runs.residuals]
     assert [runs.before, runs.after] == pytest.approx(sizes, nan_ok=True)
     assert runs.exceeds_noise == bool(count) and not runs.little(0.1)

@@ -85,10 +85,9 @@ def before_after(diagnosis: Diagnosis, alone: str = "") -> Figure:
     part, dof, plane, residuals = diagnosis.decisive, diagnosis.dof, diagnosis.motion.turns, list[style.Residuals]()
     gap = part.gap
     for r, run in enumerate(part.runs):
-        clock = run.time - run.time[0] if gap.time is None else gap.time[r]
-        # zero: padded, not predicted
-        pairs = [(np.flatnonzero(of_model[r]), of_model[r]) for of_model in gap.residuals]
-        residuals.append((run.name, [(clock[at], np.asarray(dof.shown(errors[at]))) for at, errors in pairs]))
+        of_run: Any = (r, slice(len(run))) if gap.targets is None else gap.targets[0] == r
+        clock = run.time - run.time[0] if gap.targets is None else gap.targets[1][of_run]
+        residuals.append((run.name, [(clock, np.asarray(dof.shown(errors[of_run]))) for errors in gap.residuals]))
     state = "" if plane else " from filtered states"
     how = f"predicted {gap.horizon:g} s ahead{state}" if diagnosis.driven else "with their own thrust and start"
     title = f"{'Headings of runs' if plane else 'Runs'} {'fitted' if part is diagnosis.fitted else 'held out'}, {how}"
