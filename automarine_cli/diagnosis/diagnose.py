@@ -656,7 +656,7 @@ def smallness(dof: Dof, runs: Gap, part: Share) -> str:
     without_it, with_it = runs.residuals
     observed = with_it[with_it != 0.0]
     change = float(np.sqrt(((without_it - with_it) ** 2).sum() / max(observed.size, 1)))
-    if change >= runs.floor or part.steadier >= STEADIER:
+    if not observed.size or change >= runs.floor or part.steadier >= STEADIER:
         return ""
     change_shown, noise = (f"{dof.shown(size):.2g} {dof.units.shown}" for size in (change, runs.floor))
     return f"It is small: it changes the {dof.words.position} by {change_shown}, and the noise is {noise}."

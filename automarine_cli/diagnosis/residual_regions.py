@@ -436,11 +436,10 @@ class Gap:
     """Root mean square of measured less modelled, before and after, and the noise estimated without a model.
 
     Of motions over all samples of a set of runs, with `residuals` (R, N) [rad] before and after, zero in the padding;
-    or of A predictions over one `horizon` [s], (A,) each, the `targets` of which are in these runs (A,), at those times
-    in them (A,) [s]. Each run's own start heading, start rate, thrust gain
-    and switch instants are taken at their posterior means: what is left is what the model lacks, and noise. Of free
-    runs from the commands alone, in the unit that people see, with `ci95` over runs: infinite of a model that
-    diverges."""
+    or of predictions over one `horizon` [s], (A,) each, whose `targets` are places of runs (A,) and times in them (A,)
+    [s]. Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means:
+    what is left is what the model lacks, and noise. Of free runs from the commands alone, in the unit that people see,
+    with `ci95` over runs: infinite of a model that diverges."""
 
     before: float
     after: float

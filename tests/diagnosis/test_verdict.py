@@ -221,11 +221,13 @@ def test_an_effect_below_the_noise_is_said_to_be_small_unless_thrust_is_steadier
         runs = Gap(1.1, 1.0, np.radians(1.0), residuals=(noise + np.radians(change_deg), noise))
         says = diagnose.smallness(YAW, runs, Share(blank, 30.0, 0.0, steadier))
         assert says == ("It is small: it changes the heading by 0.3 deg, and the noise is 1 deg." if small else "")
+    none = Gap(np.nan, np.nan, np.radians(1.0), residuals=(noise[0, :0], noise[0, :0]))  # no run is long enough
+    assert not diagnose.smallness(YAW, none, Share(blank, 30.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("length", "horizon"), [(9, 5.0), (4, 2.0), (1, 2.0)])
 def test_the_gap_of_driven_runs_is_that_of_their_predictions(length: int, horizon: float) -> None:
-    """Over 5 s, over 2 s where no run is longer, and not a number where none is as long as that; nodes a second apart."""
+    """Over 5 s, over 2 s where no run is longer, not a number where none is as long as that; nodes a second apart."""
 
     def predicted(size: float) -> list[Predicted]:
         every = []
