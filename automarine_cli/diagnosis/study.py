@@ -459,16 +459,17 @@ def study_of(
 def judged(predictions: Sequence[Predicted]) -> Predicted:
     """The predictions over the horizon that shows the gap, or the longest below it that any run is long enough for."""
     some = [prediction for prediction in predictions if len(prediction.error) and prediction.horizon <= GAP_HORIZON_S]
-    return max(some or predictions[:1], key=lambda prediction: prediction.horizon)
+    return some[-1] if some else predictions[0]
 
 
 def missed(study: DiagnosisProblem, model: Model, fit: InnovationsFit) -> Floats:
-    """Measured less predicted positions (R, N) of driven runs over the shortest horizon that readings allow, at the
-    times when predictions begin, zero where none.
+    """Measured less predicted positions (R, N) of driven runs over the shortest horizon that readings allow, which
+    shows what is missing before disturbances do, at the times when predictions begin, zero where none.
 
     What a controller commands and the vehicle does in between answer what made an error: by chance only what was before
     is independent of it."""
-    prediction = shortest(study.predictions(model, fit))
+    predictions = study.predictions(model, fit)
+    prediction = next((p for p in predictions if len(p.error)), predictions[0])
     out = np.zeros(study.batch.seen.shape)
     for r, (row, run) in enumerate(zip(out, study.runs)):
         of_run = prediction.run == r
@@ -476,11 +477,6 @@ def missed(study: DiagnosisProblem, model: Model, fit: InnovationsFit) -> Floats
             when = study.course.time[r, prediction.origin[of_run]]
             row[: len(run)] = np.interp(run.time - run.time[0], when, prediction.error[of_run], left=0.0, right=0.0)
     return out
-
-
-def shortest(predictions: Sequence[Predicted]) -> Predicted:
-    """Return the predictions over the shortest horizon with any: what is missing shows before disturbances do."""
-    return next((prediction for prediction in predictions if len(prediction.error)), predictions[0])
 
 
 def missing_push(followed: FilterResult, noises: Noises, course: Course, reading: NDArray[np.bool_]) -> Floats:
