@@ -117,8 +117,8 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
         start = first - length
         rate, error = slope(run.time[start:first], run.position[start:first])
         doubt = REST_STDERRS * error * run.noise
-        # where the log begins, nothing moved the vehicle before
-        if abs(rate) <= doubt + 0.2 * most and (start == 0 or doubt <= most):
+        # where the log begins with no command, nothing moved the vehicle before
+        if abs(rate) <= doubt + 0.2 * most and (doubt <= most or (start == 0 and idle == 0)):
             return start, pace
         length = int(0.7 * length)
     return first, pace

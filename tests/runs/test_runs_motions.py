@@ -2,6 +2,7 @@
 and logs of motion in the plane: units, names, positions on the water, what a slow sensor repeats, what is refused."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -131,6 +132,16 @@ def test_who_is_let_go_and_rises_does_not_start_from_rest() -> None:
     assert released(run) == 0 and not find_steps(run)[0].from_rest
     held = made([[15.0, 5.0]])
     assert released(held) == 20 and find_steps(held)[0].from_rest
+
+
+def test_a_controller_that_begins_at_its_limit_holds_nothing() -> None:
+    """Too short to show a motion, such a stretch was a rest, and the inertia too small beside a tight interval."""
+    run = made([[-10.0, 0.4], [10.0, 3.0], [-5.0, 3.0]], rest_before_s=0.0, held=False)
+    noisy = [
+        replace(run, position=run.position + 0.01 * np.random.default_rng(seed).standard_normal(len(run)))
+        for seed in range(20)
+    ]
+    assert not start_at_rest(noisy).any() and not any(find_steps(each)[1].from_rest for each in noisy)
 
 
 def test_rests_together_show_a_push_that_none_shows_alone() -> None:
