@@ -10,64 +10,37 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Commands
+from automarine_cli.filters.readings import MIN_STEP_S, Readings, averaged_over, readings_of
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import commanded_before
-from automarine_cli.runs.run import Run, filled, fresh_readings, position_noise, summed
+from automarine_cli.runs.run import Run, filled, fresh_readings, summed
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
-MAX_STEP_S, USUAL_STEP_S, MIN_STEP_S = 0.25, 0.1, 0.05
-"""Steps of the filter [s]: the longest, where readings hang together; where they are as noisy as sensors are; and the
-shortest, where each tells something new: a controller answers it, and the commands would tell of one left out."""
+MAX_STEP_S, USUAL_STEP_S = 0.25, 0.1
+"""Steps of the filter [s]: the longest, where readings hang together, and where they are as noisy as sensors are; the
+shortest is of readings that each tell something new."""
 SLOW_STEP_S, SLOW_ANSWER_S = 0.5, 3.0
 """Longest step [s] of a vehicle that answers slowly, and the time from which on an answer is slow."""
 SWING_STEP_SHARE = (
     0.05  # of the time in which a rate changes by its own size: the step of a quiet gyro, between the two above
 )
-INDEPENDENT = 0.7
-"""Share of the noise of every other reading that all of them have at least where each tells something new: filtered
-readings differ less from their neighbours."""
 MAX_JUMP_STEP_S, MIN_JUMP = 0.15, 0.2
 """Longest step [s] between samples in which a command jumps by more than this share of its usual size: longer ones are
 divided."""
-MIN_APART_S = 0.5
-"""Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
-SMOOTH_GYRO = 0.25
-"""Share of a compass' least noise [per s] below which a gyro was filtered, or its rate is derived from headings."""
 
 
-def least_noise(dof: Dof, velocity: bool) -> float:
-    """Give the noise below which readings were filtered or derived [base units, per s of a velocity]; a gyro's may be
-    a share of that of a compass per second."""
-    return (SMOOTH_GYRO if velocity and dof.angular else 1.0) * dof.limits.least_noise
-
-
-def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
+def step_of(runs: Sequence[Run], motion: Motion, sensors: Sequence[Readings]) -> float:
     """Choose the step [s] that the readings ask for: the shortest that any of their sensors does; a vehicle that
     answers slowly has time for SLOW_STEP_S."""
+    quantities = [sensor.quantity for sensor in sensors]
     answers = [a for dof, place in zip(motion.dofs, motion.positions) for a in _answers(runs, place, dof, quantities)]
     slow = min(answers, default=0.0) > SLOW_ANSWER_S
     steps = [SLOW_STEP_S if slow else MAX_STEP_S]
-    for dof, position in zip(motion.dofs, motion.positions):
-        for quantity in (position, dof.velocity):
-            measures = list[tuple[float, float, float]]()
-            for run in runs:
-                readings = run.channel(quantity)
-                if quantity in quantities and readings is not None:
-                    fresh = np.flatnonzero(fresh_readings(readings))
-                    every, other = (position_noise(run.time[at], readings[at]) for at in (fresh, fresh[::2]))
-                    slopes = np.diff(readings[fresh]) / np.diff(run.time[fresh])
-                    swing = float(np.std(readings[fresh]) / np.std(slopes)) if slopes.any() else 0.0
-                    measures.append((every, other, swing))
-            if not measures:
-                continue
-            noise, other, swing = np.median(measures, axis=0)
-            noisy = noise >= least_noise(dof, quantity == dof.velocity)
-            if noisy and noise > INDEPENDENT * other:
-                steps.append(MIN_STEP_S)
-            elif noisy:
-                steps.append(USUAL_STEP_S)
-            elif dof.angular and quantity == dof.velocity and not slow:  # a gyro, however quiet
-                steps.append(max(USUAL_STEP_S, SWING_STEP_SHARE * swing))
+    for sensor in sensors:
+        if not sensor.thinned:
+            steps.append(MIN_STEP_S if sensor.independent else USUAL_STEP_S)
+        elif motion.dofs[sensor.dof].angular and sensor.velocity and not slow:  # a gyro, however quiet
+            steps.append(max(USUAL_STEP_S, SWING_STEP_SHARE * sensor.swing))
     return min(steps)
 
 
@@ -113,48 +86,6 @@ def nodes_of(run: Run, step: float, longest: float, jumps: Floats, quantities: S
     return np.append(run.time[chosen][which] + order * (gaps / count)[which], run.time[-1])
 
 
-def averaged_over(period: float) -> int:
-    """Samples of a log with one each `period` [s] that make one reading: an odd number, of one MIN_STEP_S."""
-    return 2 * int(0.4999 * MIN_STEP_S / max(period, 1e-9)) + 1
-
-
-def readings_of(time: Floats, readings: Floats, node: Floats, floor: float) -> tuple[NDArray[np.int64], Floats, float]:
-    """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's.
-
-    Of a sensor that is faster than the filter the samples about a node are averaged, at the time of the node.
-    """
-    fresh = fresh_readings(readings)
-    noise = position_noise(time[fresh], readings[fresh])
-    apart = MIN_APART_S if noise < floor else 0.0
-    at = np.searchsorted(node, time - 1e-9)
-    at = np.minimum(at, len(node) - 1)
-    close = fresh & (np.abs(node[at] - time) < 1e-6)
-    chosen, last = [], -np.inf
-    for i in np.flatnonzero(close):
-        if time[i] - last > 0.999 * apart:
-            chosen.append(i)
-            last = time[i]
-    if not chosen:
-        return at[:0], readings[:0], noise
-    values, size = _averaged(time[fresh], readings[fresh], np.searchsorted(np.flatnonzero(fresh), chosen))
-    return at[chosen], values, noise / np.sqrt(size)
-
-
-def _averaged(time: Floats, readings: Floats, at: NDArray[np.int64]) -> tuple[Floats, float]:
-    """Means of as many readings before the samples `at` as behind them, within half a MIN_STEP_S, carried to the times
-    of these samples; and how many readings make one."""
-    half = 0.4999 * MIN_STEP_S
-    back = at - np.searchsorted(time, time[at] - half)
-    reach = np.minimum(back, np.searchsorted(time, time[at] + half, side="right") - 1 - at)
-    low, high = at - reach, at + reach
-    count = high - low + 1
-    sums = [np.append(0.0, np.cumsum(x - x[0])) for x in (time, readings)]
-    mean = [x[0] + (total[high + 1] - total[low]) / count for x, total in zip((time, readings), sums)]
-    slope = (readings[high] - readings[low]) / np.where(reach > 0, time[high] - time[low], 1.0)
-    values = np.where(reach > 0, mean[1] + slope * (time[at] - mean[0]), readings[at])
-    return values, float(np.median(count))
-
-
 MAX_LEAD_S = 2.0  # before a log that begins with a command, longer than commands are late
 MIN_HOLD_S = 0.05  # that a fine step takes, about: faster logs are averaged over that, intervals of slower ones divided
 
@@ -189,6 +120,7 @@ class Course:
     at_rest: NDArray[np.bool_]
     fastest: Floats
     noise: Floats
+    least_noise: Floats
     moment_unit: str
     half_width: float
 
@@ -273,13 +205,13 @@ def make_course(
     unit = unit_of(runs, signals)
     motion = motion or alone(runs[0].dof)
     sensors = [
-        (d, quantity, quantity == dof.velocity)
+        Readings.of(runs, quantity, d, motion)
         for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions))
         for quantity in (position, dof.velocity)
         if (quantity in channels if channels is not None else quantity == position)
     ]
-    quantities = [quantity for _, quantity, _ in sensors]
-    spacing = step_of(runs, motion, quantities) if step is None else step
+    quantities = [sensor.quantity for sensor in sensors]
+    spacing = step_of(runs, motion, sensors) if step is None else step
     longest = step or max(spacing, MAX_STEP_S)
     acting = [[*map(run.command_of, motion.dofs), *map(np.asarray, map(run.signal, signals))] for run in runs]
     usual = [float(np.sqrt(np.mean(np.concatenate(column) ** 2))) or 1.0 for column in zip(*acting)]
@@ -293,11 +225,11 @@ def make_course(
         row[len(layout.at) :] = len(layout.width)  # nodes behind the end lie there
     noise = np.array([layout.noise for layout in layouts])
     thinned, often = list[Channel](), list[Channel]()
-    for c, (d, quantity, velocity) in enumerate(sensors):
+    for c, sensor in enumerate(sensors):
         for k, channels_of in enumerate((thinned, often)):
             values = padded([layout.values[k, c] for layout in layouts], nodes)
             observed = padded([layout.seen[k, c] for layout in layouts], nodes)
-            channels_of.append(Channel(quantity, d, velocity, values, observed))
+            channels_of.append(Channel(sensor.quantity, sensor.dof, sensor.velocity, values, observed))
     return Course(
         motion=motion, names=tuple(run.name for run in runs),
         length=padded([layout.length for layout in layouts], nodes - 1),
@@ -310,7 +242,8 @@ def make_course(
         channels=tuple(thinned), often=tuple(often), at_rest=at_rest,
         fastest=np.array([_fastest(runs, position, dof) for position, dof in zip(motion.positions, motion.dofs)]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
-        moment_unit=unit, half_width=0.5 * float(np.median([_held(run) * run.sample_period for run in runs])),
+        least_noise=np.array([sensor.floor for sensor in sensors]), moment_unit=unit,
+        half_width=0.5 * float(np.median([_held(run) * run.sample_period for run in runs])),
     )  # fmt: skip
 
 
@@ -320,7 +253,7 @@ def _rows(channels: Sequence[Channel], rows: NDArray[np.bool_], steps: int) -> t
 
 
 def _lay(
-    run: Run, node: Floats, motion: Motion, signals: Sequence[str], sensors: Sequence[tuple[int, str, bool]]
+    run: Run, node: Floats, motion: Motion, signals: Sequence[str], sensors: Sequence[Readings]
 ) -> SimpleNamespace:
     edges, mean = _fine(run)
     commanded, logged = (
@@ -335,11 +268,11 @@ def _lay(
     at = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
     values, noise = np.zeros((2, len(sensors), len(node))), np.full((2, len(sensors)), np.nan)
     observed = np.zeros(values.shape, dtype=bool)  # of the readings that count as independent, and of all of them
-    for c, (d, quantity, velocity) in enumerate(sensors):
-        readings = run.channel(quantity)
-        if readings is None or (run.summed_up and quantity == run.dof.position):
+    for c, sensor in enumerate(sensors):
+        readings = run.channel(sensor.quantity)
+        if readings is None or (run.summed_up and sensor.quantity == run.dof.position):
             continue
-        for k, floor in enumerate((least_noise(motion.dofs[d], velocity), 0.0)):
+        for k, floor in enumerate((sensor.floor, 0.0)):
             at_nodes, averages, noise[k, c] = readings_of(run.time, readings, node, floor)
             values[k, c, at_nodes], observed[k, c, at_nodes] = averages, True
     return SimpleNamespace(

@@ -19,7 +19,7 @@ from scipy import special
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
-from automarine_cli.filters.course import Course, least_noise
+from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import MAX_Z, FilterResult, Noises, follow, follow_all
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import GAIN
@@ -236,8 +236,7 @@ def randomness(
     earliest = -MAX_EARLY_HALF_SAMPLES * course.half_width if latest else 0.0
     anywhere = Prior(0.0, MAX_DELAY_S)
     chances.append(Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, unit="s", prior=anywhere))
-    for channel, noise in zip(course.channels, course.noise):
-        floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
+    for channel, noise, floor in zip(course.channels, course.noise, course.least_noise):
         middle = max(noise, 1.5 * floor)
         add(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7)
     largest = float(np.abs(course.commanded).max()) or 1.0

@@ -141,6 +141,18 @@ def test_a_dead_time_in_a_closed_loop_is_named_alone(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("seed", "noise"), [(1, 0.1), (2, 0.15), (3, 0.02)])
+def test_a_controller_that_answers_quiet_headings_is_no_effect(seed: int, noise: float) -> None:
+    """Thinned, they knew less than the commands, which got a backlash, a dead-band or a coulomb-drag for that."""
+    found = diagnose_runs(controlled(seed=seed, noise=noise, gyro=False), IN_WATER, number="2")
+    assert found.verdict == "nothing-missing"
+    assert all(
+        abs(after.value - truth) < 3.0 * after.stderr < 0.1 * truth
+        for truth, (_, after) in zip((WATER_INERTIA, WATER_K_RR), found.base.values())
+    )
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_lag_of_the_steering_gear_is_named_alone_in_a_slow_log(side: float) -> None:
     """Held over each sample, what lags got a deviation of the compass beside it."""

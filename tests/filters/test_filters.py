@@ -11,8 +11,9 @@ from scipy.linalg import expm
 
 from automarine_cli.dofs import PLANAR, YAW
 from automarine_cli.filters import kalman
-from automarine_cli.filters.course import MIN_APART_S, MIN_HOLD_S, averaged_over, make_course
+from automarine_cli.filters.course import MIN_HOLD_S, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Step, follow, follow_all, predict, shown_channel
+from automarine_cli.filters.readings import MIN_APART_S, averaged_over
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
@@ -168,6 +169,22 @@ def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:
         here = course.time[0][course.channels[0].seen[0]]
         assert apart - 1e-6 < np.diff(here).min() < apart + 0.101 and len(here) > 0.9 * 30.0 / (apart + 0.1)
         np.testing.assert_allclose(np.round(10 * here), 10 * here, atol=1e-6)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_quiet_readings_that_a_controller_answers_all_count(way: float) -> None:
+    """Left out, they would make the commands know more than the filter; of others thinned ones are safer."""
+    time, rng = 0.1 * np.arange(301), np.random.default_rng(3)
+    run = noisy(logged(time, way * np.sin(time), np.cos(time)), 0.1)
+    late = np.append(run.position[:1], run.position[:-1])
+    answered, unlogged = (
+        run.with_moment(-2.0 * np.asarray(acted_on), "nu") for acted_on in (late, late[::-1] + 0.01 * rng.random(301))
+    )
+    for each, every in ((answered, True), (unlogged, False), (run, False)):
+        course = make_course([each], REST)
+        pace = np.median(np.diff(course.time[0][course.channels[0].seen[0]]))
+        assert pace == pytest.approx(0.1) if every else pace > MIN_APART_S - 1e-6
+        assert (course.least_noise[0] < course.noise[0]) == every
 
 
 @pytest.mark.parametrize("rate", [5, 10, 20, 25, 30, 40, 50, 100])

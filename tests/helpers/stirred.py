@@ -49,9 +49,12 @@ def steps_in_water(
     return runs
 
 
-def controlled(thrust_lag: float = 0.0, delay: float = 0.0, seed: int = 1) -> list[Run]:
+def controlled(
+    thrust_lag: float = 0.0, delay: float = 0.0, seed: int = 1, noise: float = 0.3, gyro: bool = True
+) -> list[Run]:
     """Eight runs of a minute in which a controller holds headings that change every eight seconds, by noisy sensors at
-    10 Hz and in slow pushes; commands act `delay` [s] late, thrust takes `thrust_lag` [s]."""
+    10 Hz and in slow pushes; commands act `delay` [s] late, thrust takes `thrust_lag` [s]. Without a `gyro` it filters
+    differences of the headings, whose `noise` is in degrees."""
     rng, step, period, count = np.random.default_rng(seed), 0.01, 0.1, 8
     heading, rate, thrust = rng.uniform(-1.0, 1.0, count), np.zeros(count), np.zeros(count)
     pushing, wanted, fade = 0.1 * rng.standard_normal(count), heading.copy(), np.exp(-step / STIRRED_S)
@@ -61,7 +64,11 @@ def controlled(thrust_lag: float = 0.0, delay: float = 0.0, seed: int = 1) -> li
         if k % round(8.0 / step) == 0:
             wanted = heading + rng.uniform(-1.5, 1.5, count)
         if k % round(period / step) == 0:
-            angle, speed = (x + np.deg2rad(n) * rng.standard_normal(count) for x, n in ((heading, 0.3), (rate, 0.4)))
+            angle, measured = (
+                x + np.deg2rad(n) * rng.standard_normal(count) for x, n in ((heading, noise), (rate, 0.4))
+            )
+            last = logged[-1] if logged else (angle, 0.0 * angle)
+            speed = measured if gyro else last[1] + 0.4 * ((angle - last[0]) / period - last[1])
             command = np.clip(4.0 * (wanted - angle) - 3.0 * speed, -LARGEST, LARGEST)
             logged.append((angle, speed, command))
         waiting.append(command)
@@ -79,7 +86,7 @@ def controlled(thrust_lag: float = 0.0, delay: float = 0.0, seed: int = 1) -> li
             angles[i],
             commands[i],
             "N m",
-            {"yaw_rate": speeds[i]},
+            {"yaw_rate": speeds[i]} if gyro else {},
             dof=YAW,
         )
         for i in range(count)
