@@ -545,7 +545,8 @@ def _borne_out(result: SearchResult, held_out: DiagnosisProblem | None, judged: 
     more = np.zeros(0) if held_out is None else gained_density(held_out, result.base, result.final)
     if study.driven:
         if held_out is None or judged is None:
-            return ""
+            little = judged_runs(study, result, fitted=True).gap.little(NOTICED, "the error of the fitted runs")
+            return little and f"No run is held out, and what was added {little}"
         if more.sum() <= 0:
             return f"The held-out runs do not confirm it: their log density falls by {-more.sum():.1f}."
         if support(more) > unexplained_density(held_out, result.final):

@@ -458,12 +458,12 @@ class Gap:
         """Share of the mean square above the noise that is gone."""
         return (self.before**2 - self.after**2) / max(self.before**2 - self.floor**2, 1e-24)
 
-    def little(self, least: float) -> str:
-        """Say how little of what stands above the noise is gone; empty from the share `least`."""
+    def little(self, least: float, error: str = "the held-out error") -> str:
+        """Say how little of an `error` stands no longer above the noise; empty from the share `least`."""
         if not self.before > STANDS * self.floor or self.closed >= least:
             return ""
         closed = 100.0 * max(self.closed, 0.0)
-        return f"closes {closed:.0f} % of the held-out error above the noise: a name takes {100 * least:.0f} %."
+        return f"closes {closed:.0f} % of {error} above the noise: a name takes {100 * least:.0f} %."
 
     @property
     def in_noises(self) -> str:

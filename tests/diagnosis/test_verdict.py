@@ -248,6 +248,20 @@ def test_the_gap_of_driven_runs_is_that_of_their_predictions(length: int, horizo
     assert runs.to_json("deg")["horizon_s"] == horizon and (runs.to_json("deg")["before_deg"] is None) == (not count)
 
 
+@pytest.mark.parametrize(
+    ("after", "doubt"), [(4.0, ""), (5.3, "closes 4 % of the error of the fitted runs"), (5.5, " 0 %")]
+)
+def test_where_no_run_is_held_out_a_name_predicts_the_fitted_ones_better(
+    after: float, doubt: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A learned curve was named with which the heading was predicted worse than without it."""
+    judged = SimpleNamespace(gap=Gap(5.4, after, 0.1))
+    monkeypatch.setattr(diagnose, "judged_runs", lambda *_, fitted: judged)
+    result: Any = SimpleNamespace(study=SimpleNamespace(driven=True), base=None, final=None)
+    why = diagnose._borne_out(result, None, None)
+    assert why.startswith("No run is held out, and what was added") == bool(doubt) and doubt in why
+
+
 def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three effects found in one order, of which the second is the largest, and runs held out know nothing of the
     first."""
