@@ -27,6 +27,7 @@ def errors(estimate: Estimate, truth: float) -> float:
     return (estimate.value - truth) / estimate.stderr
 
 
+@pytest.mark.slow
 def test_whole_steps_with_a_delay_hold_the_truth() -> None:
     scores = []
     for seed in range(4):
