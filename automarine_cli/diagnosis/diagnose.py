@@ -299,11 +299,14 @@ class Share:
     support: float | None = None
     gap: Gap | None = None
     unexplained: float = np.inf
+    feigned: str = ""
 
     def doubt(self, name: str) -> str:
-        """Why runs held out do not bear it out by itself; empty where they do, or there are none.
+        """Why runs held out do not bear it out by itself, or it may be `feigned`; empty where neither is so.
 
         Where something else makes some of them less likely, it may close most of their gap instead."""
+        if self.feigned:
+            return self.feigned
         if self.support is None or self.gap is None:
             return ""
         plain = self.gap.before > STANDS * self.gap.floor and self.gap.closed >= 1.0 - MAX_LEFT
@@ -372,6 +375,7 @@ def shares(result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str,
             may_be_nothing=study.driven and may_be_nothing(study, final, name),
             support=None if held_out is None else support(gained_density(held_out, reduced, final)),
             gap=None if held_out is None else gap(held_out, reduced, final), unexplained=unexplained,
+            feigned=_feigned(result, name),
         )  # fmt: skip
     return dict(sorted(parts.items(), key=lambda item: -item[1].evidence))
 
@@ -383,7 +387,7 @@ def confirmed(result: SearchResult, held_out: DiagnosisProblem) -> tuple[SearchR
     while True:
         parts = shares(result, held_out)
         doubted = {name: part.support or 0.0 for name, part in parts.items() if part.doubt(name)}
-        if not doubted or len(result.final.added) < 2:
+        if not doubted or len(result.final.added) < 2 or all(part.feigned for part in parts.values()):
             return result, parts, suspects
         name = min(doubted, key=doubted.__getitem__)
         suspects += [name] if doubted[name] > 0.0 else []
@@ -533,10 +537,27 @@ def _no_name(result: SearchResult, judged: JudgedRuns | None) -> str:
     if result.compensating and (judged is None or judged.gap.exceeds_noise):
         return next(iter(result.compensating.values()))
     for name in result.final.counted:
+        if doubt := _feigned(result, name):
+            return doubt
         weight = 1.0 / (1.0 + sum((odds := result.odds(name)).values()))
         if weight < TIE_WEIGHT:
             return f"A tie: the runs do not tell {name} ({100 * weight:.0f} %) from {' or '.join(odds)}."
     return ""
+
+
+def _feigned(result: SearchResult, name: str) -> str:
+    """Why an effect may be what commands tell of readings that the log lacks; empty where it is not."""
+    least = result.study.feigned
+    if not least:
+        return ""
+    first, whole = result.rounds[0], result.base.evidence - result.final.evidence  # of a curve, which no round tries
+    gained = next((first.gain(trial) for trial in first.trials if trial.added == (name,)), whole)
+    if gained >= least:
+        return ""
+    return (
+        f"The commands answer more than is logged, perhaps a gyro, and such loops feign gains of {least:.0f}: "
+        f"{name} by itself gains {gained:.0f}. Log all that the controller reads."
+    )
 
 
 def _borne_out(result: SearchResult, held_out: DiagnosisProblem | None, judged: JudgedRuns | None) -> str:

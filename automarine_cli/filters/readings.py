@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Motion
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import Run, fresh_readings, median, position_noise
+from automarine_cli.runs.run import NORMAL, Run, fresh_readings, median, position_noise
 
 MIN_STEP_S = 0.05
 """Step [s] between readings that each tell something new: a controller answers each, and the commands would tell of
@@ -23,6 +23,10 @@ SMOOTH_GYRO = 0.25
 MIN_ANSWER, ANSWER_SAMPLES = 0.2, 2
 """Correlation of the noise of readings with that of commands, at most so many samples before or later, from which on a
 controller answers each reading."""
+RECALLED, LIMITED, ROUNDS = 3, 0.999, 10
+"""Samples that a controller recalls, the share of the largest command from which on it is at a limit, and rounds of a
+robust fit."""
+UNLOGGED = 0.1  # size of the changes that readings do not explain, in those by their noise, from which on they lack
 GLITCH = 4.5  # times the usual size, from which on changes are cut
 LEAST_SHARE, QUIETEST = 0.5, 0.01
 """Share of the noise of answered readings that a fit finds at least; and of the usual floor, as below it they are of
@@ -33,7 +37,8 @@ a simulation."""
 class Readings:
     """What the readings of a quantity are like, as medians of the runs: its `noise`, the noise that every `other`
     reading seems to have [base units, per s of a velocity], and the time `swing` [s] in which it changes by its own
-    size. `floor` is the noise below which they were filtered or derived, and count thinned."""
+    size. `floor` is the noise below which they were filtered or derived, and count thinned; they are `answered` where
+    their noise is in the commands."""
 
     quantity: str
     dof: int
@@ -42,6 +47,7 @@ class Readings:
     other: float
     swing: float
     floor: float
+    answered: bool = False
 
     @property
     def independent(self) -> bool:
@@ -70,10 +76,10 @@ class Readings:
         noise, other, swing = np.median(measures, axis=0)
         sensor = cls(quantity, dof, velocity, noise, other, swing, usual)
         answer = np.median(np.reshape(answers, (len(measures), -1)), axis=0)
-        answered = sensor.independent and np.abs(answer).max() > MIN_ANSWER
-        return (
-            replace(sensor, floor=float(np.clip(LEAST_SHARE * noise, QUIETEST * usual, usual))) if answered else sensor
-        )
+        answered, floor = bool(np.abs(answer).max() > MIN_ANSWER), usual
+        if answered and sensor.independent:
+            floor = float(np.clip(LEAST_SHARE * noise, QUIETEST * usual, usual))
+        return replace(sensor, answered=answered, floor=floor)
 
 
 def _answers(command: Floats, readings: Floats) -> Floats:
@@ -90,6 +96,37 @@ def _rough_part(values: Floats) -> Floats:
     rough = np.diff(values, 4)
     most = GLITCH * median(np.abs(rough))
     return np.clip(rough, -most, most)
+
+
+def answers_more(runs: Sequence[Run], sensors: Sequence[Readings]) -> bool:
+    """Whether commands that answer the readings of one motion answer more than these, a gyro that is not logged.
+
+    Their changes are told from the three before and those of the readings: what is left stands against what the noise
+    of the readings makes of them. Least squares of absolute sizes, for wishes of a pilot come at once.
+    """
+    if not any(sensor.answered for sensor in sensors):
+        return False
+    rows, changes = list[Floats](), list[Floats]()
+    for run in runs:
+        logged = [channel for sensor in sensors if (channel := run.channel(sensor.quantity)) is not None]
+        free = np.abs(run.command) < LIMITED * np.abs(run.command).max()
+        known = np.all(np.isfinite(logged), axis=0) & free
+        steps = np.diff([run.command, *logged], axis=1)
+        if len(logged) == len(sensors) and steps.shape[1] > RECALLED:
+            windows = np.lib.stride_tricks.sliding_window_view(steps, RECALLED + 1, axis=1)
+            whole = np.lib.stride_tricks.sliding_window_view(known, RECALLED + 2).all(axis=1)
+            rows.append(np.concatenate([windows[0, whole, :-1], *windows[1:, whole]], axis=1))
+            changes.append(windows[0, whole, -1])
+    if not rows or len(known := np.concatenate(rows)) < 10 * known.shape[1]:
+        return False
+    changed, weight = np.concatenate(changes), np.ones(len(known))
+    for _ in range(ROUNDS):
+        answer = np.linalg.lstsq(known * weight[:, None], changed * weight, rcond=None)[0]
+        left = np.abs(changed - known @ answer)
+        weight = np.sqrt(1.0 / np.maximum(left, median(left) + 1e-12))
+    by_reading = np.split(answer[RECALLED:], len(sensors))
+    through = [sensor.noise * np.linalg.norm(np.convolve(by, [1.0, -1.0])) for sensor, by in zip(sensors, by_reading)]
+    return bool(NORMAL * median(left) > UNLOGGED * np.linalg.norm(through))
 
 
 def averaged_over(period: float) -> int:

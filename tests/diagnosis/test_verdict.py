@@ -139,7 +139,7 @@ def test_nothing_is_missing_only_where_nothing_stands_out(diagnosed: Judge, monk
 
 @pytest.mark.parametrize(("behind", "tied"), [((0.5, 1.0), True), ((3.0, 8.0), False)])
 def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tied: bool) -> None:
-    blank: Any = SimpleNamespace(counted=(NAME,))
+    blank: Any = SimpleNamespace(counted=(NAME,), feigned=0.0)
     rivals = {NAME: {f"other-{far:g}": far for far in behind}}
     why = diagnose._no_name(SearchResult(blank, blank, blank, (), {}, rivals), None)
     assert ("A tie" in why) == tied and all((rival in why) == tied for rival in rivals[NAME])
@@ -262,11 +262,26 @@ def test_where_no_run_is_held_out_a_name_predicts_the_fitted_ones_better(
     assert why.startswith("No run is held out, and what was added") == bool(doubt) and doubt in why
 
 
+@pytest.mark.parametrize(
+    ("gained", "feigned", "doubted"), [(30.0, 108.0, True), (1060.0, 108.0, False), (30.0, 0.0, False)]
+)
+def test_what_a_loop_of_an_unlogged_gyro_feigns_is_only_suspected(gained: float, feigned: float, doubted: bool) -> None:
+    """Together, effects that gain little alone gained 230: each counts by itself."""
+    alone, pair = (SimpleNamespace(added=names, evidence=0.0) for names in ((NAME,), (NAME, SMALL)))
+    first = SimpleNamespace(trials=[pair, alone], gain=lambda trial: gained if trial is alone else 1e9)
+    base = SimpleNamespace(evidence=1e9)
+    result: Any = SimpleNamespace(rounds=[first], study=SimpleNamespace(feigned=feigned), base=base, final=pair)
+    why = diagnose._feigned(result, NAME)
+    assert bool(why) == doubted and (f"{NAME} by itself gains 30. Log all" in why) == doubted
+    part = Share(result, gained, 1e-9, support=100.0, gap=Gap(5.0, 1.0, 0.1), feigned=why)
+    assert part.doubt(NAME) == why
+
+
 def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three effects found in one order, of which the second is the largest, and runs held out know nothing of the
     first."""
     lost, odds = {NAME: 25.0, "dead-band": 900.0, SMALL: 40.0}, {NAME: 0.2, "dead-band": 5.0, SMALL: 0.5}
-    blank: Any = SimpleNamespace(driven=False)
+    blank: Any = SimpleNamespace(driven=False, feigned=0.0)
 
     def trial(*names: str) -> CandidateFit:
         fit: Any = SimpleNamespace(density=np.full(8, sum(odds[name] for name in names)), factor=lambda _: 0.0)

@@ -8,12 +8,13 @@ from made_driven import Sea, steered, turned
 from made_planar import BARE, FULL, campaign
 from numpy.typing import NDArray
 from scipy.linalg import expm
+from stirred import controlled
 
-from automarine_cli.dofs import PLANAR, YAW
+from automarine_cli.dofs import PLANAR, YAW, alone
 from automarine_cli.filters import kalman
 from automarine_cli.filters.course import MIN_HOLD_S, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Step, follow, follow_all, predict, shown_channel
-from automarine_cli.filters.readings import MIN_APART_S, averaged_over
+from automarine_cli.filters.readings import MIN_APART_S, Readings, answers_more, averaged_over
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
 
@@ -185,6 +186,20 @@ def test_quiet_readings_that_a_controller_answers_all_count(way: float) -> None:
         pace = np.median(np.diff(course.time[0][course.channels[0].seen[0]]))
         assert pace == pytest.approx(0.1) if every else pace > MIN_APART_S - 1e-6
         assert (course.least_noise[0] < course.noise[0]) == every
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_a_controller_reads_and_a_log_lacks_is_told(seed: int) -> None:
+    """By commands that answer the headings and change more than these explain; an open loop answers nothing."""
+    by_gyro, by_heading = controlled(seed=seed), controlled(seed=seed, gyro=False)
+    open_loop = [replace(run, position=run.position[::-1]) for run in by_heading]
+    motion = alone(YAW)
+
+    def more(runs: list[Run], *quantities: str) -> bool:
+        return answers_more(runs, [Readings.of(runs, quantity, 0, motion) for quantity in quantities])
+
+    assert more(by_gyro, "heading") and not more(by_gyro, "heading", "yaw_rate")
+    assert not more(by_heading, "heading") and not more(open_loop, "heading")
 
 
 @pytest.mark.parametrize("rate", [5, 10, 20, 25, 30, 40, 50, 100])
