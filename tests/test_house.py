@@ -33,10 +33,10 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 MAX_LINES = {
     "fits": 6562, "report": 5203, "logs": 4056, "diagnosis": 4291, "commands": 3486, "runs": 3042,
     "thrusters": 2733, "link": 2648, "control": 2168, "effects": 2331, "planning": 1873, "simulation": 1879,
-    "exports": 1852, "comparison": 1676, "models": 1268, "filters": 1209, "pipeline": 805, "dofs": 504, "top": 292,
+    "exports": 1852, "comparison": 1676, "models": 1268, "filters": 1210, "pipeline": 805, "dofs": 504, "top": 292,
     "guide": 397,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 48_275
+MAX_LINES_IN_ALL = 48_276
 MAX_FILES = 221
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

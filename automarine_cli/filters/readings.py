@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Motion
@@ -108,24 +109,24 @@ def answers_more(runs: Sequence[Run], sensors: Sequence[Readings]) -> bool:
         return False
     rows, changes = list[Floats](), list[Floats]()
     for run in runs:
-        logged = [channel for sensor in sensors if (channel := run.channel(sensor.quantity)) is not None]
-        free = np.abs(run.command) < LIMITED * np.abs(run.command).max()
-        known = np.all(np.isfinite(logged), axis=0) & free
-        steps = np.diff([run.command, *logged], axis=1)
-        if len(logged) == len(sensors) and steps.shape[1] > RECALLED:
-            windows = np.lib.stride_tricks.sliding_window_view(steps, RECALLED + 1, axis=1)
-            whole = np.lib.stride_tricks.sliding_window_view(known, RECALLED + 2).all(axis=1)
-            rows.append(np.concatenate([windows[0, whole, :-1], *windows[1:, whole]], axis=1))
-            changes.append(windows[0, whole, -1])
-    if not rows or len(known := np.concatenate(rows)) < 10 * known.shape[1]:
+        channels = [run.command, *(c for sensor in sensors if (c := run.channel(sensor.quantity)) is not None)]
+        if len(channels) <= len(sensors) or len(run) < RECALLED + 2:
+            continue
+        usable = np.isfinite(channels).all(axis=0) & (np.abs(run.command) < LIMITED * np.abs(run.command).max())
+        steps = sliding_window_view(np.diff(channels, axis=1), RECALLED + 1, axis=1)
+        steps = steps[:, sliding_window_view(usable, RECALLED + 2).all(axis=1)]
+        rows.append(np.concatenate([steps[0, :, :-1], *steps[1:]], axis=1))
+        changes.append(steps[0, :, -1])
+    if sum(map(len, rows)) < 10 * (RECALLED + (RECALLED + 1) * len(sensors)):
         return False
-    changed, weight = np.concatenate(changes), np.ones(len(known))
+    row, change = np.concatenate(rows), np.concatenate(changes)
+    weight = np.ones(len(row))
     for _ in range(ROUNDS):
-        answer = np.linalg.lstsq(known * weight[:, None], changed * weight, rcond=None)[0]
-        left = np.abs(changed - known @ answer)
-        weight = np.sqrt(1.0 / np.maximum(left, median(left) + 1e-12))
-    by_reading = np.split(answer[RECALLED:], len(sensors))
-    through = [sensor.noise * np.linalg.norm(np.convolve(by, [1.0, -1.0])) for sensor, by in zip(sensors, by_reading)]
+        answer = np.linalg.lstsq(row * weight[:, None], change * weight, rcond=None)[0]
+        left = np.abs(change - row @ answer)
+        weight = np.maximum(left, median(left) + 1e-12) ** -0.5
+    by_sensor = np.split(answer[RECALLED:], len(sensors))
+    through = [sensor.noise * np.linalg.norm(np.convolve(by, [1.0, -1.0])) for sensor, by in zip(sensors, by_sensor)]
     return bool(NORMAL * median(left) > UNLOGGED * np.linalg.norm(through))
 
 
