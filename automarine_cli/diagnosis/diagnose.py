@@ -64,7 +64,7 @@ from automarine_cli.runs.run import ExcludedRun, Run, runs_json, with_later_comm
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
-TIE_WEIGHT = 2 / 3  # weight against its rivals below which an effect is a tie and no name: twice as likely as they are
+TIE_WEIGHT = 0.5  # weight against its rivals below which an effect is a tie and no name
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from automarine_cli.effects.learned import DRAG, FIRST_KNOTS, KNOTS, MOMENT, PRE
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import SLOW_ANSWER_S, SLOW_STEP_S, Course, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
-from automarine_cli.filters.readings import Readings, answers_more
+from automarine_cli.filters.readings import MIN_STEP_S, Readings, answers_more
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, driven_problem, mostly_steps, shows_disturbance, starts_near
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, fits_of
@@ -33,7 +33,7 @@ from automarine_cli.simulation.rollout import step_for
 FIT_ROUNDS = 25
 SETTLED_SHARE = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
 MIN_STEP_DEVIANCE = 0.3  # of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
-FEIGNED = 0.03  # deviance for each reading, three times what effects gained in made loops with an unlogged gyro
+FEIGNED = 0.03  # deviance for each reading, twice what effects gained in made loops with an unlogged gyro
 GAP_HORIZON_S = 5.0  # seconds ahead over which driven runs show the gap
 
 MOVING_SHARE = 1.0 / 25.0  # of the vehicle's time constant, over which commands that change all the time are averaged
@@ -318,8 +318,8 @@ class DiagnosisProblem:
         """Deviance that an effect can gain by itself where commands tell of readings that the log lacks, else zero."""
         channels, motion = self.course.channels, self.course.motion
         sensors = [Readings.of(self.runs, channel.quantity, channel.dof, motion) for channel in channels]
-        readings = sum(float(channel.seen.sum()) for channel in channels)
-        return FEIGNED * readings if self.driven and answers_more(self.runs, sensors) else 0.0
+        answered = sum(float(np.ptp(run.time)) / max(run.sample_period, MIN_STEP_S) for run in self.runs)
+        return FEIGNED * answered if self.driven and answers_more(self.runs, sensors) else 0.0
 
     @cached_property
     def cycle(self) -> LimitCycle | None:

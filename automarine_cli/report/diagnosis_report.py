@@ -34,6 +34,7 @@ PROMISED = (
     " beyond the penalty. Not fitted were those whose score, the slope of the likelihood, promised less than others, "
     "or less than the threshold."
 )
+CLOSE = 0.2  # weight of a rival from which on the first line names it too
 LARGE_MOVE = 2.0  # standard errors: a base parameter that moved by more had been absorbing something
 MAX_CANDIDATES, MAX_RIVALS = 5, 3
 OWN_THRUST, ALONE = ", own thrust and start", ", from the commands alone"  # how whole runs are simulated
@@ -227,6 +228,13 @@ def _verdict(
     }[word].rstrip()
 
 
+def _with_rivals(effect: NamedEffect) -> str:
+    """The title of a named effect, and with their weights what is nearly as likely."""
+    close = [(rival.label or rival.name, rival.confidence) for rival in effect.rivals if rival.confidence > CLOSE]
+    weighed = [(effect.title, effect.confidence), *close]
+    return " or ".join(f"{name} ({100 * weight:.0f} %)" for name, weight in weighed) if close else effect.title
+
+
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     dof, part, plane, effects = diagnosis.dof, diagnosis.decisive, diagnosis.motion.turns, diagnosis.effects
     unit, free, data = dof.units.shown, diagnosis.from_commands, "runs could show"
@@ -234,7 +242,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     alone = errors_of(free.to_json(unit), unit) if free else []
     of = " of the fitted runs" if part is diagnosis.fitted else f" of the {plural(len(part.runs), 'run')} held out"
     drag = [effect.name for effect in effects if effect.name in BASE_DRAG and not plane]
-    counted = [effect.title for effect in effects if effect.title not in drag]
+    named = diagnosis.verdict == words.NAMED
+    counted = [_with_rivals(effect) if named else effect.title for effect in effects if effect.title not in drag]
     names = " and ".join(counted or drag)
     if counted and drag:
         names += f", where {' and '.join(drag)} puts the drag of the base right"

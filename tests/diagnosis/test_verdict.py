@@ -17,6 +17,7 @@ from automarine_cli.diagnosis import diagnose, search
 from automarine_cli.diagnosis.diagnose import (
     CONFIRMED,
     Diagnosis,
+    NamedRival,
     Share,
     confirmed,
     diagnose_runs,
@@ -109,6 +110,10 @@ def test_what_stays_beside_a_name_is_said(diagnosed: Judge) -> None:
     found = diagnosed(campaign(NAME), campaign(NAME, seed=2, wave=(1.2, 0.9))[:6])
     assert found.verdict == "named" and "A residual remains" in found.remainder
     assert f"{found.held_out.gap.after / found.held_out.gap.floor:.1f} times" in verdict_sentence(found)
+    rivals = NamedRival("thruster-lag", 0.46, ""), NamedRival(SMALL, 0.01, "")
+    close = replace(found, effects=(replace(found.effects[0], confidence=0.53, rivals=rivals),))
+    assert verdict_sentence(close).startswith(f"Named: {NAME} (53 %) or thruster-lag (46 %). ")
+    assert verdict_sentence(replace(close, verdict="suspected")).startswith(f"Suspected, not named: {NAME}.")
 
 
 def test_a_variable_that_stands_out_is_named_where_no_effect_gains(diagnosed: Judge) -> None:
