@@ -550,8 +550,8 @@ def _feigned(result: SearchResult, name: str) -> str:
     least = result.study.feigned
     if not least:
         return ""
-    first, whole = result.rounds[0], result.base.evidence - result.final.evidence  # of a curve, which no round tries
-    gained = next((first.gain(trial) for trial in first.trials if trial.added == (name,)), whole)
+    first, total = result.rounds[0], result.base.evidence - result.final.evidence  # of a curve, which no round tries
+    gained = next((first.gain(trial) for trial in first.trials if trial.added == (name,)), total)
     if gained >= least:
         return ""
     return (

@@ -15,7 +15,7 @@ from automarine_cli.effects.learned import DRAG, FIRST_KNOTS, KNOTS, MOMENT, PRE
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import SLOW_ANSWER_S, SLOW_STEP_S, Course, make_course
 from automarine_cli.filters.kalman import FilterResult, Noises, Predicted, predict
-from automarine_cli.filters.readings import MIN_STEP_S, Readings, answers_more
+from automarine_cli.filters.readings import MIN_STEP_S, answers_more
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, driven_problem, mostly_steps, shows_disturbance, starts_near
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, fits_of
@@ -316,10 +316,8 @@ class DiagnosisProblem:
     @cached_property
     def feigned(self) -> float:
         """Deviance that an effect can gain by itself where commands tell of readings that the log lacks, else zero."""
-        channels, motion = self.course.channels, self.course.motion
-        sensors = [Readings.of(self.runs, channel.quantity, channel.dof, motion) for channel in channels]
         answered = sum(float(np.ptp(run.time)) / max(run.sample_period, MIN_STEP_S) for run in self.runs)
-        return FEIGNED * answered if self.driven and answers_more(self.runs, sensors) else 0.0
+        return FEIGNED * answered if self.driven and answers_more(self.runs, self.course.sensors) else 0.0
 
     @cached_property
     def cycle(self) -> LimitCycle | None:

@@ -100,8 +100,8 @@ class Course:
     the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
     readings that count as independent, (R, K + 1) each, `often` all readings of positions in their place, `at_rest`
     (R,) which runs begin at rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise`
-    (C,) of each channel, estimated without a model. `half_width` is half the usual time that a command is held [s]:
-    what a command delay may be by the logger's convention alone.
+    (C,) of each channel, estimated without a model; `sensors` (C,) say what its readings are like. `half_width` is half
+    the usual time that a command is held [s]: what a command delay may be by the logger's convention alone.
     """
 
     motion: Motion
@@ -120,7 +120,7 @@ class Course:
     at_rest: NDArray[np.bool_]
     fastest: Floats
     noise: Floats
-    least_noise: Floats
+    sensors: tuple[Readings, ...]
     moment_unit: str
     half_width: float
 
@@ -242,7 +242,7 @@ def make_course(
         channels=tuple(thinned), often=tuple(often), at_rest=at_rest,
         fastest=np.array([_fastest(runs, position, dof) for position, dof in zip(motion.positions, motion.dofs)]),
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
-        least_noise=np.array([sensor.floor for sensor in sensors]), moment_unit=unit,
+        sensors=tuple(sensors), moment_unit=unit,
         half_width=0.5 * float(np.median([_held(run) * run.sample_period for run in runs])),
     )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """Readings of a sensor as a filter takes them: which count as independent, how noisy they are, means of fast ones."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -36,23 +36,18 @@ a simulation."""
 
 @dataclass(frozen=True)
 class Readings:
-    """What the readings of a quantity are like, as medians of the runs: its `noise`, the noise that every `other`
-    reading seems to have [base units, per s of a velocity], and the time `swing` [s] in which it changes by its own
-    size. `floor` is the noise below which they were filtered or derived, and count thinned; they are `answered` where
-    their noise is in the commands."""
+    """What the readings of a quantity are like, as medians of the runs: their `noise` [base units, per s of a velocity]
+    and the time `swing` [s] in which they change by their own size. `floor` is the noise below which they were filtered
+    or derived, and count thinned; they are `answered` where their noise is in the commands."""
 
     quantity: str
     dof: int
     velocity: bool
     noise: float
-    other: float
     swing: float
     floor: float
-    answered: bool = False
-
-    @property
-    def independent(self) -> bool:
-        return self.noise > INDEPENDENT * self.other
+    independent: bool
+    answered: bool
 
     @property
     def thinned(self) -> bool:
@@ -63,24 +58,19 @@ class Readings:
         """Measure the readings of runs. Independent ones that commands answer all count, however quiet they are."""
         velocity = quantity == motion.dofs[dof].velocity
         usual = (SMOOTH_GYRO if velocity and motion.dofs[dof].angular else 1.0) * motion.dofs[dof].limits.least_noise
-        measures, answers = list[tuple[float, float, float]](), list[Floats]()
+        measures = list[list[float]]()
         for run in runs:
             if (readings := run.channel(quantity)) is not None:
                 fresh = np.flatnonzero(fresh_readings(readings))
                 every, other = (position_noise(run.time[at], readings[at]) for at in (fresh, fresh[::2]))
                 slopes = np.diff(readings[fresh]) / np.diff(run.time[fresh])
                 swing = float(np.std(readings[fresh]) / np.std(slopes)) if slopes.any() else 0.0
-                measures.append((every, other, swing))
-                answers += [_answers(run.command_of(each)[fresh], readings[fresh]) for each in motion.dofs]
-        if not measures:
-            return cls(quantity, dof, velocity, 0.0, 0.0, 0.0, usual)
-        noise, other, swing = np.median(measures, axis=0)
-        sensor = cls(quantity, dof, velocity, noise, other, swing, usual)
-        answer = np.median(np.reshape(answers, (len(measures), -1)), axis=0)
-        answered, floor = bool(np.abs(answer).max() > MIN_ANSWER), usual
-        if answered and sensor.independent:
-            floor = float(np.clip(LEAST_SHARE * noise, QUIETEST * usual, usual))
-        return replace(sensor, answered=answered, floor=floor)
+                answers = [_answers(run.command_of(each)[fresh], readings[fresh]) for each in motion.dofs]
+                measures.append([every, other, swing, *np.concatenate(answers)])
+        noise, other, swing, *answer = np.median(measures or [[0.0, 0.0, 0.0, 0.0]], axis=0).tolist()
+        independent, answered = noise > INDEPENDENT * other, max(map(abs, answer)) > MIN_ANSWER
+        floor = float(np.clip(LEAST_SHARE * noise, QUIETEST * usual, usual)) if independent and answered else usual
+        return cls(quantity, dof, velocity, noise, swing, floor, independent, answered)
 
 
 def _answers(command: Floats, readings: Floats) -> Floats:
@@ -123,11 +113,11 @@ def answers_more(runs: Sequence[Run], sensors: Sequence[Readings]) -> bool:
     weight = np.ones(len(row))
     for _ in range(ROUNDS):
         answer = np.linalg.lstsq(row * weight[:, None], change * weight, rcond=None)[0]
-        left = np.abs(change - row @ answer)
-        weight = np.maximum(left, median(left) + 1e-12) ** -0.5
+        error = np.abs(change - row @ answer)
+        weight = np.maximum(error, median(error) + 1e-12) ** -0.5
     by_sensor = np.split(answer[RECALLED:], len(sensors))
     through = [sensor.noise * np.linalg.norm(np.convolve(by, [1.0, -1.0])) for sensor, by in zip(sensors, by_sensor)]
-    return bool(NORMAL * median(left) > UNLOGGED * np.linalg.norm(through))
+    return bool(NORMAL * median(error) > UNLOGGED * np.linalg.norm(through))
 
 
 def averaged_over(period: float) -> int:

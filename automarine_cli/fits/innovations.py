@@ -236,9 +236,9 @@ def randomness(
     earliest = -MAX_EARLY_HALF_SAMPLES * course.half_width if latest else 0.0
     anywhere = Prior(0.0, MAX_DELAY_S)
     chances.append(Parameter(COMMAND_DELAY, 0.0, earliest, latest, role=NUISANCE, unit="s", prior=anywhere))
-    for channel, noise, floor in zip(course.channels, course.noise, course.least_noise):
-        middle = max(noise, 1.5 * floor)
-        add(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7)
+    for sensor, noise in zip(course.sensors, course.noise):
+        middle = max(noise, 1.5 * sensor.floor)
+        add(f"noise.{sensor.quantity}", sensor.floor, 100.0 * middle, middle, 0.7)
     largest = float(np.abs(course.commanded).max()) or 1.0
     for name in varying:
         add(f"{name}.spread", 1e-4 * largest, largest, 0.05 * largest, 2.0)

@@ -91,6 +91,10 @@ class NamedRival:
     split_by: str
     label: str = ""  # the name with what it adds, where the name alone does not tell
 
+    @property
+    def title(self) -> str:
+        return self.label or self.name
+
 
 def stepwise_search(
     judge: Judge[Candidate, Round], base: Candidate, goes_on: Callable[[Round], bool] = lambda first: True

@@ -95,8 +95,7 @@ def _sections(
 
 def _rivals(effect: NamedEffect) -> list[str]:
     lines = [
-        f"Cannot be excluded: {rival.label or rival.name} (weight {100 * rival.confidence:.0f} %). "
-        f"Told apart by {rival.split_by}."
+        f"Cannot be excluded: {rival.title} (weight {100 * rival.confidence:.0f} %). Told apart by {rival.split_by}."
         for rival in effect.rivals[:MAX_RIVALS]
     ]
     more = len(effect.rivals) - MAX_RIVALS
@@ -140,7 +139,7 @@ def parameter_rows(effect: NamedEffect, dof: Dof | None) -> Iterator[dict[str, A
 
 def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[dict[str, Any]]:
     """Rows of the candidates of the first look of a `diagnosis.json`, with what became of each, best first."""
-    status = dict.fromkeys((rival.label or rival.name for effect in effects for rival in effect.rivals), "rival")
+    status = dict.fromkeys((rival.title for effect in effects for rival in effect.rivals), "rival")
     status |= dict.fromkeys((effect.title for effect in effects), data["verdict"])
     rows = []
     for entry in data["candidates"]:
@@ -230,7 +229,7 @@ def _verdict(
 
 def _with_rivals(effect: NamedEffect) -> str:
     """The title of a named effect, and with their weights what is nearly as likely."""
-    close = [(rival.label or rival.name, rival.confidence) for rival in effect.rivals if rival.confidence > CLOSE]
+    close = [(rival.title, rival.confidence) for rival in effect.rivals if rival.confidence > CLOSE]
     weighed = [(effect.title, effect.confidence), *close]
     return " or ".join(f"{name} ({100 * weight:.0f} %)" for name, weight in weighed) if close else effect.title
 

@@ -118,7 +118,7 @@ def _rest(run: Run, first: int, stop: int, least: float) -> tuple[int, float]:
         rate, error = slope(run.time[start:first], run.position[start:first])
         doubt = REST_STDERRS * error * run.noise
         # where the log begins with no command, nothing moved the vehicle before
-        if abs(rate) <= doubt + 0.2 * most and (doubt <= most or (start == 0 and idle == 0)):
+        if abs(rate) <= doubt + 0.2 * most and (doubt <= most or (start == 0 and abs(idle) <= least)):
             return start, pace
         length = int(0.7 * length)
     return first, pace
