@@ -608,10 +608,20 @@ def predicts_better(course: Course, quiet: OutputErrorFit, fit: OutputErrorFit) 
     Of runs of held commands the evidence alone does not decide: an effect that a model lacks looks like a disturbance,
     and there predicts hardly better.
     """
+    losses = _losses_of(course, quiet, fit)
+    return losses is not None and bool(losses["driven"].sum() < (1.0 - MIN_DRIVEN_GAIN) ** 2 * losses["quiet"].sum())
+
+
+def predicts_as_well(course: Course, quiet: OutputErrorFit, fit: OutputErrorFit) -> bool:
+    """Whether a `fit` by innovations forecasts runs left out no worse than a `quiet` one, but by chance."""
+    losses = _losses_of(course, quiet, fit)
+    return losses is not None and not is_ahead(losses["quiet"], losses["driven"])
+
+
+def _losses_of(course: Course, quiet: OutputErrorFit, fit: OutputErrorFit) -> dict[str, Floats] | None:
     (ahead_quiet,) = whole_predictions(course, [quiet], alone=True)
     ahead = {"quiet": ahead_quiet, "driven": predictions_of(course, fit, alone=True)}
-    losses = forecast_losses(ahead, len(course.names))
-    return losses is not None and bool(losses["driven"].sum() < (1.0 - MIN_DRIVEN_GAIN) ** 2 * losses["quiet"].sum())
+    return forecast_losses(ahead, len(course.names))
 
 
 def both_ways(runs: Sequence[Run]) -> bool:

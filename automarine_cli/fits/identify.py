@@ -16,7 +16,7 @@ from automarine_cli.filters.course import Course, averaged_over, make_course
 from automarine_cli.fits import driven, whole_runs
 from automarine_cli.fits.characteristics import Buoyancy, Nomoto, Swing, answer_to_rudder, swing_of
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
-from automarine_cli.fits.paper import MIN_A_WAY, MODEL_NUMBERS, VelocityErrorFit, fit_velocity_error, nested_test
+from automarine_cli.fits.paper import MIN_A_WAY, MODEL_NUMBERS, VelocityErrorFit, fit_velocity_error
 from automarine_cli.fits.preference import (
     COMPARISON_HORIZONS_S,
     STEERED_HORIZONS_S,
@@ -30,7 +30,6 @@ from automarine_cli.fits.preference import (
 from automarine_cli.fits.steps import (
     Consistency,
     Start,
-    StepAnswer,
     StepData,
     data_of_steps,
     fit_halves,
@@ -119,7 +118,7 @@ class YawFit(Shown):
 
     @property
     def used_runs(self) -> Sequence[Run]:
-        return self.runs or [turn.step.run for turn in self.turns]
+        return [turn.step.run for turn in self.turns] or self.runs
 
     def document(self, option: str) -> Document:
         return json_document(f"{self.dof.name}_model.json", self.to_json())
@@ -232,7 +231,7 @@ class YawFit(Shown):
             dof.symbols.inertia: None if table is None else table.overall.to_json(),
             "sse": drag.sse,
             "aicc": drag.aicc if np.isfinite(drag.aicc) else None,
-            "f_test_against_2": nested_test(drag, seed.drag["2"]) if number != "2" and "2" in seed.drag else None,
+            "f_test_against_2": seed.test_against_2(number),
             "dilution_taken_off": dict(drag.dilution),
             f"tail_from_{dof.units.shown}": float(dof.shown(seed.tail_from)),
             "tail_because": seed.expected.sentence(dof, seed.by_user),
@@ -340,29 +339,64 @@ def _fit_steps(
         whole = data_of_steps(turns, chosen.names, whole=True)
         answer = fit_whole_or_half(whole, half, starts, priors, two_way, map_jobs)
     whole_steps = answer.data is not half
-    preference = _prefer_steps(answer, turns, whole_steps, chosen)
-    late = partial(driven.inflate_for_lag, *_parts(turns, whole_steps), chosen.names)
-    [fit] = map_jobs(late, [answer.fits[preference.number]], WIDENING_INTERVALS)
-    fits = {**answer.fits, preference.number: fit}
-    seed = fit_velocity_error(half, zero, fits[preference.number].delay.value, tail=tail)
+    parts, at_rest = _parts(turns, whole_steps)
+    fits, preference, use, refused = answer.fits, answer.preference, None, dict[str, str]()
+    data: StepData | None = answer.data
+    widen = partial(driven.inflate_for_lag, parts, at_rest, chosen.names)
+    if _leaves_more(fits[preference.number], parts):
+        preference = _prefer_unexplained(fits, preference, parts, at_rest, chosen)
+        if whole_steps:  # what comes after the steps agrees with them
+            parts = [turn.step.run for turn in turns]
+            at_rest = start_at_rest(parts)
+        quiet = fits[preference.number]
+        if fit_to == "auto" and (disturbed := _fit_disturbed(parts, at_rest, quiet, chosen, priors, map_jobs)):
+            fits, preference, use, refused, course = disturbed
+            data, widen = None, partial(driven.inflate_for_missing, course)
+    [fit] = map_jobs(widen, [fits[preference.number]], WIDENING_INTERVALS)
+    fits = {**fits, preference.number: fit}
+    seed = fit_velocity_error(half, zero, fit.delay.value, tail=tail)
     return YawFit(
-        half.unit, turns, answer.data, (), fits, seed, "", preference, set_aside, dof, chosen, priors=priors,
-        consistency=answer.consistency, whole_steps=whole_steps,
+        half.unit, turns, data, () if data else tuple(parts), fits, seed, "", preference, set_aside, dof, chosen, use,
+        priors, consistency=answer.consistency, whole_steps=whole_steps, refused=refused,
     )  # fmt: skip
 
 
-def _prefer_steps(answer: StepAnswer, turns: Sequence[HalfTurn], whole: bool, chosen: ChannelChoice) -> Preference:
-    """Choose the model by likelihood; where that one leaves more than the noise of the positions, something pushes
-    that no model of steps knows, likelihood counts it as noise from reading to reading, and predictions of steps left
-    out decide."""
-    fits, preference, dof = answer.fits, answer.preference, turns[0].step.run.dof
-    noise, left = float(np.median([turn.step.run.noise for turn in turns])), fits[preference.number].noise
-    if left is None or left <= MIN_NOISE_RATIO * noise:
-        return preference
-    some = np.unique(np.linspace(0, len(turns) - 1, min(len(turns), driven.MAX_RUNS_TRIED)).astype(int))
-    course = make_course(*_parts([turns[i] for i in some], whole), channels=chosen.names)
+def _leaves_more(fit: whole_runs.OutputErrorFit, runs: Sequence[Run]) -> bool:
+    """Whether a fit leaves more than the noise of the positions: something pushes that no model of steps knows."""
+    return fit.noise is not None and fit.noise > MIN_NOISE_RATIO * float(np.median([run.noise for run in runs]))
+
+
+def _prefer_unexplained(
+    fits: Mapping[str, whole_runs.OutputErrorFit], preference: Preference, runs: Sequence[Run],
+    at_rest: NDArray[np.bool_], chosen: ChannelChoice,
+) -> Preference:  # fmt: skip
+    """Choose the model of steps that leave more than noise, which likelihood counts as noise from reading to reading,
+    by predictions of steps left out."""
+    some = np.unique(np.linspace(0, len(runs) - 1, min(len(runs), driven.MAX_RUNS_TRIED)).astype(int))
+    course = make_course([runs[i] for i in some], at_rest[some], channels=chosen.names)
     tried = [replace(fit, mixed=replace(fit.mixed, left_out=fit.mixed.left_out[some])) for fit in fits.values()]
-    return prefer_quiet(fits, dict(zip(fits, driven.whole_predictions(course, tried, alone=True))), dof)
+    return prefer_quiet(fits, dict(zip(fits, driven.whole_predictions(course, tried, alone=True))), runs[0].dof)
+
+
+def _fit_disturbed(
+    runs: Sequence[Run],
+    at_rest: NDArray[np.bool_],
+    quiet: whole_runs.OutputErrorFit,
+    chosen: ChannelChoice,
+    priors: Priors,
+    map_jobs: Each,
+) -> tuple[dict[str, whole_runs.OutputErrorFit], Preference, driven.Judgement, dict[str, str], Course] | None:
+    """The fits of steps that leave more than noise by innovations, unless the preferred one predicts steps left out
+    worse than the `quiet` one does, or none of the models can be fitted so."""
+    course = make_course(runs, at_rest, channels=chosen.names)
+    try:
+        fits, preference, use, refused, _ = _fit_driven(tuple(runs), course, map_jobs, (), priors)
+    except FitError:
+        return None
+    if not driven.predicts_as_well(course, quiet, fits[preference.number]):
+        return None
+    because = f"{preference.because} The steps are disturbed: they were fitted from forecasts by a filter."
+    return fits, replace(preference, because=because), use, refused, course
 
 
 def _parts(turns: Sequence[HalfTurn], to_end: bool) -> tuple[list[Run], NDArray[np.bool_]]:

@@ -178,9 +178,11 @@ def _credible(plain: Sums, corrected: Sums) -> float:
     return min(1.0, MAX_DILUTED / worst) if worst > 0 else 1.0
 
 
-def nested_test(small: DragFit, large: DragFit) -> dict[str, Any]:
+def nested_test(small: DragFit, large: DragFit) -> dict[str, Any] | None:
     """F test, `f` with `dof` and `p_value`: does the larger of two nested models explain more than chance would? Both
-    with the same noise taken off."""
+    with the same noise taken off. None where they are not nested: one has a drag that differs between the ways."""
+    if not small.powers.items() < large.powers.items():
+        return None
     more = len(large.estimates) - len(small.estimates)
     freedom = len(large.residuals) - len(large.estimates)
     f = max(large.explained - small.explained, 0.0) / more / max(large.sse / freedom, 1e-300)
@@ -531,6 +533,10 @@ class VelocityErrorFit:
     variance: Floats
     drag: Mapping[str, DragFit]
     inertia: Mapping[str, InertiaTable]
+
+    def test_against_2(self, number: str) -> dict[str, Any] | None:
+        """The `nested_test` of a model against the second, if there is one."""
+        return nested_test(self.drag[number], self.drag["2"]) if "2" in self.drag else None
 
 
 def fit_velocity_error(

@@ -17,7 +17,7 @@ from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantit
 from automarine_cli.fits.identify import MIN_NOISE_RATIO, YawFit, effect_estimates
 from automarine_cli.fits.innovations import channel_noises, sensors_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
-from automarine_cli.fits.paper import BIAS_LIMIT, DragFit, nested_test
+from automarine_cli.fits.paper import BIAS_LIMIT, DragFit
 from automarine_cli.fits.planar_fit import PlanarFit, criterion, structure_of
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.steps import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
@@ -170,7 +170,8 @@ def warnings_of(fit: YawFit) -> tuple[str, ...]:
     warnings += [f"Model {absent} could not be fitted: {reason}." for absent, reason in fit.refused.items()]
     noise = None
     if seed is not None:
-        noise = float(np.median([run.noise for run in fit.used_runs if not run.summed_up] or [0.0]))
+        if fit.data is not None:  # else what pushes is no noise
+            noise = float(np.median([run.noise for run in fit.used_runs if not run.summed_up] or [0.0]))
         if not seed.steady:
             tail, bias = dof.shown(seed.tail_from), 100 * np.abs(seed.expected.bias).max()
             warnings.append(
@@ -268,9 +269,10 @@ MEANINGS = {
 def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood below."""
     dof, sym, unit, ml = fit.dof, fit.dof.symbols, fit.moment_unit, fit.output_error
-    drag = {} if fit.velocity_error_fit is None else fit.velocity_error_fit.drag
+    seed = fit.velocity_error_fit
+    drag = {} if seed is None else seed.drag
     quadratic, linear = sym.quadratic, sym.linear
-    tests = {m: nested_test(of, drag["2"])["p_value"] for m, of in drag.items() if m != "2" and "2" in drag}
+    tests = {m: test["p_value"] for m in drag if seed is not None and (test := seed.test_against_2(m))}
     density = {m: number(float(of.mixed.predictive.sum()), 6) for m, of in ml.items()}
     rows = [
         *(_row(symbol, {m: e.value for m, e in _named(symbol, drag).items()}) for symbol in (quadratic, linear)),
@@ -557,18 +559,14 @@ def _(fit: YawFit) -> Sections:
 def _drawings(fit: YawFit) -> dict[str, Drawing]:
     seed, data, use = fit.velocity_error_fit, fit.data, fit.use
     residuals = {"residuals": Drawing("parameters.residuals_figure", fit.preferred, fit.runs, data, use)}
-    if seed is None or data is None:
-        if use is not None and fit.preferred.mixed.driven:
-            noise = fit.preferred.noise or 0.0
-            return {"whole_runs": Drawing("runs.driven_runs_figure", fit.runs, use, noise)} | residuals
-        return {"whole_runs": Drawing("runs.whole_runs_figure", fit)} | residuals
-    return {
-        f"{fit.dof.step_key}s": Drawing("runs.half_turns_figure", fit),
-        "drag": Drawing("runs.drag_figure", fit, seed),
-        "inertia": Drawing("runs.inertia_figure", fit, seed),
-        "collapse": Drawing("runs.collapse_figure", fit, data),
-        **residuals,
-    }
+    steady = {name: Drawing(f"runs.{name}_figure", fit, seed) for name in ("drag", "inertia") if seed}
+    if data is not None:
+        halves = {f"{fit.dof.step_key}s": Drawing("runs.half_turns_figure", fit)}
+        return halves | steady | {"collapse": Drawing("runs.collapse_figure", fit, data)} | residuals
+    if use is not None and fit.preferred.mixed.driven:
+        noise = fit.preferred.noise or 0.0
+        return {"whole_runs": Drawing("runs.driven_runs_figure", fit.runs, use, noise)} | steady | residuals
+    return {"whole_runs": Drawing("runs.whole_runs_figure", fit)} | residuals
 
 
 def _numbers(fit: YawFit) -> Iterator[dict[str, object]]:

@@ -17,6 +17,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.runs.checks import is_slow, longest_repeat, undriven
 from automarine_cli.runs.load import Mask
 from automarine_cli.runs.run import ExcludedRun, Run, filled, position_noise, slope
+from automarine_cli.text import plural
 
 SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are one
 MIN_STEP_SAMPLES = 5  # a shorter stretch of one moment is part of a changing command
@@ -24,6 +25,7 @@ MIN_REST_SAMPLES = 2
 SHORT_REST_SAMPLES = 10
 SLOW_RATE_SHARE = 0.1  # of the mean rate of the step: a slower start counts as standing still
 REST_STDERRS = 4.0  # standard errors
+TOGETHER_STDERRS = 3.0  # standard errors of the mean of all steps that begin their logs
 
 
 @dataclass(frozen=True)
@@ -201,11 +203,13 @@ def _drifts(run: Run, pause: slice) -> list[float]:
     return drifts
 
 
-def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:
-    """Estimate the rate at the first sample [rad/s or m/s] and its standard error, by a parabola through what moved
-    less than `way` [rad or m], at least 6 samples. `sigma` [rad or m] is the noise."""
+def start_motion(
+    time: Floats, position: Floats, sigma: float, way: float, at: float | None = None
+) -> tuple[float, float]:
+    """Estimate the rate [rad/s or m/s] `at` a time [s], the first sample's if None, and its standard error, by a
+    parabola through what moved less than `way` [rad or m], at least 6 samples. `sigma` [rad or m] is the noise."""
     count = start_length(position, way)
-    since, position = time[:count] - time[0], position[:count]
+    since, position = time[:count] - (time[0] if at is None else at), position[:count]
     coefficients, covariance = np.polyfit(since, position, min(2, count - 1), cov="unscaled")
     if abs(position[-1] - position[0]) > 2 * way:  # a slow logger sees more than a parabola
         residual = position - np.polyval(coefficients, since)
@@ -324,7 +328,30 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
             good.append(first)
         else:
             aside.append(ExcludedRun(run.source, run.name, why_none(run, turns)))
+    sudden = [turn for turn in good if turn.step.begins_log]
+    if why := _under_way(sudden):
+        good = [turn for turn in good if not turn.step.begins_log]
+        aside += [ExcludedRun(turn.step.run.source, turn.name, why) for turn in sudden]
     return tuple(good), tuple(aside)
+
+
+def _under_way(turns: Sequence[HalfTurn]) -> str:
+    """Why steps that begin their logs are not from rest, or nothing; all together show what each may be too noisy to:
+    a rate already at the sample before the log, before which the command cannot have been there."""
+    rates, z = list[float](), list[float]()
+    for turn in turns:
+        step, run, way = turn.step, turn.step.run, np.sign(turn.turned)
+        rate, doubt = start_motion(turn.time, turn.position, run.noise, run.dof.limits.start, step.switch_from)
+        slow = SLOW_RATE_SHARE * abs(turn.turned) / float(np.ptp(turn.time))
+        rates.append(step.start_rate * way)
+        z.append((rate * way - slow) / max(doubt, 0.01 * slow))
+    if not z or sum(z) <= TOGETHER_STDERRS * math.sqrt(len(z)):
+        return ""
+    dof = turns[0].step.run.dof
+    pace = f"{dof.shown(sum(rates) / len(rates)):.2g} {dof.words.units}/s"
+    begin = "begins" if len(z) == 1 else "begin"
+    logs = f"{plural(len(z), 'log')} that {begin} with the {dof.words.force} on"
+    return f"not from rest: {logs} {begin} at {pace} on average. Start each log before its {dof.words.force}"
 
 
 def _half_turn(step: Step, trim: Trim) -> HalfTurn:

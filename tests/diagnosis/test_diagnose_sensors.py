@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from few_candidates import few_candidates
+from identified import identify
 from made_rudder import QUICK_INERTIA, QUICK_LINEAR, QUICK_QUADRATIC, quick_zigzag
 from made_runs import INERTIA, K_RR
 from stirred import INERTIA as WATER_INERTIA
@@ -178,3 +179,18 @@ def test_a_delay_is_found_from_every_start() -> None:
         assert abs(estimate.value - 0.25) < 3.0 * estimate.stderr < 3.0 * 0.05
         evidence.append(trial.evidence)
     assert np.ptp(evidence) < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "lag"), [(4, 0.0), (6, 0.4)])
+def test_steps_in_stirred_water_are_diagnosed_beside_their_pushes(seed: int, lag: float) -> None:
+    """Without a disturbance the answer was *unexplained*."""
+    runs = steps_in_water(0.1, thrust_lag=lag, seed=seed)
+    fit = identify(runs)
+    model, driven = fit.preferred.model, fit.preferred.mixed.driven
+    found = diagnose_runs(runs, model, number=fit.preference.number, driven=driven)
+    assert driven and [effect.name for effect in found.effects] == ["thruster-lag"] * (lag > 0)
+    assert found.verdict == ("named" if lag else "nothing-missing")
+    if lag:
+        size = found.effects[0].parameters["T"]
+        assert abs(size.value - lag) < 3.0 * size.stderr

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from tolerances import assert_close
 
-from automarine_cli.dofs import YAW
+from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import FitError
 from automarine_cli.fits import paper
 from automarine_cli.fits.paper import DragFit, nested_test, without_noise
@@ -90,12 +90,23 @@ def test_nested_test_is_the_f_test_and_for_one_parameter_the_square_of_students(
     moment, rate = points()
     small, large = fit_drag(moment, rate, "3"), fit_drag(moment, rate, "2")
     found = nested_test(small, large)
+    assert found is not None
     x = regressors(rate, "2")
     s2 = large.sse / (len(moment) - 2)
     t = large.estimates["k_r"].value / np.sqrt(s2 * np.linalg.inv(x.T @ x)[1, 1])
     assert found["dof"] == (1, len(moment) - 2)
     assert_close(found["f"], t**2, "closed form")
     assert_close(found["p_value"], 2 * stats.t.sf(abs(t), len(moment) - 2), "closed form")
+
+
+def test_models_of_which_one_has_a_drag_for_each_way_are_not_nested() -> None:
+    moment = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
+    rate = np.sign(moment) * np.sqrt(np.abs(moment) / np.where(moment > 0, 2.0, 1.5))
+    small, large, both = (
+        paper.fit_drag(moment, rate, number, "N", SURGE, sided=sided)
+        for number, sided in (("3", True), ("2", False), ("2", True))
+    )
+    assert nested_test(small, large) is None and nested_test(small, both) is not None
 
 
 @given(st.integers(0, 10_000), st.integers(4, 60), st.floats(0.001, 0.1))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_runs import mirrored, step_heading, step_run
+from stirred import steps_in_water
 
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.half_turn import HalfTurn, all_half_turns, find_steps, half_turns, start_position
@@ -100,6 +101,17 @@ REASONS = {  # run -> cause and remedy
     "short": (step_run(0.5, length=0.6), ("too short: ", "has 6 samples", "at least 8", "Log faster")),
     "no step": (replace(STEP, moment=np.sin(STEP.time)), ("no step: no constant moment", "fit whole runs")),
 }
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_logs_that_begin_under_way_are_told_together(seed: int) -> None:
+    """Half of them are each too noisy to show that they do not begin from rest."""
+    whole = steps_in_water(seed=seed)
+    at_once, later = ([run.cut(first, len(run)) for run in whole] for first in (10, 13))
+    assert len(half_turns(at_once)[0]) == len(at_once)
+    good, aside = half_turns(later)
+    assert not good and sum("logs that begin with the moment on begin at" in run.why for run in aside) > 4
+    assert len(half_turns([*later, *whole])[0]) == len(whole)
 
 
 @pytest.mark.parametrize("way", [-1, 1])
