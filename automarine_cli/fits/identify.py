@@ -50,6 +50,8 @@ from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 from automarine_cli.text import plural
 
+Fits = dict[str, whole_runs.OutputErrorFit]  # by the number of the model
+
 
 def valid_range(moments: Iterable[float], model: Model) -> dict[str, object] | None:
     """The moments that were fitted, smallest and largest with their signs, and the steady rates that they lead to.
@@ -300,7 +302,7 @@ def identify_turns(
     few_steps = not enough or share < MIN_COMMANDED_SHARE
     stepped = fit_to == "half-turns" or (fit_to == "auto" and not few_steps)
     if stepped and not (with_effects or steered or dof.restoring):
-        return _fit_steps(turns, set_aside, fit_to, priors, map_jobs, channels, tail)
+        return _fit_steps(turns, set_aside, runs, fit_to, priors, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
             f"{plural(len(turns), 'run')} with tails, {100 * share:.0f} % of the time commanded, too few for Table 1; "
@@ -322,8 +324,8 @@ def _reasons(set_aside: Sequence[ExcludedRun]) -> str:
 
 
 def _fit_steps(
-    turns: tuple[HalfTurn, ...], set_aside: tuple[ExcludedRun, ...], fit_to: str, priors: Priors, map_jobs: Each,
-    channels: str, tail: float | None,
+    turns: tuple[HalfTurn, ...], set_aside: tuple[ExcludedRun, ...], runs: Sequence[Run], fit_to: str, priors: Priors,
+    map_jobs: Each, channels: str, tail: float | None,
 ) -> YawFit:  # fmt: skip
     dof = turns[0].step.run.dof
     chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
@@ -340,13 +342,14 @@ def _fit_steps(
         answer = fit_whole_or_half(whole, half, starts, priors, two_way, map_jobs)
     whole_steps = answer.data is not half
     parts, at_rest = _parts(turns, whole_steps)
-    fits, preference, use, refused = answer.fits, answer.preference, None, dict[str, str]()
+    fits, preference, use, refused = {**answer.fits}, answer.preference, None, dict[str, str]()
     data: StepData | None = answer.data
     widen = partial(driven.inflate_for_lag, parts, at_rest, chosen.names)
     if _leaves_more(fits[preference.number], parts):
         preference = _prefer_unexplained(fits, preference, parts, at_rest, chosen)
         if whole_steps:  # what comes after the steps agrees with them
-            parts = [turn.step.run for turn in turns]
+            ends = {(run.source, run.name): len(run) for run in runs}
+            parts = [run.cut(0, ends[run.source, run.name]) for run in (turn.step.run for turn in turns)]
             at_rest = start_at_rest(parts)
         quiet = fits[preference.number]
         if fit_to == "auto" and (disturbed := _fit_disturbed(parts, at_rest, quiet, chosen, priors, map_jobs)):
@@ -367,9 +370,8 @@ def _leaves_more(fit: whole_runs.OutputErrorFit, runs: Sequence[Run]) -> bool:
 
 
 def _prefer_unexplained(
-    fits: Mapping[str, whole_runs.OutputErrorFit], preference: Preference, runs: Sequence[Run],
-    at_rest: NDArray[np.bool_], chosen: ChannelChoice,
-) -> Preference:  # fmt: skip
+    fits: Fits, preference: Preference, runs: Sequence[Run], at_rest: NDArray[np.bool_], chosen: ChannelChoice
+) -> Preference:
     """Choose the model of steps that leave more than noise, which likelihood counts as noise from reading to reading,
     by predictions of steps left out."""
     some = np.unique(np.linspace(0, len(runs) - 1, min(len(runs), driven.MAX_RUNS_TRIED)).astype(int))
@@ -379,13 +381,9 @@ def _prefer_unexplained(
 
 
 def _fit_disturbed(
-    runs: Sequence[Run],
-    at_rest: NDArray[np.bool_],
-    quiet: whole_runs.OutputErrorFit,
-    chosen: ChannelChoice,
-    priors: Priors,
-    map_jobs: Each,
-) -> tuple[dict[str, whole_runs.OutputErrorFit], Preference, driven.Judgement, dict[str, str], Course] | None:
+    runs: Sequence[Run], at_rest: NDArray[np.bool_], quiet: whole_runs.OutputErrorFit, chosen: ChannelChoice,
+    priors: Priors, map_jobs: Each,
+) -> tuple[Fits, Preference, driven.Judgement, dict[str, str], Course] | None:  # fmt: skip
     """The fits of steps that leave more than noise by innovations, unless the preferred one predicts steps left out
     worse than the `quiet` one does, or none of the models can be fitted so."""
     course = make_course(runs, at_rest, channels=chosen.names)
@@ -546,9 +544,7 @@ DRIFT = "history-force"
 of the rate (Nomoto et al. 1957; Fossen 2021, Handbook of Marine Craft Hydrodynamics, chapter 7)."""
 
 
-def _drifting(
-    fits: dict[str, whole_runs.OutputErrorFit], wider: whole_runs.OutputErrorFit | None, course: Course
-) -> dict[str, whole_runs.OutputErrorFit]:
+def _drifting(fits: Fits, wider: whole_runs.OutputErrorFit | None, course: Course) -> Fits:
     """Model 2 with the drift of its hull, the `wider` fit, in place of model 2, where it predicts runs left out clearly
     better than every one of the `fits`, and the factor by which it betters model 2, run by run, is no chance; else
     nothing."""
@@ -568,9 +564,7 @@ def _drifting(
 
 def _fit_driven(
     runs: tuple[Run, ...], course: Course, map_jobs: Each, with_effects: tuple[str, ...], priors: Priors
-) -> tuple[
-    dict[str, whole_runs.OutputErrorFit], Preference, driven.Judgement, dict[str, str], whole_runs.OutputErrorFit | None
-]:
+) -> tuple[Fits, Preference, driven.Judgement, dict[str, str], whole_runs.OutputErrorFit | None]:
     """Fit the models that driven runs can carry, prefer one and judge it; last come why others are not fitted, and
     Norrbin's model of what is steered. Raises FitError with the first one's refusal where there is none."""
     steered = course.moment_unit == STEERED

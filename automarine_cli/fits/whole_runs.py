@@ -362,13 +362,14 @@ def directional_drag(fit: "OutputErrorFit") -> Ways:
     i, j, of_inertia = (names.index(name) for name in (main, symbols.difference, symbols.inertia))
     middle, half, covariance = fit.estimates[main].value, fit.estimates[symbols.difference].value, fit.covariance
     runs, axes = len(fit.mixed.left_out), np.eye(len(fit.mixed.theta))
+    scale = middle if fit.mixed.parameters.log[i] else 1.0
 
     def freedom(direction: np.ndarray) -> float:
         return degrees_of_freedom(fit.mixed, direction) if runs > 2 else 1.0
 
     drag, distance = {}, {}
     for way, sign in zip(dof.words.ways, (1.0, -1.0)):
-        value, slope = middle + sign * half, middle * axes[i] + sign * axes[j]  # phi holds the logarithm of the middle
+        value, slope = middle + sign * half, scale * axes[i] + sign * axes[j]
         size = max(value, 1e-3 * middle, 1e-300)
         deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         drag[way] = Estimate.from_log(value, deviation / size, freedom(slope), fit.estimates[main].unit)

@@ -14,6 +14,7 @@ from automarine_cli.dofs import DOFS, HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.identify import YawFit
+from automarine_cli.fits.whole_runs import directional_drag
 from automarine_cli.runs.half_turn import Trim, start_at_rest
 from automarine_cli.runs.load import load_runs
 
@@ -64,6 +65,22 @@ def test_the_truth_is_recovered_and_the_drag_of_each_way(fits: Fits, motion: str
     for way, truth in EACH_WAY[motion].items():
         assert holds(ways.drag[way], truth), way
         assert holds(ways.distance[way], TRUTH[motion][mass] / truth), way
+
+
+@MOTIONS
+def test_the_drag_of_each_way_does_not_depend_on_the_scale_of_the_search(fits: Fits, motion: str) -> None:
+    """Driven fits search drags by themselves, steps on the logarithm; intervals were wider there by the drag itself."""
+    fit = fits[motion][0].preferred
+    mixed, i = fit.mixed, list(fit.estimates).index(fit.model.dof.parameters["quadratic"])
+    entries = tuple(replace(entry, log=entry.log and k != i) for k, entry in enumerate(mixed.parameters))
+    change = np.ones(len(mixed.theta))
+    change[i] = mixed.theta[i]
+    information = mixed.information / np.outer(change, change)
+    plain = replace(mixed, parameters=replace(mixed.parameters, entries=entries), information=information)
+    ways = directional_drag(replace(fit, mixed=plain, covariance=fit.covariance * np.outer(change, change)))
+    assert fit.ways is not None and mixed.parameters.log[i] and ways.p_value == pytest.approx(fit.ways.p_value)
+    for of, before in ((ways.drag, fit.ways.drag), (ways.distance, fit.ways.distance)):
+        assert [*of] == [*before] and all(of[way].ci95 == pytest.approx(before[way].ci95) for way in of)
 
 
 @MOTIONS
