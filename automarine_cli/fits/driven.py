@@ -155,7 +155,7 @@ MAX_ANSWER_S, MIN_ANSWER_S = 600.0, 1e-3
 """Seconds in which no vehicle answers its thrusters, or has answered them: inertia over the drag at the largest
 command."""
 MIN_PROPOSED_GAIN = 10.0  # deviance beyond its penalty that an effect has to gain to be proposed
-BRIEF_ITERATIONS = 10  # iterations of a fit of gains and noise alone
+BRIEF_ITERATIONS = 10  # of fits of gains and noise alone, or of lags, which are close to their end by then or nowhere
 MIN_GAIN_SHARE, MAX_LOSS = 0.02, 0.10  # by which forecasts of the second estimator have to be better, or may be worse
 PROPOSED = ("dead-band",)  # effects with which models of driven logs may begin, if the evidence asks
 STEERING_GEAR = "rudder-rate"
@@ -535,7 +535,8 @@ def inflate_for_lag(
         problem = whole_run_problem(model, parameters, batch, at_rest, disturbed=disturbed)
         begins = np.array([factors[name] for name in problem.effects.factor_names])
         theta, informed = np.array([*narrow.of_model, *late]), problem.informed(narrow.parameters.priors)
-        return fit_mixed(informed, theta, noise=narrow.noise, factors=begins, settled=BRIEF_STDERRS)
+        brief = partial(fit_mixed, settled=BRIEF_STDERRS, iterations=BRIEF_ITERATIONS)
+        return brief(informed, theta, noise=narrow.noise, factors=begins)
 
     lags = list[MixedFit]()
     for late in lags_like(fit.delay.value, course):
