@@ -79,12 +79,13 @@ class YawFit(Shown):
     sentence where there is none, `refused` why models could not be fitted.
 
     `turns` are the half-turns used and `data` what was fitted of these steps: all of it if `whole_steps`, and
-    `consistency` says why (empty and None for whole runs); `runs` are the whole runs (or empty), `used_runs` those of
-    either kind, `set_aside` the others, each with its reason. `channels` are the sensors used; `use` is what the model
-    predicts, of whole runs; `priors` are what was known beforehand, `nomoto` the answer to a rudder, `buoyancy` that in
-    heave, `swing` and `swing_of(number)` period and damping in roll and pitch. `warnings` are what a report says of all
-    that. `mass` [kg] is that of a vehicle that swings; `of_ratios`: its inertia was taken to be one, for nothing showed
-    it, and `ratios` has drag over inertia. `to_json()` is yaw_model.json (or that of the motion).
+    `consistency` says why (empty and None for whole runs); `runs` are what was fitted by simulation or a filter (or
+    empty), also of steps, `used_runs` those of either kind, `set_aside` the others, each with its reason. `channels`
+    are the sensors used; `use` is what the model predicts, of whole runs; `priors` are what was known beforehand,
+    `nomoto` the answer to a rudder, `buoyancy` that in heave, `swing` and `swing_of(number)` period and damping in roll
+    and pitch. `warnings` are what a report says of all that. `mass` [kg] is that of a vehicle that swings; `of_ratios`:
+    its inertia was taken to be one, for nothing showed it, and `ratios` has drag over inertia. `to_json()` is
+    yaw_model.json (or that of the motion).
 
     Frame, a row per model, method and parameter: `model`, `method`, `parameter`, `value`, `stderr`, `low`, `high`,
     `unit`.
