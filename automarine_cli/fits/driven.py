@@ -535,8 +535,9 @@ def inflate_for_lag(
         problem = whole_run_problem(model, parameters, batch, at_rest, disturbed=disturbed)
         begins = np.array([factors[name] for name in problem.effects.factor_names])
         theta, informed = np.array([*narrow.of_model, *late]), problem.informed(narrow.parameters.priors)
-        brief = partial(fit_mixed, settled=BRIEF_STDERRS, iterations=BRIEF_ITERATIONS)
-        return brief(informed, theta, noise=narrow.noise, factors=begins)
+        return fit_mixed(
+            informed, theta, noise=narrow.noise, factors=begins, settled=BRIEF_STDERRS, iterations=BRIEF_ITERATIONS
+        )
 
     lags = list[MixedFit]()
     for late in lags_like(fit.delay.value, course):

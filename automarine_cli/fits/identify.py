@@ -303,7 +303,7 @@ def identify_turns(
     few_steps = not enough or share < MIN_COMMANDED_SHARE
     stepped = fit_to == "half-turns" or (fit_to == "auto" and not few_steps)
     if stepped and not (with_effects or steered or dof.restoring):
-        return _fit_steps(turns, set_aside, runs, fit_to, priors, map_jobs, channels, tail)
+        return _fit_steps(turns, set_aside, fit_to, priors, map_jobs, channels, tail)
     if tail is not None:
         raise RunError(
             f"{plural(len(turns), 'run')} with tails, {100 * share:.0f} % of the time commanded, too few for Table 1; "
@@ -325,8 +325,8 @@ def _reasons(set_aside: Sequence[ExcludedRun]) -> str:
 
 
 def _fit_steps(
-    turns: tuple[HalfTurn, ...], set_aside: tuple[ExcludedRun, ...], runs: Sequence[Run], fit_to: str, priors: Priors,
-    map_jobs: Each, channels: str, tail: float | None,
+    turns: tuple[HalfTurn, ...], set_aside: tuple[ExcludedRun, ...], fit_to: str, priors: Priors, map_jobs: Each,
+    channels: str, tail: float | None,
 ) -> YawFit:  # fmt: skip
     dof = turns[0].step.run.dof
     chosen = choose_channels([turn.step.run.cut(*turn.looked_at) for turn in turns], dof, channels)
@@ -343,26 +343,23 @@ def _fit_steps(
         answer = fit_whole_or_half(whole, half, starts, priors, two_way, map_jobs)
     whole_steps = answer.data is not half
     parts, at_rest = _parts(turns, whole_steps)
-    fits, preference, use, refused = {**answer.fits}, answer.preference, None, dict[str, str]()
-    data: StepData | None = answer.data
-    widen = partial(driven.inflate_for_lag, parts, at_rest, chosen.names)
-    if _leaves_more(fits[preference.number], parts):
-        preference = _prefer_unexplained(fits, preference, parts, at_rest, chosen)
-        if whole_steps:  # what comes after the steps agrees with them
-            ends = {(run.source, run.name): len(run) for run in runs}
-            parts = [run.cut(0, ends[run.source, run.name]) for run in (turn.step.run for turn in turns)]
-            at_rest = start_at_rest(parts)
-        quiet = fits[preference.number]
-        if fit_to == "auto" and (disturbed := _fit_disturbed(parts, at_rest, quiet, chosen, priors, map_jobs)):
-            fits, preference, use, refused, course = disturbed
-            data, widen = None, partial(driven.inflate_for_missing, course)
-    [fit] = map_jobs(widen, [fits[preference.number]], WIDENING_INTERVALS)
-    fits = {**fits, preference.number: fit}
-    seed = fit_velocity_error(half, zero, fit.delay.value, tail=tail)
-    return YawFit(
-        half.unit, turns, data, () if data else tuple(parts), fits, seed, "", preference, set_aside, dof, chosen, use,
-        priors, consistency=answer.consistency, whole_steps=whole_steps, refused=refused,
+    fit = YawFit(
+        half.unit, turns, answer.data, (), answer.fits, None, "", answer.preference, set_aside, dof, chosen,
+        priors=priors, consistency=answer.consistency, whole_steps=whole_steps,
     )  # fmt: skip
+    widen = partial(driven.inflate_for_lag, parts, at_rest, chosen.names)
+    if _leaves_more(fit.preferred, parts):
+        fit = replace(fit, preference=_prefer_unexplained(fit, parts, at_rest))
+        if whole_steps:  # what comes after the steps agrees with them
+            parts = [turn.step.run.cut(0, turn.ends) for turn in turns]
+            at_rest = start_at_rest(parts)
+        course = make_course(parts, at_rest, channels=chosen.names)
+        if fit_to == "auto" and (disturbed := _disturbed(fit, tuple(parts), course, map_jobs)):
+            fit, widen = disturbed, partial(driven.inflate_for_missing, course)
+    [preferred] = map_jobs(widen, [fit.preferred], WIDENING_INTERVALS)
+    seed = fit_velocity_error(half, zero, preferred.delay.value, tail=tail)
+    fits = {**fit.output_error, fit.preference.number: preferred}
+    return replace(fit, output_error=fits, velocity_error_fit=seed)
 
 
 def _leaves_more(fit: whole_runs.OutputErrorFit, runs: Sequence[Run]) -> bool:
@@ -370,32 +367,27 @@ def _leaves_more(fit: whole_runs.OutputErrorFit, runs: Sequence[Run]) -> bool:
     return fit.noise is not None and fit.noise > MIN_NOISE_RATIO * float(np.median([run.noise for run in runs]))
 
 
-def _prefer_unexplained(
-    fits: Fits, preference: Preference, runs: Sequence[Run], at_rest: NDArray[np.bool_], chosen: ChannelChoice
-) -> Preference:
+def _prefer_unexplained(fit: YawFit, runs: Sequence[Run], at_rest: NDArray[np.bool_]) -> Preference:
     """Choose the model of steps that leave more than noise, which likelihood counts as noise from reading to reading,
     by predictions of steps left out."""
     some = np.unique(np.linspace(0, len(runs) - 1, min(len(runs), driven.MAX_RUNS_TRIED)).astype(int))
-    course = make_course([runs[i] for i in some], at_rest[some], channels=chosen.names)
-    tried = [replace(fit, mixed=replace(fit.mixed, left_out=fit.mixed.left_out[some])) for fit in fits.values()]
-    return prefer_quiet(fits, dict(zip(fits, driven.whole_predictions(course, tried, alone=True))), runs[0].dof)
+    course, fits = make_course([runs[i] for i in some], at_rest[some], channels=fit.channels.names), fit.output_error
+    tried = [replace(of, mixed=replace(of.mixed, left_out=of.mixed.left_out[some])) for of in fits.values()]
+    return prefer_quiet(fits, dict(zip(fits, driven.whole_predictions(course, tried, alone=True))), fit.dof)
 
 
-def _fit_disturbed(
-    runs: Sequence[Run], at_rest: NDArray[np.bool_], quiet: whole_runs.OutputErrorFit, chosen: ChannelChoice,
-    priors: Priors, map_jobs: Each,
-) -> tuple[Fits, Preference, driven.Judgement, dict[str, str], Course] | None:  # fmt: skip
-    """The fits of steps that leave more than noise by innovations, unless the preferred one predicts steps left out
-    worse than the `quiet` one does, or none of the models can be fitted so."""
-    course = make_course(runs, at_rest, channels=chosen.names)
+def _disturbed(fit: YawFit, runs: tuple[Run, ...], course: Course, map_jobs: Each) -> YawFit | None:
+    """The `fit` of steps that leave more than noise by innovations of their `runs`; None where no model can be fitted
+    so, or the preferred one predicts steps left out worse."""
     try:
-        fits, preference, use, refused, _ = _fit_driven(tuple(runs), course, map_jobs, (), priors)
+        fits, preference, use, refused, _ = _fit_driven(runs, course, map_jobs, (), fit.priors)
     except FitError:
         return None
-    if not driven.predicts_as_well(course, quiet, fits[preference.number]):
+    if not driven.predicts_as_well(course, fit.preferred, fits[preference.number]):
         return None
     because = f"{preference.because} The steps are disturbed: they were fitted from forecasts by a filter."
-    return fits, replace(preference, because=because), use, refused, course
+    preference = replace(preference, because=because)
+    return replace(fit, data=None, runs=runs, output_error=fits, preference=preference, use=use, refused=refused)
 
 
 def _parts(turns: Sequence[HalfTurn], to_end: bool) -> tuple[list[Run], NDArray[np.bool_]]:

@@ -272,7 +272,7 @@ def drag_table(fit: YawFit, notes: Sequence[str]) -> Table:
     seed = fit.velocity_error_fit
     drag = {} if seed is None else seed.drag
     quadratic, linear = sym.quadratic, sym.linear
-    tests = {m: test["p_value"] for m in drag if seed is not None and (test := seed.test_against_2(m))}
+    tests = {} if seed is None else {m: test["p_value"] for m in drag if (test := seed.test_against_2(m))}
     density = {m: number(float(of.mixed.predictive.sum()), 6) for m, of in ml.items()}
     rows = [
         *(_row(symbol, {m: e.value for m, e in _named(symbol, drag).items()}) for symbol in (quadratic, linear)),

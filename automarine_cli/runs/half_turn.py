@@ -280,7 +280,8 @@ UNTRIMMED = Trim()
 @dataclass(frozen=True)
 class HalfTurn:
     """The samples `kept` of a step, their `time` [s, campaign clock] and `position` [rad or m]; `start_position` psi0;
-    what it was `cut_by`, the signed way `turned`, whether the rate was `steady`; `why` it is set aside, or empty."""
+    what it was `cut_by`, the signed way `turned`, whether the rate was `steady`; `why` it is set aside, or empty. The
+    run is followed for `ends` samples."""
 
     step: Step
     time: Floats
@@ -291,6 +292,7 @@ class HalfTurn:
     cut_by: str
     turned: float
     steady: bool
+    ends: int
     why: str
 
     @property
@@ -320,7 +322,8 @@ def all_half_turns(run: Run, trim: Trim = UNTRIMMED) -> list[HalfTurn]:
 
 
 def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfTurn, ...], tuple[ExcludedRun, ...]]:
-    """The first half-turn of every run that serves, and the runs set aside with their reasons."""
+    """The first half-turn of every run that serves, and the runs set aside with their reasons; where steps that begin
+    their logs are together not from rest, all of these."""
     good, aside = [], []
     for run in runs:
         turns = all_half_turns(run, trim)
@@ -367,7 +370,8 @@ def _half_turn(step: Step, trim: Trim) -> HalfTurn:
     turn = HalfTurn(
         step, time, position, slice(first, stop), zero, step.moment,
         cut_by=trim.ended(dof) if crossed else LOG_ENDS if step.stop == len(run) else dof.fill(COMMAND_ENDS),
-        turned=float(end - zero), steady=_is_steady(time, position, noise), why="",
+        turned=float(end - zero), steady=_is_steady(time, position, noise),
+        ends=len(trim.of_whole(run)), why="",
     )  # fmt: skip
     return replace(turn, why=_why_not(turn, crossed))
 

@@ -57,6 +57,7 @@ def test_the_truth_is_recovered_and_the_drag_of_each_way(fits: Fits, motion: str
     if motion == "surge":
         assert fit.warnings == () and {turn.cut_by for turn in fit.turns} == {"the way allowed"}
         assert max(abs(turn.turned) for turn in fit.turns) < 3.03
+        assert max(np.ptp(turn.step.run.position[: turn.ends]) for turn in fit.turns) < 3.1
     for name in drag if motion == "surge" else ["constant_force"]:
         precise = {"constant_force": 0.2, "half_difference": 0.1}.get(name, 0.05)
         assert holds(fit.velocity_error_fit.drag["3"].estimates[name], TRUTH[motion][name], precise), name
