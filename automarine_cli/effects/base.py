@@ -202,7 +202,7 @@ class Effect:
     per_run: ClassVar[int] = 0  # coefficients that each run may have of its own [force]; they come after the values
     role: ClassVar[str] = ""  # what its one parameter is in a motion's own equation, by `Dof.parameters`
     power: ClassVar[int | None] = None  # of the speed with which it resists; None for what is no drag
-    remembers: ClassVar[bool] = False  # whether what a sensor shows depends on what it showed: see `remember`
+    remembers: ClassVar[bool] = False  # whether a sensor is slow, its first parameter the time [s]: see `remember`
     reads_force: ClassVar[bool] = False  # whether `read` gets the moment delivered after the values
     delays: ClassVar[bool] = False  # whether it makes commands late
     rotational: ClassVar[bool] = False  # whether it acts on headings alone

@@ -145,7 +145,7 @@ class Step:
         self._own = {name: np.zeros((len(group), len(wide), self.runs)) for name, group in self.places.per_run.items()}
         terms = model.forces(wide)
         movers = [self._bound(term) for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
-        self._slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]
+        self.slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]
         self._curves = foreknown([t for t in model.forces(theta) if t.effect.needs], self.signals)
         inertia, current = model.inertia_matrix(wide), model.current(wide)
         self._slope = right_hand_side(model, movers, inertia, current, origin[:, None], self._placed)
@@ -222,7 +222,7 @@ class Step:
         out[:dofs], out[dofs : 2 * dofs] = x + way, velocity
         for place, state in zip(places.water, water):
             out[place] = state
-        for place, term in zip(places.memory, self._slow):
+        for place, term in zip(places.memory, self.slow):
             of = places.remembered[place]
             out[place] = term.effect.remember(flat[place], x[of], out[of], h, term.values)
         return out
@@ -486,7 +486,8 @@ def smoothed(model: Model, course: Course, theta: Floats, noises: Noises) -> Fil
 
 
 def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Floats, Floats]:
-    """Mean (n, P, R) and covariance (n, n, P, R) at the first node."""
+    """Mean (n, P, R) and covariance (n, n, P, R) at the first node. The vehicle is ahead of a slow sensor by what the
+    unknown velocity makes of its lag: were both even, the first readings would not move, however fast the start."""
     places, dofs = step.places, course.motion.dofs
     mean = np.zeros((places.count, sets, len(course.names)))
     deviation = np.zeros_like(mean)
@@ -497,9 +498,6 @@ def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Float
         swift = np.where(course.at_rest, 0.0, min(dof.limits.velocity_sd, max(course.fastest[d], 1e-3)))
         deviation[places.velocity[d]] = swift
         deviation[places.pushed[d]] = noises.size[d][:, None]
-    for place in places.memory:
-        mean[place] = mean[places.remembered[place]]
-        deviation[place] = 1e-6
     deviation[places.gain] = noises.gain[:, None]
     for name, group in places.per_run.items():
         for place in group:
@@ -509,11 +507,13 @@ def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Float
     covariance = np.zeros((places.count, places.count, sets, len(course.names)))
     diagonal = np.arange(places.count)
     covariance[diagonal, diagonal] = deviation**2
-    for place in places.memory:  # a slow sensor starts where the vehicle does
-        other = places.remembered[place]
-        covariance[place] = covariance[other]
-        covariance[:, place] = covariance[:, other]
-        covariance[place, place] = covariance[other, other] + 1e-12
+    for place, term in zip(places.memory, step.slow):
+        of, speed = places.remembered[place], places.velocity[places.remembered[place]]
+        mean[place] = mean[of]
+        behind = term.values[0][:sets]  # its time constant: what it is behind a vehicle of unit speed
+        covariance[place, place] = covariance[place, of] = covariance[of, place] = covariance[of, of]
+        covariance[of, speed] = covariance[speed, of] = behind * covariance[speed, speed]
+        covariance[of, of] += behind**2 * covariance[speed, speed] + 1e-12
     return mean, covariance
 
 

@@ -279,6 +279,20 @@ def test_the_filter_of_a_linear_model_is_kalmans() -> None:
     assert np.all(sizes[2] < 0.67 * sizes[1]) and np.all(sizes[3] < 0.67 * sizes[2]), sizes
 
 
+@pytest.mark.parametrize("lag", [0.05, 0.4, 2.0])
+def test_a_slow_sensor_is_no_evidence_of_a_vehicle_that_coasts(lag: float) -> None:
+    """It is behind by the same angle throughout, whatever the speed that the run began with."""
+    time, noise = np.arange(0.0, 5.0, 0.1), np.random.default_rng(4).standard_normal(50)
+    free, calm = Model.base("1", INERTIA, [0.0], "nu", YAW), noises(size=1e-9, thrust=0.0)
+    for rate in (0.0, 0.3):
+        course = make_course([logged(time, 0.5 + rate * time + 0.02 * noise, 0.0 * time)], ~REST)
+        prompt, slow = (
+            follow(model, course, model.theta[None], calm) for model in (free, free.with_effect("sensor-lag", [lag]))
+        )
+        np.testing.assert_allclose(slow.innovation, prompt.innovation, atol=1e-5)
+        np.testing.assert_allclose(slow.variance, prompt.variance, rtol=1e-5)
+
+
 def jumped(degrees: float) -> tuple[FilterResult, int]:
     """A run with one reading that is off by so much, and the node of that reading."""
     (run,) = steered(1, 2, Sea(inertia=INERTIA, k_r=LINEAR, k_rr=0.0, scatter=0.0), length=30.0)
