@@ -622,7 +622,7 @@ def shown_channel(course: Course, channel: int = 0) -> Channel:
 def targets_of(
     observed: NDArray[np.bool_], time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64], horizon: float
 ) -> NDArray[np.int64]:
-    """The node with a reading nearest to `horizon` after each origin, (A,), -1 where none is within a fifth of it."""
+    """The node with a reading nearest to `horizon` after each origin, (A,); -1 if that is a fifth off or a run ends."""
     out = np.full(len(run), -1)
     for r in np.unique(run):
         of_run, nodes = run == r, np.flatnonzero(observed[r])
@@ -631,7 +631,7 @@ def targets_of(
         nearer = np.where(
             target - time[r, nodes[after - 1]] < time[r, nodes[after]] - target, nodes[after - 1], nodes[after]
         )
-        close = np.abs(time[r, nearer] - target) < 0.2 * horizon
+        close = (np.abs(time[r, nearer] - target) < 0.2 * horizon) & (target < time[r, nodes[-1]] + 1e-6)
         out[of_run] = np.where(close & (nearer > origin[of_run]), nearer, -1)
     return out
 

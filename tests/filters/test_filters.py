@@ -347,6 +347,15 @@ def test_predictions_of_a_sum_of_velocities_begin_where_the_sum_is(side: float) 
             assert np.rad2deg(ahead.rmse(ahead.constant)) > 5.0
 
 
+def test_no_prediction_is_shorter_than_it_says() -> None:
+    """A run that ends before a horizon has none: what is predicted over less would be counted as if it were as far."""
+    course = make_course([exact_run()], REST)
+    for ahead in predict(MODEL, course, MODEL.theta, noises()):
+        far = course.time[ahead.run, ahead.target] - course.time[ahead.run, ahead.origin]
+        np.testing.assert_allclose(far, ahead.horizon, atol=0.25)
+        assert course.time[0, ahead.origin].max() == pytest.approx(40.0 - ahead.horizon, abs=0.25)
+
+
 def test_constants_by_hand() -> None:
     """Of x = 0.02 t² at 2 Hz the line over the last half second is best: it misses 0.02 (h² + h/2)."""
     time = 0.5 * np.arange(61)
