@@ -19,7 +19,7 @@ from automarine_cli.filters.readings import MIN_STEP_S, answers_more
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, driven_problem, mostly_steps, shows_disturbance, starts_near
 from automarine_cli.fits.innovations import DrivenProblem, Fit, InnovationsFit, fit_innovations, fits_of
-from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
+from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covariance, varying_terms, whole_run_problem
 from automarine_cli.models.model import COMMAND_DELAY, Model, Term
@@ -378,7 +378,7 @@ class DiagnosisProblem:
                 return fit_innovations(driven, starts, min(iterations, FIT_ROUNDS), iterations < FIT_ROUNDS)
             return fit_innovations(driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})]))
         problem = self.problem(model)
-        delay, begin = 0.0, {GAIN: 0.03, SWITCHES: 0.7}
+        delay, begin = 0.0, {START_VELOCITY: 1.0, GAIN: 0.03, SWITCHES: 0.7}
         settings: dict[str, Any] = {"noise": max(2 * self.sensor_floor, 1e-4), "iterations": FIT_ROUNDS}
         if warm_start is not None and not warm_start.driven:
             delay = warm_start.value(COMMAND_DELAY)

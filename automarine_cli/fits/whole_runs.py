@@ -144,13 +144,14 @@ def whole_run_problem(
     interval in which a command changed to MAX_DELAY_S after it). A run's own switches may leave their intervals, for on
     a lake thrusters lag. If `confined`, every switch stays in its interval, for more is an effect's to say: where in it
     is `instant` of a z common to all, which is then the last entry of theta, and one of its own. Run effects are start
-    position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is false), log gain of
-    the moment delivered, where in its interval each change of command was, and a disturbance held over each window of
-    the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero in a quiet pool, and
-    without it a minute of free running on a lake would say nothing of the vehicle, because positions integrate every
-    disturbance; unless `disturbed` there is none. It is an acceleration, so that a common gain scales inertia and drag
-    and nothing else. Then come the biases of velocity sensors, and last the coefficients of effects that vary from run
-    to run, in the model's order, each effect's with a factor of its own on the largest moment.
+    position [base unit, relative to the first sample], start velocity (where `at_rest` (R,) is false; its scatter is
+    estimated), log gain of the moment delivered, where in its interval each change of command was, and a disturbance
+    held over each window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is
+    zero in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle, because
+    positions integrate every disturbance; unless `disturbed` there is none. It is an acceleration, so that a common
+    gain scales inertia and drag and nothing else. Then come the biases of velocity sensors, and last the coefficients
+    of effects that vary from run to run, in the model's order, each effect's with a factor of its own on the largest
+    moment.
     """
     first = batch.position[:, :1]
     varying = varying_terms(model)
@@ -217,9 +218,10 @@ def _blocks(
     windows = (np.arange(batch.windows if disturbed else 0) <= lasts[:, None]).astype(float)
     switches = (batch.interval > 0).astype(float) if confined else batch.interval / np.sqrt(12.0)
     largest = float(np.abs(batch.force).max()) or 1.0
+    moving = (1e-4, 1.0) if np.count_nonzero(~at_rest) > 1 else None  # else a law that forgets how runs began gains
     return (
         Block(START_POSITION, limits.position_sd * ones),
-        Block(START_VELOCITY, np.where(at_rest[:, None], 0.0, limits.velocity_sd)),
+        Block(START_VELOCITY, np.where(at_rest[:, None], 0.0, limits.velocity_sd), moving),
         Block(GAIN, ones, (1e-4, 0.3)),
         Block(SWITCHES, switches, (1e-3, 1.0)),
         Block(DISTURBANCE, windows, (1e-5, 1.0)),
@@ -474,9 +476,7 @@ class OutputErrorFit:
 
 
 FIRST_WAYS = 3.0  # times the beginning of a step, over which the first speed of a run is taken
-
-
-START_SCATTERS = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}  # of run effects, from which fits begin
+START_SCATTERS = {START_VELOCITY: 1.0, GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}  # from which fits begin
 
 
 def fit_whole_runs(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from identified import identify
 from made_campaigns import PAPER, Vehicle, both_ways, campaign, moving_run, rescaled, shifted
-from made_runs import mirrored
+from made_runs import mirrored, step_run
 from repository import SAMPLE_RUNS
 from scipy import stats
 from step_fits import fitted_steps
@@ -19,16 +19,19 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.innovations import channel_noises, channels_json
-from automarine_cli.fits.mixed_model import jackknife
+from automarine_cli.fits.linear_mixed import START_VELOCITY
+from automarine_cli.fits.mixed_model import fit_mixed, jackknife
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.steps import StepData, data_of_steps
-from automarine_cli.fits.whole_runs import OutputErrorFit
+from automarine_cli.fits.whole_runs import START_SCATTERS, OutputErrorFit, whole_run_problem
 from automarine_cli.logs.find import find_logs
-from automarine_cli.models.parameter import NOTHING_KNOWN, Priors
+from automarine_cli.models.model import Model
+from automarine_cli.models.parameter import NOTHING_KNOWN, Prior, Priors
 from automarine_cli.report.fit_report import fit_warnings
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
 
 TRUTH = {"I_r": PAPER.inertia, "k_rr": PAPER.k_rr}
 SEEDS = range(24)
@@ -376,3 +379,29 @@ def test_a_gyro_alone_is_enough(fit_to: str) -> None:
     assert heading == {"quantity": "heading", "used": False, "why": fit.channels.verdicts[0].why}
     assert "The logs hold no heading" in heading["why"] and rate["used"]
     assert fit.to_json()["heading_noise_deg"] is None
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.2])
+def test_how_fast_runs_begin_is_estimated(scatter: float) -> None:
+    """Were every start as likely as any, a law that forgets it would gain by runs that begin at rest."""
+    rates = scatter * np.random.default_rng(8).standard_normal(12)
+    moments = np.array(both_ways([0.2, 0.3, 0.45, 0.6, 0.8, 1.1]))
+    runs = [
+        step_run(m, rest=0.2 if scatter else 4.0, length=8.0, rate0=rate, seed=i)
+        for i, (m, rate) in enumerate(zip(moments, rates))
+    ]
+    batch, moves = make_batch(runs, 0.1), np.zeros(len(runs), dtype=bool)
+    model = Model.base("3", PAPER.inertia, [PAPER.k_rr], "nu", YAW)
+    likelihoods = list[float]()
+    for tried in (model, model.with_effect("coulomb-drag", [1e-4, 1.0, 0.03, 0.02])):
+        parameters = tried.parameters(log_drag=True)
+        known = {name: Prior(value) for name, value in tried.values.items() if name.startswith("coulomb")}
+        problem = whole_run_problem(tried, parameters, batch, moves, confined=True).informed(known)
+        factors = np.array([START_SCATTERS[name] for name in problem.effects.factor_names])
+        fit = fit_mixed(problem, np.append(tried.theta, 0.0), noise=0.02, factors=factors)
+        likelihoods.append(fit.log_likelihood)
+        if scatter:
+            assert fit.factor(START_VELOCITY) == pytest.approx(np.sqrt(np.mean(rates**2)), rel=0.1)
+            return
+        assert fit.factor(START_VELOCITY) < 0.005
+    assert likelihoods[1] < likelihoods[0] + 1.0
