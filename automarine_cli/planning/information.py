@@ -24,7 +24,7 @@ from automarine_cli.filters.course import make_course
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import driven_problem, starts_near
 from automarine_cli.fits.innovations import DrivenProblem
-from automarine_cli.fits.linear_mixed import GAIN, SWITCHES
+from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.whole_runs import MIN_JACKKNIFE_RUNS, runs_that_carry, varying_terms, whole_run_problem
 from automarine_cli.models.model import BASE_TERMS, COMMAND_DELAY, DELAY, Model
@@ -196,7 +196,8 @@ class Fitting:
     def variances(self, problem: Problem) -> Floats:
         """Return logarithms of noise and factors, as the linear half of the mixed model takes them."""
         run_effects = problem.effects
-        factors = {GAIN: max(self.scatter, run_effects.limits[run_effects.factor_names.index(GAIN)][0]), SWITCHES: 1.0}
+        least = run_effects.limits[run_effects.factor_names.index(GAIN)][0]
+        factors = {START_VELOCITY: 1.0, GAIN: max(self.scatter, least), SWITCHES: 1.0}
         for name in varying_terms(self.model):
             amplitude = next(term.values[0] for term in self.model.terms if term.name == name)
             largest = float(run_effects.of(run_effects.scale, name).max())
@@ -218,9 +219,8 @@ class Fitting:
             estimands[label] = Estimand(parameter.value, parameter.log, parameter.unit, axis)
         if symbols.quadratic in estimands:
             inertia, quadratic = estimands[symbols.inertia], estimands[symbols.quadratic]
-            between = inertia.direction - quadratic.direction
-            ratio = self.model.dof.unit_of("ratio")
-            estimands[ANGLE] = Estimand(inertia.value / quadratic.value, True, ratio, between)
+            value, unit = inertia.value / quadratic.value, self.model.dof.unit_of("ratio")
+            estimands[ANGLE] = Estimand(value, True, unit, inertia.direction - quadratic.direction)
         return estimands | self._nomoto(estimands) if self.steered else estimands
 
     def _nomoto(self, estimands: Mapping[str, Estimand]) -> dict[str, Estimand]:
