@@ -228,10 +228,10 @@ def _verdict(
 
 
 def _with_rivals(effect: NamedEffect) -> str:
-    """The title of a named effect, and with their weights what is nearly as likely."""
+    """The title of a named effect, and where it may well be another its weight and what is nearly as likely."""
     close = [(rival.title, rival.confidence) for rival in effect.rivals if rival.confidence > CLOSE]
-    weighed = [(effect.title, effect.confidence), *close]
-    return " or ".join(f"{name} ({100 * weight:.0f} %)" for name, weight in weighed) if close else effect.title
+    shares = [f"{name} ({100 * weight:.0f} %)" for name, weight in ((effect.title, effect.confidence), *close)]
+    return " or ".join(shares) if effect.confidence < 1.0 - CLOSE else effect.title
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:

@@ -113,6 +113,9 @@ def test_what_stays_beside_a_name_is_said(diagnosed: Judge) -> None:
     rivals = NamedRival("thruster-lag", 0.46, ""), NamedRival(SMALL, 0.01, "")
     close = replace(found, effects=(replace(found.effects[0], confidence=0.53, rivals=rivals),))
     assert verdict_sentence(close).startswith(f"Named: {NAME} (53 %) or thruster-lag (46 %). ")
+    doubted = replace(found, effects=(replace(found.effects[0], confidence=0.62),))
+    assert verdict_sentence(doubted).startswith(f"Named: {NAME} (62 %). ")
+    assert verdict_sentence(found).startswith(f"Named: {NAME}. ")
     assert verdict_sentence(replace(close, verdict="suspected")).startswith(f"Suspected, not named: {NAME}.")
 
 
