@@ -212,6 +212,13 @@ def with_values(model: Model, term: Term, values: Iterable[float]) -> Model:
     return replace(model, terms=tuple(changed if other is term else other for other in model.terms))
 
 
+def in_law(trial: CandidateFit, start: Floats) -> Model:
+    """Return a trial's model with its last effect in the law of a `start` (k,) of it, and as large as it is."""
+    term = trial.model.terms[-1]
+    of_law = [bool(p.choices or p.laws) for p in effects.get(term.name).parameters]
+    return with_values(trial.model, term, np.where(of_law, start, term.values))
+
+
 def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[Model]:
     """List a trial's model with each effect that was added in every shape of every law of it; a curve has one."""
     models: dict[tuple[float, ...], Model] = {}
@@ -425,6 +432,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         scores = score(study, current.model, current.fit, names, self.seed + number, self.map_fn)
         chance = max(scores.threshold(CLAIM_LEVEL), 0.0)
         fits = self._leaders(current, self._put_back(current), scores, chance, first_step=number == 0)
+        fits |= self._as_promised(current, fits, scores)
         bar = max(scores.threshold(WEAK), 0.0) if number == 0 else chance
         for share, iterations in RUNNING:
             fits |= self._further(current, fits, bar, share, iterations)
@@ -529,6 +537,17 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
             ranked = [s for s in scores.ranked if s.effect in further - tried]
         return fits
 
+    def _as_promised(self, current: CandidateFit, fits: Fits, scores: Scores) -> Fits:
+        """Fit laws again that gained less than their scores promised, from where the best law of the effect ended."""
+        leaders, gains = _best_law(fits.values()), {law: current.evidence - t.evidence for law, t in fits.items()}
+        attempts = [
+            attempt_on(leaders[of.effect], in_law(leaders[of.effect], of.start)) for of in scores.ranked
+            if (law := law_of(of.effect, of.start)) in gains
+            and gains[law] < min(of.penalised, gains[leaders[of.effect].law])
+        ]  # fmt: skip
+        again = all_refitted(self.study, attempts, SEARCH_BRIEF, self.map_fn, "trying effects")
+        return {t.law: t for t in again if t is not None and t.evidence < fits[t.law].evidence}
+
     def _further(self, current: CandidateFit, fits: Fits, chance: float, share: float, iterations: int) -> Fits:
         """Fit those further that have this share of the best gain, or are within RIVAL_RANGE of it, and may still come
         to gain more than `chance` or near the best; another law of an effect not from so far behind its best."""
@@ -556,18 +575,15 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         best = min(done.values(), key=lambda trial: trial.evidence, default=current)
         if best is current or current.evidence - best.evidence < VALLEY:
             return {}
-        name, term = best.added[-1], best.model.terms[-1]
-        may_stand = effects.get(name).delays if study.driven else not self.reaches_noise(best, STANDS)
-        if not may_stand:
+        name = best.added[-1]
+        if not (effects.get(name).delays if study.driven else not self.reaches_noise(best, STANDS)):
             return {}
         by_law: dict[tuple[object, ...], list[Floats]] = {}
         for probe in candidate_shapes(study, name):
             by_law.setdefault(law_of(name, probe.values[-1]), []).append(probe.values[-1])
         shapes = [shape for some in by_law.values() for shape in some[:: -(-len(some) // STARTS_OF_LAW)]]
-        of_law = [bool(p.choices or p.laws) for p in effects.get(name).parameters]
-        models = [with_values(best.model, term, np.where(of_law, some[-1], term.values)) for some in by_law.values()]
         attempts = [attempt_with(current, (name, shape)) for shape in shapes]
-        attempts += [attempt_on(best, model) for model in models]
+        attempts += [attempt_on(best, in_law(best, some[-1])) for some in by_law.values()]
         fits = all_refitted(study, attempts, SEARCH_BRIEF, map_fn, "more starts")
         climbers = sorted((trial for trial in fits if trial is not None), key=lambda trial: trial.evidence)[:CLIMBERS]
         within = best.evidence + RIVAL_RANGE

@@ -20,8 +20,8 @@ from automarine_cli.effects.base import (
 from automarine_cli.quantities import Floats
 
 MIN_LAG_S = 1e-6  # s
-OWN_TIME = 4
-"""The law with a time constant of its own as the speed falls."""
+FASTER, OWN_TIME = 2, 4
+"""The laws that are faster at speed, and with a time constant of their own as the speed falls."""
 Advance = Callable[[Floats, Floats, Floats, tuple[Floats, ...]], tuple[Floats, Floats]]
 
 
@@ -73,7 +73,8 @@ class ThrusterLag(Effect):
     )
 
     def late(self, values: Sequence[float]) -> float:
-        return float(values[0] * (max(values[3], 1.0) if values[1] == OWN_TIME else 1.0))
+        """What is faster at speed takes twice T at a quarter of tau_ref."""
+        return float(values[0] * (max(values[3], 1.0) if values[1] == OWN_TIME else 1.0 + (values[1] == FASTER)))
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean {force} over each step."""

@@ -277,3 +277,15 @@ def test_such_waves_are_named() -> None:
     assert found.verdict == "named" and [one.name for one in found.effects] == ["periodic-disturbance"]
     assert found.effects[0].parameters["phase"].value == 1.0
     assert np.rad2deg(found.fitted.gap.after) == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.parametrize("law", [0.0, 1.0, 2.0])
+def test_a_lag_is_as_late_as_it_says_at_a_quarter_of_the_largest(law: float) -> None:
+    """What a small change there still lacks adds up to the change times how late it is."""
+    lag, values = effects.get("thruster-lag"), [0.1, law, 1.0, 1.0]
+    length, step = np.full((1, 1, 800), 0.005), 0.01
+    start, quarter = np.cumsum(length, axis=2) - length, np.full((1, 1), 0.25)
+    commands = effects.Commands(np.full((1, 1, 800), 0.25 + step), start, length, quarter, np.zeros((1, 1)), {})
+    delivered = lag.deliver(commands, tuple(np.full((1, 1, 1), value) for value in values))
+    lacking = (0.25 + step - delivered)[0, 0] @ length[0, 0]
+    assert lacking == pytest.approx(step * lag.late(values), rel=0.03)
