@@ -36,7 +36,7 @@ MAX_LINES = {
     "exports": 1852, "comparison": 1676, "models": 1268, "filters": 1200, "pipeline": 805, "dofs": 504, "top": 292,
     "guide": 397,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 48_345
+MAX_LINES_IN_ALL = 48_362
 MAX_FILES = 221
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
