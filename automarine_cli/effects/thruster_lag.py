@@ -73,7 +73,7 @@ class ThrusterLag(Effect):
     )
 
     def late(self, values: Sequence[float]) -> float:
-        """What is faster at speed takes twice T at a quarter of tau_ref."""
+        """Give what holds at a quarter of tau_ref: there what is faster at speed takes twice T."""
         return float(values[0] * (max(values[3], 1.0) if values[1] == OWN_TIME else 1.0 + (values[1] == FASTER)))
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
