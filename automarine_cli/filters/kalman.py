@@ -81,7 +81,7 @@ class Step:
 
     `delivered` (K, D, P, R) is what the actuators give without the runs' gain, the mean over each step, and `tilt` how
     it rises over the step [per s]; `inverse` (P, D, D) is that of the inertia, `columns` are the states on which the
-    dynamic ones depend nonlinearly, or that push them.
+    dynamic ones depend nonlinearly, or that push them, `slow` the sensors that lag.
     """
 
     def __init__(

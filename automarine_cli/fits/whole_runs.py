@@ -218,10 +218,10 @@ def _blocks(
     windows = (np.arange(batch.windows if disturbed else 0) <= lasts[:, None]).astype(float)
     switches = (batch.interval > 0).astype(float) if confined else batch.interval / np.sqrt(12.0)
     largest = float(np.abs(batch.force).max()) or 1.0
-    moving = (1e-4, 1.0) if np.count_nonzero(~at_rest) > 1 else None  # else a law that forgets how runs began gains
+    starts = (1e-4, 1.0) if np.count_nonzero(~at_rest) > 1 else None  # else a law that forgets how runs began gains
     return (
         Block(START_POSITION, limits.position_sd * ones),
-        Block(START_VELOCITY, np.where(at_rest[:, None], 0.0, limits.velocity_sd), moving),
+        Block(START_VELOCITY, np.where(at_rest[:, None], 0.0, limits.velocity_sd), starts),
         Block(GAIN, ones, (1e-4, 0.3)),
         Block(SWITCHES, switches, (1e-3, 1.0)),
         Block(DISTURBANCE, windows, (1e-5, 1.0)),
