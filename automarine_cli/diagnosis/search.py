@@ -748,7 +748,7 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
     if term.name == PERIODIC:
         shortest, longest = estimate_of(trial.fit, run_covariance(trial.fit), places[PERIOD]).ci95
         if longest > MAX_PERIOD_RATIO * shortest:
-            return f"its period is known to within a factor of {longest / shortest:.2g} only: what wanders does as well"
+            return f"its period may be {shortest:.2g} s or {longest:.2g} s: what wanders does as well"
     stopped = any(
         i in trial.fit.at_bound and value != p.off and not fixed and (not p.scan or effect.varies(term.values))
         for i, p, value, fixed in zip(places, effect.parameters, term.values, effect.held(term.values))
