@@ -26,7 +26,7 @@ class InputDelay(Effect):
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems"
     laws = (
         Law(
-            "{f}_delivered(t) = {f}(t - t_d) as |{f}| rises, {f}(t - t_off) as it falls",
+            "{f}_delivered(t) = {f}(t - t_d) as |{f}| rises, {f}(t - t_off) as it falls, until {f} turns",
             "Wie (2008), Space Vehicle Dynamics and Control (delays of thrusters that open and close)",
         ),
     )
@@ -70,16 +70,17 @@ def delayed(commands: Commands, delay: Floats) -> Floats:
 
 
 def _on_and_off(commands: Commands, values: tuple[Floats, ...]) -> Floats:
-    """What rises late by t_d and what falls by t_off, (P, R, M), each side's thrust by itself: a command is the sum of
-    its rises and falls."""
+    """What rises late by t_d and what falls by t_off, (P, R, M): a side's thrust is the sum of its rises and falls, and
+    ends at once where the other side begins, for a propeller turns one way at a time."""
     on, _, off = values
     before = np.broadcast_to(commands.before, (*commands.force.shape[:2], 1))
-    first, rises, falls = np.zeros_like(before), np.zeros_like(commands.force), np.zeros_like(commands.force)
+    sides = []
     for side in (1.0, -1.0):
         held = np.maximum(side * before, 0.0)
         change = np.diff(np.maximum(side * commands.force, 0.0), axis=2, prepend=held)
-        first, rises = first + side * held, rises + side * np.maximum(change, 0.0)
-        falls = falls + side * np.minimum(change, 0.0)
-    risen = replace(commands, force=first + np.cumsum(rises, axis=2), before=first)
-    fallen = replace(commands, force=np.cumsum(falls, axis=2), before=0.0 * first)
-    return delayed(risen, on) + delayed(fallen, off)
+        risen = replace(commands, force=held + np.cumsum(np.maximum(change, 0.0), axis=2), before=held)
+        fallen = replace(commands, force=np.cumsum(np.minimum(change, 0.0), axis=2), before=0.0 * held)
+        sides.append(np.maximum(delayed(risen, on) + delayed(fallen, off), 0.0))
+    ahead, astern = sides
+    latest = delayed(commands, on)
+    return np.where(latest < 0.0, 0.0, ahead) - np.where(latest > 0.0, 0.0, astern)

@@ -176,6 +176,16 @@ def test_a_delay_of_what_falls_is_another() -> None:
     np.testing.assert_allclose(mirrored, -late, rtol=0, atol=1e-12)
 
 
+def test_what_falls_late_ends_where_the_other_side_begins() -> None:
+    """A propeller turns one way at a time: reversed, it is late by what rises only, and rests where that is later."""
+    reversal = [(0.8, 4.0), (-0.8, 5.0)]
+    held = of_plan(reversal, "input-delay", (0.2, 1.0, 0.5))
+    np.testing.assert_allclose(held, of_plan(reversal, "input-delay", (0.2,)), rtol=0, atol=2e-3)
+    let_go = of_plan(reversal, "input-delay", (0.5, 1.0, 0.2))
+    apart = of_plan([(0.8, 3.7), (0.0, 0.3), (-0.8, 5.0)], "input-delay", (0.5,))
+    np.testing.assert_allclose(let_go, apart, rtol=0, atol=2e-3)
+
+
 def test_a_stalling_thruster_goes_on_below_its_start() -> None:
     """A moment that does not start it keeps it going once it runs; one below the lower edge stalls it."""
     stalling = ("dead-band", (0.5, 2.0, 0.4))
