@@ -288,8 +288,9 @@ class Diagnosis(Shown):
 class Share:
     """What an effect explains by itself, against the model `without` it, in which all else is refitted: the `evidence`
     that is lost [deviance], how often chance would gain as much, the share of thrust by which runs are `steadier` with
-    it, whether its size `may_be_nothing` beside the others; and of runs held out the log odds, the gap, and the log
-    density that is still `unexplained` with all effects (see `unexplained_density`)."""
+    it, whether its size `may_be_nothing` beside the others, why it may only mend the law of another; and of runs held
+    out the log odds, the gap, and the log density that is still `unexplained` with all effects (see
+    `unexplained_density`)."""
 
     without: CandidateFit
     evidence: float
@@ -300,13 +301,15 @@ class Share:
     gap: Gap | None = None
     unexplained: float = np.inf
     feigned: str = ""
+    mends: str = ""
 
     def doubt(self, name: str) -> str:
-        """Why runs held out do not bear it out by itself, or it may be `feigned`; empty where neither is so.
+        """Why runs held out do not bear it out by itself, it may be `feigned`, or no more than `mends` a larger effect;
+        empty where nothing is so.
 
         Where something else makes some of them less likely, it may close most of their gap instead."""
-        if self.feigned:
-            return self.feigned
+        if self.feigned or self.mends:
+            return self.feigned or self.mends
         if self.support is None or self.gap is None:
             return ""
         plain = self.gap.before > STANDS * self.gap.floor and self.gap.closed >= 1.0 - MAX_LEFT
@@ -377,20 +380,28 @@ def shares(result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str,
             gap=None if held_out is None else gap(held_out, reduced, final), unexplained=unexplained,
             feigned=_feigned(result, name),
         )  # fmt: skip
-    return dict(sorted(parts.items(), key=lambda item: -item[1].evidence))
+    parts = dict(sorted(parts.items(), key=lambda item: -item[1].evidence))
+    total = result.base.evidence - final.evidence
+    for name, part in [item for item in parts.items() if item[1].evidence < LAW_ERROR**2 * total]:
+        if part.gap is not None and smallness(study.base.dof, part.gap, part):
+            gains = f"{name} brings {100 * part.evidence / total:.2g} % of what is gained"
+            parts[name] = replace(part, mends=f"{gains}: perhaps the law of {next(iter(parts))} is a little off.")
+    return parts
 
 
-def confirmed(result: SearchResult, held_out: DiagnosisProblem) -> tuple[SearchResult, dict[str, Share], list[str]]:
+def confirmed(
+    result: SearchResult, held_out: DiagnosisProblem
+) -> tuple[SearchResult, dict[str, Share], dict[str, str]]:
     """Take those of several effects out of the search that runs held out do not bear out by themselves, one by one, the
-    worst first; give the shares of what stays, and which effects taken out these runs speak for, if not enough."""
-    suspects = list[str]()
+    worst first; give the shares of what stays, and why effects taken out that these runs speak for are not named."""
+    suspects = dict[str, str]()
     while True:
         parts = shares(result, held_out)
         doubted = {name: part.support or 0.0 for name, part in parts.items() if part.doubt(name)}
         if not doubted or len(result.final.added) < 2 or all(part.feigned for part in parts.values()):
             return result, parts, suspects
         name = min(doubted, key=doubted.__getitem__)
-        suspects += [name] if doubted[name] > 0.0 else []
+        suspects |= {name: parts[name].doubt(name)} if doubted[name] > 0.0 else {}
         result = replace(
             result, final=parts[name].without,
             rivals={effect: rivals for effect, rivals in result.rivals.items() if effect != name},
@@ -446,6 +457,9 @@ FLOOR_ERROR = 1.5
 root of the samples), before runs may hold something more."""
 MAX_LEFT = 0.5  # share of the gap's variance above the noise, on runs held out, that a name has to close
 STEADIER = 0.005  # share of thrust by which its scatter over runs has to fall where the held-out gap does not
+LAW_ERROR = 0.14
+"""Share by which the law of an effect may be off. What changes positions by less than their noise, and brings less
+than the square of this share of all that is gained, may only mend the law of another effect."""
 CONFIRMED = 5e-4
 """Largest p-value over odds of a name: how often chance gains as much, over how many times as likely runs held out are
 as under the model without it refitted. No effect was fitted to these: by chance the odds have a mean of one, and the
@@ -501,7 +515,7 @@ def verdict_of(result: SearchResult, where: ResidualRegions, held_out: Diagnosis
         if reason:
             without_effects = replace(result, final=result.base, p_values={}, rivals={}, doubtful=None)
             return Verdict(UNEXPLAINED, without_effects, f"{reason} {_nearest(result)}")
-    parts, suspects = dict[str, Share](), list[str]()
+    parts, suspects = dict[str, Share](), dict[str, str]()
     if last is not None and held_out is not None:
         borne_out, parts, suspects = confirmed(last, held_out)
         if borne_out is not last:
@@ -526,8 +540,7 @@ def verdict_of(result: SearchResult, where: ResidualRegions, held_out: Diagnosis
         remainder = f"A residual remains: on the held-out runs the gap is {judged.gap.in_noises}."
     if judged and (worse := judged.worse(study.base.dof)):
         remainder += f" Commands that answer disturbances hide it: {worse}."
-    if suspects:
-        remainder += f" Only suspected: {' and '.join(suspects)}; the held-out runs do not confirm it by itself."
+    remainder += "".join(f" Only suspected: {name}. {doubt}" for name, doubt in suspects.items())
     return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
 
 

@@ -304,7 +304,26 @@ def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkey
     assert list(shares(found, None)) == ["dead-band", SMALL, NAME]
     result, parts, suspected = confirmed(found, blank)
     assert result.final.added == ("dead-band", SMALL) and list(parts) == ["dead-band", SMALL]
-    assert suspected == [NAME] and NAME not in result.rivals
+    assert list(suspected) == [NAME] and NAME not in result.rivals
+
+
+@pytest.mark.parametrize(("evidence", "moved", "mends"), [(6.0, 0.1, True), (6.0, 3.0, False), (60.0, 0.1, False)])
+def test_a_small_effect_beside_a_large_one_may_only_mend_its_law(
+    evidence: float, moved: float, mends: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One within the noise that brings under a fiftieth of what both gain: a law a seventh off leaves as much."""
+    fit: Any = SimpleNamespace(density=np.zeros(8), factor=lambda _: 0.0)
+    blank: Any = SimpleNamespace(driven=False, feigned=0.0, base=SimpleNamespace(dof=YAW))
+    least = {"dead-band": 900.0, SMALL: evidence}
+    both = CandidateFit(tuple(least), blank, fit, 0.0)
+    monkeypatch.setattr(diagnose, "without", lambda _, __, out: CandidateFit((out,), blank, fit, least[out]))
+    monkeypatch.setattr(diagnose, "log_density", lambda _, __, fit: fit.density)
+    gap = Gap(1.0, 1.0, 1.0, (np.full((1, 9), 1.0 + moved), np.ones((1, 9))))
+    monkeypatch.setattr(diagnose, "gap", lambda *_: gap)
+    base = CandidateFit((), blank, fit, 900.0 + evidence)
+    parts = shares(SearchResult(blank, base, both, (), dict.fromkeys(least, 0.0), {}), blank)
+    assert bool(parts[SMALL].mends) == mends and not parts["dead-band"].mends
+    assert parts[SMALL].doubt(SMALL).endswith("perhaps the law of dead-band is a little off.") == mends
 
 
 # Several effects that are one in disguise, and effects that undo each other
