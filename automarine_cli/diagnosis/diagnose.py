@@ -30,8 +30,10 @@ from automarine_cli.diagnosis.search import (
     SearchResult,
     SearchStep,
     all_refitted,
+    along_edge,
     attempt_on,
     clear,
+    edges_of,
     gain_exponent,
     is_of_early_logs,
     may_be_nothing,
@@ -51,6 +53,7 @@ from automarine_cli.fits.driven import ForecastScore, worth_of
 from automarine_cli.fits.identify import valid_range
 from automarine_cli.fits.innovations import channel_noises, channels_json, random_estimates
 from automarine_cli.fits.linear_mixed import GAIN
+from automarine_cli.fits.mixed_model import CHI2_95
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.fits.whole_runs import covariance_json, estimate_of, ratio_of, varying_terms
 from automarine_cli.models.model import COMMAND_DELAY, Model
@@ -433,6 +436,8 @@ def base_estimates(study: DiagnosisProblem, trial: CandidateFit) -> dict[str, Es
 def _estimates(study: DiagnosisProblem, trial: CandidateFit) -> list[Estimate]:
     model, covariance = trial.model, study.covariance(trial.model, trial.fit)
     estimates = [estimate_of(trial.fit, covariance, i) for i in range(len(model.theta))]
+    for place in edges_of(model):
+        estimates[place] = _edge_estimate(study, trial, place)
     scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
     for name in varying_terms(model):  # the amplitude of which every run has a share, by the likelihood of their spread
         low, high = (scale * end for end in trial.fit.factor_interval(name))
@@ -440,6 +445,15 @@ def _estimates(study: DiagnosisProblem, trial: CandidateFit) -> list[Estimate]:
         place = model.index(f"{name}.{effects.get(name).names_in(model.dof)[0]}")
         estimates[place] = Estimate(value, error, (low, high), model.moment_unit)
     return estimates
+
+
+def _edge_estimate(study: DiagnosisProblem, trial: CandidateFit, i: int) -> Estimate:
+    """Estimate an edge by the places between which the deviance stays below that of the ends of a 95 % interval."""
+    places, deviance = along_edge(study, trial, i)
+    middle, out = len(places) // 2, np.flatnonzero(~(deviance <= deviance[len(places) // 2] + CHI2_95))
+    low = float(places[out[out < middle].max(initial=0)])
+    high = float(places[out[out > middle].min(initial=len(places) - 1)])
+    return Estimate(float(places[middle]), (high - low) / 12.0**0.5, (low, high), trial.fit.parameters[i].unit)
 
 
 def detectable(result: SearchResult) -> dict[str, float]:

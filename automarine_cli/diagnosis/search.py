@@ -194,8 +194,53 @@ def _side_by_side(
         with contextlib.suppress(np.linalg.LinAlgError):  # of one of them: then each alone
             fits = study.fits_beside(models, values, starts, iterations)
             trials = zip(models, every_added, fits)
-            return [None if fit is None else candidate_fit(study, model, added, fit) for model, added, fit in trials]
-    return [refitted(study, *attempt, iterations, least_gain) for attempt in attempts]
+            return [
+                None if fit is None else placed(study, candidate_fit(study, model, added, fit), iterations, least_gain)
+                for model, added, fit in trials
+            ]
+    alone = (refitted(study, *attempt, iterations, least_gain) for attempt in attempts)
+    return [trial and placed(study, trial, iterations, least_gain) for trial in alone]
+
+
+EDGES = 1.04 ** np.arange(-40.0, 41.0)  # times an edge: places that are tried for it
+EDGE_ROUNDS = 4  # in which edges and what is fitted beside them settle
+
+
+def edges_of(model: Model) -> list[int]:
+    """Places of the model's parameters that are edges of its effects."""
+    flags = {name: edge for t in model.terms for name, edge in zip(model.names_of(t), t.effect.placed(t.values))}
+    return [i for i, name in enumerate(model.parameter_names) if flags.get(name)]
+
+
+def along_edge(study: DiagnosisProblem, trial: CandidateFit, i: int) -> tuple[Floats, Floats]:
+    """Places (P,) of an edge, parameter i, the trial's in the middle, and deviances (P,), all else as fitted."""
+    parameters, thetas = trial.fit.parameters, np.tile(trial.fit.theta, (len(EDGES), 1))
+    effect, _, name = trial.model.parameter_names[i].rpartition(".")
+    law = next(p for p in effects.get(effect).parameters if p.name == name)
+    thetas[:, i] = np.clip(EDGES * thetas[:, i], law.lower, law.upper)
+    return thetas[:, i], study.deviances(trial.model, trial.fit, parameters.search(thetas))
+
+
+def placed(study: DiagnosisProblem, trial: CandidateFit, iterations: int, least_gain: float) -> CandidateFit:
+    """Move the edges of a trial to where the likelihood is highest with all else as fitted, or over the next command to
+    either side, and fit all else again, as long as that gains; a brief fit has them where it began."""
+    for _ in range(EDGE_ROUNDS if iterations > SEARCH_BRIEF else 0):
+        tried = list[CandidateFit | None]()
+        for i in edges_of(trial.model):
+            places, deviance = along_edge(study, trial, i)
+            begins = np.abs(np.diff(deviance, prepend=deviance[0])) > SETTLED_EVIDENCE
+            level = np.cumsum(begins | ~np.isfinite(deviance))  # between two commands it is the same
+            at = level[len(EDGES) // 2]
+            for k in sorted({level[np.nanargmin(deviance)], at - 1, at + 1} & {*level} - {at}):
+                values = trial.fit.of_model.copy()
+                values[i] = np.median(places[level == k])
+                model = trial.model.with_theta(values)
+                tried.append(refitted(study, model, trial.added, values, trial.fit, iterations, least_gain))
+        better = [t for t in tried if t is not None and t.evidence < trial.evidence - SETTLED_EVIDENCE]
+        if not better:
+            break
+        trial = min(better, key=lambda trial: trial.evidence)
+    return trial
 
 
 def settled(study: DiagnosisProblem, trial: CandidateFit, least_gain: float) -> CandidateFit:
@@ -220,14 +265,24 @@ def in_law(trial: CandidateFit, start: Floats) -> Model:
 
 
 def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[Model]:
-    """List a trial's model with each effect that was added in every shape of every law of it; a curve has one."""
+    """List a trial's model with each effect that was added in every shape of every law of it; a curve has one. One with
+    edges is listed once a law, and with its edges wherever they are as likely."""
     models: dict[tuple[float, ...], Model] = {}
     for term in trial.model.terms[len(study.base.terms) :]:
         effect = effects.get(term.name)
         if len(effect.parameters) > 1 and not isinstance(effect, Learned):
-            for probe in candidate_shapes(study, term.name):
-                model = with_values(trial.model, term, probe.values[-1])
+            shapes = [probe.values[-1] for probe in candidate_shapes(study, term.name)]
+            if any(effect.placed(term.values)):
+                shapes.sort(key=lambda values: -abs(values[0] - term.values[0]))
+                shapes = list({law_of(term.name, values): values for values in shapes}.values())  # the nearest of each
+            for values in shapes:
+                model = with_values(trial.model, term, values)
                 models.setdefault(tuple(model.theta), model)
+    for i in edges_of(trial.model):
+        places, deviance = along_edge(study, trial, i)
+        for place in places[deviance < deviance[len(places) // 2] + TIE]:
+            model = trial.model.with_theta(np.where(np.arange(len(trial.model.theta)) == i, place, trial.fit.of_model))
+            models.setdefault(tuple(model.theta), model)
     return list(models.values())
 
 
@@ -441,9 +496,10 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         possible = [trial for trial in fits.values() if not drag_drives(trial.model, study.fastest)]
         ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
         current = self._from_elsewhere(current, [t for t in ranking[:3] if current.evidence - t.evidence > bar])
-        # a law that may not stand does not keep another law of its effect from it
+        # a law that may not stand does not keep another law of its effect from it, unless it says that the log is late
         standing = _best_law(possible, lambda trial: not obstacle(study, trial, current))
-        ranking = [standing.get(trial.added[-1], trial) for trial in ranking]
+        of_log = [not study.driven and may_be_the_log(study, trial) for trial in ranking]
+        ranking = [t if late else standing.get(t.added[-1], t) for t, late in zip(ranking, of_log)]
         step = SearchStep(current, scores, tuple(sorted(ranking, key=lambda t: t.evidence)), chance)
         self.looks.append((model.evidence, step))
         return step
@@ -749,9 +805,10 @@ def obstacle(study: DiagnosisProblem, trial: CandidateFit, current: CandidateFit
         shortest, longest = estimate_of(trial.fit, run_covariance(trial.fit), places[PERIOD]).ci95
         if longest > MAX_PERIOD_RATIO * shortest:
             return f"its period may be {shortest:.2g} s or {longest:.2g} s: what wanders does as well"
+    fixed = np.array(effect.held(term.values)) | np.array(effect.placed(term.values))
     stopped = any(
-        i in trial.fit.at_bound and value != p.off and not fixed and (not p.scan or effect.varies(term.values))
-        for i, p, value, fixed in zip(places, effect.parameters, term.values, effect.held(term.values))
+        i in trial.fit.at_bound and value != p.off and not stays and (not p.scan or effect.varies(term.values))
+        for i, p, value, stays in zip(places, effect.parameters, term.values, fixed)
     )
     if stopped:
         return "its size goes to the limit of what is allowed"

@@ -424,6 +424,14 @@ class DiagnosisProblem:
             self._covariances[fit] = run_covariance(fit, changes)
         return self._covariances[fit]
 
+    def deviances(self, model: Model, fit: Fit, phi: Floats) -> Floats:
+        """Deviances (P,), up to a constant, under phi (P, p), with the fit's own run effects."""
+        if fit.driven:
+            return -2.0 * self.driven_problem(model).value(phi)
+        problem, effects = self.problem(model), np.tile(fit.run_effects, (len(phi), 1, 1))
+        fitted = problem.response(problem.parameters.natural(phi), effects)
+        return problem.squares(problem.residual(fitted), fit.variances).sum(axis=1)
+
     def command_delay(self, fit: Fit) -> float:
         """Give the command delay [s] of a fit to these runs as files have it."""
         delay = float(fit.of_chance[COMMAND_DELAY])

@@ -274,6 +274,11 @@ class Effect:
         """Which parameters a fit leaves as they are, at these values."""
         return tuple(p.held or not self.counts(p, values) for p in self.parameters)
 
+    def placed(self, values: tuple[float, ...]) -> tuple[bool, ...]:
+        """Which parameters are edges, about which a likelihood is level where no command is near: fits leave them where
+        they are, and a diagnosis tries places."""
+        return (False,) * len(values)
+
     def law(self, values: Sequence[float]) -> int:
         """Which of its laws holds at these values: the place among the choices, 0 where there is one law only."""
         return next((round(value) for p, value in zip(self.parameters, values) if p.choices), 0)

@@ -4,24 +4,20 @@ import numpy as np
 
 from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, deliver_by_law, inf
 
-EDGE = 0.1
-CUTS = tuple(0.02 * 1.3**i for i in range(14))
-"""Widths at which a cut is tried, as shares of the largest moment."""
+CUTS = tuple(0.02 * 1.1**i for i in range(34))
+"""Widths at which a cut is tried, as shares of the largest moment; the wider half of them for one that stalls."""
 
 
 class DeadBand(Effect):
     """Nothing below a width; above it that much less, or, where the controller only cuts small commands, all of it; or
-    all of it from there on until the command falls below a share of the width.
-
-    The cut is smoothed over EDGE of the width, within which no test's moments could place it.
-    """
+    all of it from there on until the command falls below a smaller one."""
 
     name = "dead-band"
     place = Place.ACTUATOR
     parameters = (
         Parameter("width", "half width of the dead-band", "{force}", 0.0, inf, 0.03),
         choice("law", "what is left above the width", "the rest; all; all, until it stalls"),
-        Parameter("stall", "share of the width at which it stalls", "1", 0.0, 1.0, 0.5, scan=(0.3, 0.6), laws=(2,)),
+        Parameter("stall", "{force} at which it stalls", "{force}", 0.0, inf, 0.05, scan=(0.05, 0.1, 0.2), laws=(2,)),
     )
     equation = "{f}_delivered = sgn({f}) max(|{f}| - width, 0)"
     says = "The thrusters give nothing below a smallest {force}."
@@ -36,7 +32,7 @@ class DeadBand(Effect):
             ("coulomb-drag", "thrust-exponent"),
         ),
         Law(
-            "{f}_delivered = {f} from |{f}| > width until |{f}| < stall width, else 0",
+            "{f}_delivered = {f} from |{f}| > width until |{f}| < stall, else 0",
             "Tao and Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
             ("backlash", "coulomb-drag"),
         ),
@@ -45,9 +41,13 @@ class DeadBand(Effect):
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         return deliver_by_law((_rest, _all, _until_stall), commands, values, values[1])
 
+    def placed(self, values: tuple[float, ...]) -> tuple[bool, ...]:
+        return (values[1] > 0.0, False, values[1] == 2.0)
+
     def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
         """A cut has no slope to follow where no moment lies near it."""
-        return CUTS if values[1] and parameter.name == "width" else parameter.scan
+        cuts = CUTS[len(CUTS) // 2 :] if values[1] == 2.0 else CUTS
+        return cuts if values[1] and parameter.name == "width" else parameter.scan
 
 
 def _rest(commands: Commands, values: tuple[Floats, ...]) -> Floats:
@@ -55,23 +55,17 @@ def _rest(commands: Commands, values: tuple[Floats, ...]) -> Floats:
 
 
 def _all(commands: Commands, values: tuple[Floats, ...]) -> Floats:
-    return commands.force * _share(np.abs(commands.force), values[0])
-
-
-def _share(size: Floats, width: Floats) -> Floats:
-    """How much of a command of this size a cut at `width` passes."""
-    return np.asarray(np.clip((size - width) / np.maximum(2.0 * EDGE * width, 1e-12) + 0.5, 0.0, 1.0))
+    return np.where(np.abs(commands.force) > values[0], commands.force, 0.0)
 
 
 def _until_stall(commands: Commands, values: tuple[Floats, ...]) -> Floats:
     """A thruster that has started goes on down to the lower edge, and stops as the command changes its side."""
     size, width = np.abs(commands.force), values[0]
-    starts, goes_on = np.broadcast_arrays(_share(size, width), _share(size, values[2] * width))
-    side = np.broadcast_to(np.sign(commands.force), starts.shape)
-    passed, before = np.empty(starts.shape), np.broadcast_to(np.sign(commands.before), (*starts.shape[:2], 1))
-    share, last = (np.broadcast_to(_share(np.abs(commands.before), width), before.shape)[..., 0], before[..., 0])
+    starts, goes_on = np.broadcast_arrays(size > width, size > values[2])
+    side, passed = np.broadcast_to(np.sign(commands.force), starts.shape), np.empty(starts.shape, dtype=bool)
+    runs, last = np.broadcast_arrays(np.abs(commands.before) > width, np.sign(commands.before), starts[..., :1])[:2]
+    runs, last = runs[..., 0], last[..., 0]
     for m in range(starts.shape[2]):
-        share = np.where(side[..., m] == last, np.minimum(goes_on[..., m], share), 0.0)
-        passed[..., m] = share = np.maximum(starts[..., m], share)
+        passed[..., m] = runs = starts[..., m] | (runs & goes_on[..., m] & (side[..., m] == last))
         last = side[..., m]
-    return commands.force * passed
+    return np.where(passed, commands.force, 0.0)

@@ -299,7 +299,8 @@ class Model:
                 step = 0.1 * size[term.dof]
                 entries.append(Parameter(names[0], term.values[0], step=step, unit=effect.unit))
                 continue
-            fixed = [term.name in dropped or constant for constant in effect.held(term.values)]
+            stay = zip(effect.held(term.values), effect.placed(term.values))
+            fixed = [term.name in dropped or any(either) for either in stay]
             angle = bool(self.signal_of(term))
             for name, law, value, stays in zip(names, effect.parameters, term.values, fixed):
                 lower, upper = max(law.lower, least_delay if effect.shifts(term.values) else -np.inf), law.upper

@@ -107,3 +107,22 @@ def test_the_same_data_told_otherwise_give_the_same(units: bool) -> None:
     models = [found.search.final.model.theta[:2] for found in (there, back)]
     np.testing.assert_allclose(models[1], ten * models[0], rtol=1e-6)
     assert back.effects[0].confidence == pytest.approx(there.effects[0].confidence, abs=1e-3)
+
+
+@pytest.mark.parametrize(("law", "seed"), [(1.0, 1), (2.0, 1), (2.0, 2)])
+def test_an_edge_lies_between_two_commands(law: float, seed: int) -> None:
+    """A cut was smoothed over a fifth of its width, and a propeller that stalls got an exponent or a friction beside
+    it: one that starts at 0.35 and stalls at 0.16 ran at 0.5 and not at 0.3, stopped at 0.12 and ran on at 0.2."""
+    plans = [[(size, 6.0 + 3.0 / size**0.5)] for size in (0.3, 0.5, 0.8, 1.2)]
+    plans += [[(1.0, 4.0), (0.2, 6.0)], [(0.8, 4.0), (0.12, 6.0)], [(0.5, 4.0), (-0.5, 3.0), (0.2, 4.0)]]
+    both = [[(sign * size, seconds) for size, seconds in plan] for plan in plans for sign in (1.0, -1.0)]
+    base = base_for("")
+    runs = [unmeasured(plan, number, base.moment_unit) for number, plan in enumerate(both)]
+    found = judge(measured(base.with_effect("dead-band", (0.35, law, 0.16)), runs, seed=seed), base)
+    (named,) = found.effects
+    assert (found.verdict, named.name) == ("named", "dead-band")
+    assert named.law == ("all" if law == 1.0 else "all, until it stalls")
+    width, stall = named.parameters["width"], named.parameters["stall"]
+    assert 0.28 < width.ci95[0] < 0.31 < 0.49 < width.ci95[1] < 0.53
+    if law == 2.0:
+        assert 0.11 < stall.ci95[0] < 0.125 < 0.19 < stall.ci95[1] < 0.21

@@ -188,7 +188,7 @@ def test_what_falls_late_ends_where_the_other_side_begins() -> None:
 
 def test_a_stalling_thruster_goes_on_below_its_start() -> None:
     """A moment that does not start it keeps it going once it runs; one below the lower edge stalls it."""
-    stalling = ("dead-band", (0.5, 2.0, 0.4))
+    stalling = ("dead-band", (0.5, 2.0, 0.2))
     np.testing.assert_allclose(of_plan([(0.3, 5.0)], *stalling), 0.0, atol=1e-9)
     for then, acts in ((0.3, 0.3), (0.15, 0.0)):
         stalled, plain = of_plan([(0.9, 3.0), (then, 5.0)], *stalling), of_plan([(0.9, 3.0), (acts, 5.0)])
