@@ -385,8 +385,8 @@ def shares(result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str,
         )  # fmt: skip
     parts = dict(sorted(parts.items(), key=lambda item: -item[1].evidence))
     total = result.base.evidence - final.evidence
-    for name, part in [item for item in parts.items() if item[1].evidence < LAW_ERROR**2 * total]:
-        if part.gap is not None and smallness(study.base.dof, part.gap, part):
+    for name, part in list(parts.items())[1:]:
+        if part.gap and part.evidence < LAW_ERROR**2 * total and smallness(study.base.dof, part.gap, part):
             gains = f"{name} brings {100 * part.evidence / total:.2g} % of what is gained"
             parts[name] = replace(part, mends=f"{gains}: perhaps the law of {next(iter(parts))} is a little off.")
     return parts
@@ -450,7 +450,8 @@ def _estimates(study: DiagnosisProblem, trial: CandidateFit) -> list[Estimate]:
 def _edge_estimate(study: DiagnosisProblem, trial: CandidateFit, i: int) -> Estimate:
     """Estimate an edge by the places between which the deviance stays below that of the ends of a 95 % interval."""
     places, deviance = along_edge(study, trial, i)
-    middle, out = len(places) // 2, np.flatnonzero(~(deviance <= deviance[len(places) // 2] + CHI2_95))
+    middle = len(places) // 2
+    out = np.flatnonzero(deviance > deviance[middle] + CHI2_95)
     low = float(places[out[out < middle].max(initial=0)])
     high = float(places[out[out > middle].min(initial=len(places) - 1)])
     return Estimate(float(places[middle]), (high - low) / 12.0**0.5, (low, high), trial.fit.parameters[i].unit)

@@ -203,6 +203,7 @@ def _side_by_side(
 
 
 EDGES = 1.04 ** np.arange(-40.0, 41.0)  # times an edge: places that are tried for it
+DIVERGED = 1e99  # deviance of a simulation that runs away
 EDGE_ROUNDS = 4  # in which edges and what is fitted beside them settle
 
 
@@ -218,7 +219,8 @@ def along_edge(study: DiagnosisProblem, trial: CandidateFit, i: int) -> tuple[Fl
     effect, _, name = trial.model.parameter_names[i].rpartition(".")
     law = next(p for p in effects.get(effect).parameters if p.name == name)
     thetas[:, i] = np.clip(EDGES * thetas[:, i], law.lower, law.upper)
-    return thetas[:, i], study.deviances(trial.model, trial.fit, parameters.search(thetas))
+    deviances = study.deviances(trial.model, trial.fit, parameters.search(thetas))
+    return thetas[:, i], np.nan_to_num(deviances, nan=DIVERGED, posinf=DIVERGED)
 
 
 def placed(study: DiagnosisProblem, trial: CandidateFit, iterations: int, least_gain: float) -> CandidateFit:
@@ -228,10 +230,10 @@ def placed(study: DiagnosisProblem, trial: CandidateFit, iterations: int, least_
         tried = list[CandidateFit | None]()
         for i in edges_of(trial.model):
             places, deviance = along_edge(study, trial, i)
-            begins = np.abs(np.diff(deviance, prepend=deviance[0])) > SETTLED_EVIDENCE
-            level = np.cumsum(begins | ~np.isfinite(deviance))  # between two commands it is the same
+            # the deviance is level between two commands
+            level = np.cumsum(np.abs(np.diff(deviance, prepend=deviance[0])) > SETTLED_EVIDENCE)
             at = level[len(EDGES) // 2]
-            for k in sorted({level[np.nanargmin(deviance)], at - 1, at + 1} & {*level} - {at}):
+            for k in sorted({level[deviance.argmin()], at - 1, at + 1} & {*level} - {at}):
                 values = trial.fit.of_model.copy()
                 values[i] = np.median(places[level == k])
                 model = trial.model.with_theta(values)
