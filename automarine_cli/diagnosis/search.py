@@ -207,9 +207,10 @@ DIVERGED = 1e99  # deviance of a simulation that runs away
 EDGE_ROUNDS = 4  # in which edges and what is fitted beside them settle
 
 
-def edges_of(model: Model) -> list[int]:
-    """Places of the model's parameters that are edges of its effects."""
-    flags = {name: edge for t in model.terms for name, edge in zip(model.names_of(t), t.effect.placed(t.values))}
+def edges_of(model: Model, first: int = 0) -> list[int]:
+    """Places of the model's parameters that are edges of its effects, from its `first` term on."""
+    terms = model.terms[first:]
+    flags = {name: edge for t in terms for name, edge in zip(model.names_of(t), t.effect.placed(t.values))}
     return [i for i, name in enumerate(model.parameter_names) if flags.get(name)]
 
 
@@ -228,7 +229,7 @@ def placed(study: DiagnosisProblem, trial: CandidateFit, iterations: int, least_
     either side, and fit all else again, as long as that gains; a brief fit has them where it began."""
     for _ in range(EDGE_ROUNDS if iterations > SEARCH_BRIEF else 0):
         tried = list[CandidateFit | None]()
-        for i in edges_of(trial.model):
+        for i in edges_of(trial.model, len(study.base.terms)):
             places, deviance = along_edge(study, trial, i)
             # the deviance is level between two commands
             level = np.cumsum(np.abs(np.diff(deviance, prepend=deviance[0])) > SETTLED_EVIDENCE)
@@ -280,7 +281,7 @@ def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[Model]:
             for values in shapes:
                 model = with_values(trial.model, term, values)
                 models.setdefault(tuple(model.theta), model)
-    for i in edges_of(trial.model):
+    for i in edges_of(trial.model, len(study.base.terms)):
         places, deviance = along_edge(study, trial, i)
         for place in places[deviance < deviance[len(places) // 2] + TIE]:
             model = trial.model.with_theta(np.where(np.arange(len(trial.model.theta)) == i, place, trial.fit.of_model))
