@@ -26,7 +26,7 @@ class InputDelay(Effect):
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems"
     laws = (
         Law(
-            "{f}_delivered(t) = {f}(t - t_d) as |{f}| rises, {f}(t - t_off) as it falls, until {f} turns",
+            "{f}_delivered(t) = {f}(t - t_d) as |{f}| rises, {f}(t - t_off) as it falls, until {f} changes sign",
             "Wie (2008), Space Vehicle Dynamics and Control (delays of thrusters that open and close)",
         ),
     )
