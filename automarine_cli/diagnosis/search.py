@@ -189,17 +189,14 @@ def all_refitted(
 def _side_by_side(
     study: DiagnosisProblem, iterations: int, least_gain: float, attempts: Sequence[Attempt]
 ) -> list[CandidateFit | None]:
+    trials = list[CandidateFit | None]()
     if len(attempts) > 1:
         models, every_added, values, starts = zip(*attempts)
         with contextlib.suppress(np.linalg.LinAlgError):  # of one of them: then each alone
-            fits = study.fits_beside(models, values, starts, iterations)
-            trials = zip(models, every_added, fits)
-            return [
-                None if fit is None else placed(study, candidate_fit(study, model, added, fit), iterations, least_gain)
-                for model, added, fit in trials
-            ]
-    alone = (refitted(study, *attempt, iterations, least_gain) for attempt in attempts)
-    return [trial and placed(study, trial, iterations, least_gain) for trial in alone]
+            fits = zip(models, every_added, study.fits_beside(models, values, starts, iterations))
+            trials = [None if fit is None else candidate_fit(study, model, added, fit) for model, added, fit in fits]
+    trials = trials or [refitted(study, *attempt, iterations, least_gain) for attempt in attempts]
+    return [trial and placed(study, trial, iterations, least_gain) for trial in trials]
 
 
 EDGES = 1.04 ** np.arange(-40.0, 41.0)  # times an edge: places that are tried for it
@@ -216,12 +213,16 @@ def edges_of(model: Model, first: int = 0) -> list[int]:
 
 def along_edge(study: DiagnosisProblem, trial: CandidateFit, i: int) -> tuple[Floats, Floats]:
     """Places (P,) of an edge, parameter i, the trial's in the middle, and deviances (P,), all else as fitted."""
-    parameters, thetas = trial.fit.parameters, np.tile(trial.fit.theta, (len(EDGES), 1))
-    effect, _, name = trial.model.parameter_names[i].rpartition(".")
-    law = next(p for p in effects.get(effect).parameters if p.name == name)
-    thetas[:, i] = np.clip(EDGES * thetas[:, i], law.lower, law.upper)
-    deviances = study.deviances(trial.model, trial.fit, parameters.search(thetas))
+    thetas = np.tile(trial.fit.theta, (len(EDGES), 1))
+    thetas[:, i] *= EDGES
+    deviances = study.deviances(trial.model, trial.fit, trial.fit.parameters.search(thetas))
     return thetas[:, i], np.nan_to_num(deviances, nan=DIVERGED, posinf=DIVERGED)
+
+
+def _with_edge(trial: CandidateFit, i: int, place: float) -> Model:
+    values = trial.fit.of_model.copy()
+    values[i] = place
+    return trial.model.with_theta(values)
 
 
 def placed(study: DiagnosisProblem, trial: CandidateFit, iterations: int, least_gain: float) -> CandidateFit:
@@ -235,10 +236,8 @@ def placed(study: DiagnosisProblem, trial: CandidateFit, iterations: int, least_
             level = np.cumsum(np.abs(np.diff(deviance, prepend=deviance[0])) > SETTLED_EVIDENCE)
             at = level[len(EDGES) // 2]
             for k in sorted({level[deviance.argmin()], at - 1, at + 1} & {*level} - {at}):
-                values = trial.fit.of_model.copy()
-                values[i] = np.median(places[level == k])
-                model = trial.model.with_theta(values)
-                tried.append(refitted(study, model, trial.added, values, trial.fit, iterations, least_gain))
+                attempt = attempt_on(trial, _with_edge(trial, i, np.median(places[level == k])))
+                tried.append(refitted(study, *attempt, iterations, least_gain))
         better = [t for t in tried if t is not None and t.evidence < trial.evidence - SETTLED_EVIDENCE]
         if not better:
             break
@@ -284,7 +283,7 @@ def variants(study: DiagnosisProblem, trial: CandidateFit) -> list[Model]:
     for i in edges_of(trial.model, len(study.base.terms)):
         places, deviance = along_edge(study, trial, i)
         for place in places[deviance < deviance[len(places) // 2] + TIE]:
-            model = trial.model.with_theta(np.where(np.arange(len(trial.model.theta)) == i, place, trial.fit.of_model))
+            model = _with_edge(trial, i, place)
             models.setdefault(tuple(model.theta), model)
     return list(models.values())
 
