@@ -527,14 +527,17 @@ def _update(
         if not observed.any():
             continue
         predicted, weights = step.reading(channel, m, mean, covariance)
-        shares = reduce(np.add, [covariance[place] * weight for place, weight in weights])
+        shares, across = (
+            reduce(np.add, [of[place] * weight for place, weight in weights])
+            for of in (covariance, covariance.swapaxes(0, 1))
+        )
         total = reduce(np.add, [shares[place] * weight for place, weight in weights], white[c][:, None])
         missed = np.where(observed, channel.values[:, m] - predicted, 0.0)
         innovation[c], variance[c] = missed, np.where(observed, total, 0.0)
         doubt = np.maximum(np.abs(missed) / (MAX_Z * np.sqrt(total)), 1.0)
-        gain = np.where(observed, shares / (total * doubt), 0.0)
+        gain = np.where(observed, across / (total * doubt), 0.0)
         mean += gain * missed
-        covariance -= gain[:, None] * shares
+        covariance -= gain[:, None] * shares  # a column by a row: what rounding makes uneven dies out, else it grows
 
 
 HORIZONS = (2.0, 5.0, 15.0)  # seconds ahead

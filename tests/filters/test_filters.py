@@ -279,6 +279,17 @@ def test_the_filter_of_a_linear_model_is_kalmans() -> None:
     assert np.all(sizes[2] < 0.67 * sizes[1]) and np.all(sizes[3] < 0.67 * sizes[2]), sizes
 
 
+def test_a_covariance_stays_even_where_a_craft_turns_away_by_itself() -> None:
+    """For a minute: what rounding makes uneven would grow with the motion, 1e50 times here."""
+    time = np.arange(0.0, 60.0, 0.1)
+    course = make_course([logged(time, np.sin(time), 0.0 * time)], ~REST)
+    theta, trace = np.array([[INERTIA, -2.0 * INERTIA]]), list[tuple[Floats, ...]]()
+    assert np.isfinite(follow(MODEL, course, theta, replace(noises(), gain=np.full(1, 0.1)), trace=trace).log_density)
+    covariance = trace[-1][1][..., 0, 0]
+    deviations = np.sqrt(np.diagonal(covariance))
+    np.testing.assert_allclose((covariance - covariance.T) / np.outer(deviations, deviations), 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("lag", [0.05, 0.4, 2.0])
 def test_a_slow_sensor_is_no_evidence_of_a_vehicle_that_coasts(lag: float) -> None:
     """It is behind by the same angle throughout, whatever the speed that the run began with."""
