@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from automarine_cli import effects
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
-from automarine_cli.effects import Commands
+from automarine_cli.effects import Commands, Place
 from automarine_cli.effects.rudder_offset import RudderOffset
 from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.errors import FitError
@@ -708,7 +708,9 @@ class PlanarLikelihood:
         """The model with which a search begins, with the effects that were asked for in each motion that is read."""
         model = self.observed.simplest(self.rough)
         for name, (place, dof) in product(self.with_effects, enumerate(PLANAR.dofs)):
-            if effects.get(name).acts_in(dof) and dof in self.observed.dofs:
+            effect = effects.get(name)
+            idle = effect.place is Place.ACTUATOR and not effect.acts_on and place not in self.commanded
+            if effect.acts_in(dof) and dof in self.observed.dofs and not idle:
                 model = model.with_term(Term(name, tuple(start_of(name, self.course, place)), dof=place))
         if SKEW in self.priors:
             model = replace(model, fixed=tuple(name for name in model.fixed if name != SKEW))
@@ -897,11 +899,13 @@ class PlanarLikelihood:
         band those whose command is zero at times or changes sides, of what a rudder does that of the heading."""
         if name in OF_RUDDERS:
             return [PLANAR.index(YAW)] if "rudder" in [term.name for term in model.terms] else []
+        return [i for i, of in self.commanded.items() if name != DEAD_BAND or of.min() <= 0.0 <= of.max()]
+
+    @cached_property
+    def commanded(self) -> dict[int, Floats]:
+        """The commands of all runs, by the places of those motions whose command changes."""
         commands = [np.concatenate([run.command_of(dof) for run in self.runs]) for dof in PLANAR.dofs]
-        return [
-            i for i, command in enumerate(commands)
-            if np.ptp(command) and (name != DEAD_BAND or command.min() <= 0.0 <= command.max())
-        ]  # fmt: skip
+        return {i: command for i, command in enumerate(commands) if np.ptp(command)}
 
     def without_idle(self, model: Model, name: str) -> Model:
         """The model without what is called `name` in motions in which nothing is left of it."""

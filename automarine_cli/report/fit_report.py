@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli import effects
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import SWAY, YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.characteristics import AMPLITUDE_DEG, AT_AMPLITUDE, Nomoto, Swing, mean_miss
 from automarine_cli.fits.driven import ForecastScore, Judgement, unit_of_quantity
@@ -167,6 +167,8 @@ def warnings_of(fit: YawFit) -> tuple[str, ...]:
     model or on the preferred one; the others only stand below the tables."""
     preference, dof, seed = fit.preference, fit.dof, fit.velocity_error_fit
     warnings = [] if fit.use is None else [*fit.use.warnings(dof)]
+    if fit.use is not None and not fit.use.of_use and dof is YAW and all(SWAY.velocity in r.extras for r in fit.runs):
+        warnings.append("A hull under way is turned as it drifts: `automarine fit-planar` fits surge and sway as well.")
     warnings += [f"Model {absent} could not be fitted: {reason}." for absent, reason in fit.refused.items()]
     noise = None
     if seed is not None:

@@ -332,6 +332,16 @@ def test_a_rudder_alone_tells_no_inertia() -> None:
     assert inertia_tied(tied_abeam, 2.0).values["yaw.I_r"] == 2.0 * model.values["surge.m_u"]
 
 
+def test_what_acts_on_commands_is_fitted_where_commands_change() -> None:
+    """Two thrusters give nothing abeam; drag that is asked for acts there all the same."""
+    run = made(0)
+    twin = replace(run, extras={**run.extras, "force_Y": np.zeros(len(run))})
+    for runs, motions in (([run], 3), ([twin], 2)):
+        simplest = PlanarLikelihood(tuple(runs), observed(runs), with_effects=("thruster-lag", "cubic-drag")).simplest
+        names = [term.name for term in simplest.terms]
+        assert (names.count("thruster-lag"), names.count("cubic-drag")) == (motions, 3)
+
+
 def test_what_is_random_has_the_same_bounds_in_all_models() -> None:
     """Else a model with one term more, of a larger inertia, could explain less than the one without."""
     runs = (made(0),)
