@@ -510,6 +510,17 @@ def as_promised(candidate: Candidate, promise: Promise, fit: OutputErrorFit) -> 
     return stays == (quadratic in candidate.model.free)
 
 
+def both(leaders: Sequence[tuple[Candidate, Promise]], model: Model, family: Family) -> list[tuple[Candidate, Promise]]:
+    """Return what two leading candidates for a `model` make together, and where it begins; nothing if they are two ways
+    to have the same."""
+    (first, there), (second, also) = leaders
+    replaced = {*model.free} - {*second.model.free}
+    wanted = {*first.model.free, *second.added} - replaced
+    theta = {**there.theta, **{name: also.theta[name] for name in second.added}}
+    together = [candidate for candidate in family(first.model) if {*candidate.model.free} == wanted]
+    return [(candidate, Promise(there.gain + also.gain, theta)) for candidate in together]
+
+
 @dataclass(frozen=True)
 class Round:
     """One look for what a model lacks: the model `before`, and the best one that was fitted, if any was."""
@@ -546,6 +557,7 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
                 swaps.append(entry)
         worth.sort(key=lambda entry: -entry[0])
         leaders = [(candidate, promise) for _, candidate, promise in worth[:MAX_NEIGHBOURS_FITTED] or swaps]
+        leaders += both(leaders, model.model, likelihood.family) if len(worth) > 1 else []
         brief = [fit for _, fit in likelihood.tried(leaders, model, NEIGHBOUR_ITERATIONS)]
         best = min(brief, key=criterion, default=None)
         self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in brief})
