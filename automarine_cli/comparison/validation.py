@@ -510,7 +510,7 @@ def _predicted(
     problem = driven_problem(model, course)
     problem = replace(problem, parameters=problem.parameters.fixed_at(model.theta))
     fit = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
-    predicted = predict(model, course, model.theta, problem.noises(fit.theta[None]), alone=by_model_alone(runs))
+    (predicted,) = predict(model, course, model.theta, problem.noises(fit.theta[None]), alone=by_model_alone(runs))
     return tuple(ahead for ahead in predicted if len(ahead.error))
 
 

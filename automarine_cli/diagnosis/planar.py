@@ -342,7 +342,7 @@ def forecasts(likelihood: PlanarLikelihood, estimate: OutputErrorFit) -> Sequenc
     """Predict the heading of a likelihood's runs by an estimate, of these runs or of others."""
     problem, fit = likelihood.problem(estimate.model), estimate.mixed
     channel = [channel.quantity for channel in problem.course.channels].index(YAW.position)
-    return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), channel=channel)
+    return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), [channel])[0]
 
 
 def errors_at_nodes(course: Course, prediction: Predicted) -> Floats:

@@ -443,7 +443,7 @@ class DiagnosisProblem:
 
         if fit not in self._predictions:
             noises = self.driven_problem(model).noises(fit.theta[None])
-            self._predictions[fit] = predict(model, self.course, fit.of_model, noises)
+            (self._predictions[fit],) = predict(model, self.course, fit.of_model, noises)
         return self._predictions[fit]
 
     def with_fitted_values(self, model: Model, fit: Fit) -> Model:

@@ -573,10 +573,10 @@ class Predicted:
 
 
 def predict(
-    model: Model, course: Course, theta: Floats, noises: Noises, channel: int = 0,
+    model: Model, course: Course, theta: Floats, noises: Noises, channels: Sequence[int] = (0,),
     followed: FilterResult | None = None, alone: bool = False, horizons: Sequence[float] = HORIZONS,
-) -> tuple[Predicted, ...]:  # fmt: skip
-    """Predictions of a channel over `horizons` [s] under one parameter set theta (p,), with the sizes of what is
+) -> list[tuple[Predicted, ...]]:  # fmt: skip
+    """Predictions of each channel over `horizons` [s] under one parameter set theta (p,), with the sizes of what is
     random, from the states that were `followed`; by the model `alone`, without the disturbance and the gain that the
     filter believes in."""
     followed = followed or follow(model, course.unthinned, theta[None], noises, keep=True)
@@ -585,11 +585,23 @@ def predict(
     if alone:
         states = states.copy()
         states[[*followed.places.pushed, followed.places.gain]] = 0.0
-    of, time = shown_channel(course, channel), course.time
-    run, origin = np.nonzero(of.seen & (time >= SETTLING_S))
-    targets = {h: targets_of(of.seen, time, run, origin, h) for h in horizons}
-    last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
-    path = carried(model, course, theta[None], noises, states, (of,), run, origin, last)[0, 0]
+    time, shown = course.time, [shown_channel(course, channel) for channel in channels]
+    read = [of.seen & (time >= SETTLING_S) for of in shown]
+    run, origin = np.nonzero(np.any(read, axis=0))
+    targets = []
+    for of, begin in zip(shown, read):
+        ends = {h: targets_of(of.seen, time, run, origin, h) for h in horizons}
+        targets.append({h: np.where(begin[run, origin], target, -1) for h, target in ends.items()})
+    last = np.max([np.where(at >= 0, at, 0) for of_channel in targets for at in of_channel.values()], axis=0)
+    paths = carried(model, course, theta[None], noises, states, shown, run, origin, last)[:, 0]
+    return [_predicted(*of_channel, time, run, origin) for of_channel in zip(shown, paths, targets)]
+
+
+def _predicted(
+    of: Channel, path: Floats, targets: Mapping[float, NDArray[np.int64]], time: Floats, run: NDArray[np.int64],
+    origin: NDArray[np.int64],
+) -> tuple[Predicted, ...]:  # fmt: skip
+    """Predictions of one channel along the `path` (A, K) from each origin."""
     rates = _rates(of, time, run, origin, targets)
     start = of.values[run, origin]
     predictions = []
@@ -680,7 +692,7 @@ def carried(
 
 def _rates(
     channel: Channel, time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64],
-    targets: dict[float, NDArray[np.int64]],
+    targets: Mapping[float, NDArray[np.int64]],
 ) -> Floats:  # fmt: skip
     """The rate at each origin by a straight line through the readings before it, (A,); of several lengths of that
     line the one that predicts best over the middle horizon."""

@@ -422,8 +422,7 @@ def left_out_predictions(
         for i, r in enumerate(group):
             of_run, theta = problem.course.some(runs == r), problem.parameters.natural(fit.left_out[r])
             model, noises, followed = theta[: len(fit.of_model)], problem.noises(theta[None]), together.of(i, i)
-            of_channel = partial(predict, problem.model, of_run, model, noises, alone=alone, horizons=horizons)
-            by_run.append([of_channel(c, followed) for c in channels])
+            by_run.append(predict(problem.model, of_run, model, noises, channels, followed, alone, horizons))
     return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
 
 

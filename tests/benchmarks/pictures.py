@@ -189,7 +189,7 @@ def fans_figure(fit: YawFit) -> Figure:
     problem = driven_problem(model, course)
     problem = replace(problem, parameters=problem.parameters.fixed_at(model.theta))
     noises = problem.noises(fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True).theta[None])
-    (ahead,) = [p for p in predict(model, course, model.theta, noises) if p.horizon == AHEAD_S]
+    (ahead,) = [p for p in predict(model, course, model.theta, noises)[0] if p.horizon == AHEAD_S]
     copies = make_course([run] * len(origins), np.zeros(len(origins), dtype=bool), model.signals).unthinned
     blind = [replace(c, seen=c.seen & (copies.time <= origins[:, None])) for c in copies.channels]
     trace: list[tuple[Floats, ...]] = []

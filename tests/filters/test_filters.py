@@ -353,7 +353,7 @@ def test_predictions_of_a_sum_of_velocities_begin_where_the_sum_is(side: float) 
     assert summed.channels[0].velocity and not shown_channel(summed).counts
     headings = make_course([replace(run, extras={}, summed_up=False)], REST)
     for course, most in ((summed, 2.0), (headings, 0.01)):  # the sum by trapezoids is off by as much
-        for ahead in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
+        for ahead in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5))[0]:
             assert np.rad2deg(np.abs(ahead.error).max()) < most, ahead.horizon
             assert np.rad2deg(ahead.rmse(ahead.constant)) > 5.0
 
@@ -361,7 +361,7 @@ def test_predictions_of_a_sum_of_velocities_begin_where_the_sum_is(side: float) 
 def test_no_prediction_is_shorter_than_it_says() -> None:
     """A run that ends before a horizon has none: what is predicted over less would be counted as if it were as far."""
     course = make_course([exact_run()], REST)
-    for ahead in predict(MODEL, course, MODEL.theta, noises()):
+    for ahead in predict(MODEL, course, MODEL.theta, noises())[0]:
         far = course.time[ahead.run, ahead.target] - course.time[ahead.run, ahead.origin]
         np.testing.assert_allclose(far, ahead.horizon, atol=0.25)
         assert course.time[0, ahead.origin].max() == pytest.approx(40.0 - ahead.horizon, abs=0.25)
@@ -371,7 +371,7 @@ def test_constants_by_hand() -> None:
     """Of x = 0.02 t² at 2 Hz the line over the last half second is best: it misses 0.02 (h² + h/2)."""
     time = 0.5 * np.arange(61)
     course = make_course([logged(time, 0.02 * time**2, 0.0 * time)], REST)
-    for one in predict(MODEL, course, MODEL.theta, noises()):
+    for one in predict(MODEL, course, MODEL.theta, noises())[0]:
         start = course.time[0, one.origin]
         h = course.time[0, one.target] - start
         np.testing.assert_allclose(one.constant_rate, 0.02 * (h**2 + 0.5 * h), atol=1e-9)

@@ -169,7 +169,7 @@ def test_only_the_model_alone_forecasts_under_commands_that_are_held() -> None:
     problem, theta = driven_problem(fit.model, course), fit.mixed.theta.copy()
     theta[[p.name for p in problem.parameters.entries].index("command_delay_s")] = 0.0
     noises = problem.noises(theta[None])
-    carried, alone = (predict(fit.model, course, fit.model.theta, noises, alone=alone)[1] for alone in (False, True))
+    carried, alone = (predict(fit.model, course, fit.model.theta, noises, alone=alone)[0][1] for alone in (False, True))
     followed = follow(fit.model, course, fit.model.theta[None], noises, keep=True)
     assert followed.states is not None and carried.error.shape == alone.error.shape
     for r, o, t, error in list(zip(alone.run, alone.origin, alone.target, alone.error))[::9]:
