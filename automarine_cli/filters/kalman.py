@@ -586,12 +586,11 @@ def predict(
         states = states.copy()
         states[[*followed.places.pushed, followed.places.gain]] = 0.0
     time, shown = course.time, [shown_channel(course, channel) for channel in channels]
-    read = [of.seen & (time >= SETTLING_S) for of in shown]
-    run, origin = np.nonzero(np.any(read, axis=0))
-    targets = []
-    for of, begin in zip(shown, read):
-        ends = {h: targets_of(of.seen, time, run, origin, h) for h in horizons}
-        targets.append({h: np.where(begin[run, origin], target, -1) for h, target in ends.items()})
+    run, origin = np.nonzero(np.any([of.seen for of in shown], axis=0) & (time >= SETTLING_S))
+    targets = [
+        {h: np.where(of.seen[run, origin], targets_of(of.seen, time, run, origin, h), -1) for h in horizons}
+        for of in shown
+    ]
     last = np.max([np.where(at >= 0, at, 0) for of_channel in targets for at in of_channel.values()], axis=0)
     paths = carried(model, course, theta[None], noises, states, shown, run, origin, last)[:, 0]
     return [_predicted(*of_channel, time, run, origin) for of_channel in zip(shown, paths, targets)]

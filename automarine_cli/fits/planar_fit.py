@@ -513,12 +513,11 @@ def as_promised(candidate: Candidate, promise: Promise, fit: OutputErrorFit) -> 
 def both(leaders: Sequence[tuple[Candidate, Promise]], model: Model, family: Family) -> list[tuple[Candidate, Promise]]:
     """Return what two leading candidates for a `model` make together, and where it begins; nothing if they are two ways
     to have the same."""
-    (first, there), (second, also) = leaders
-    replaced = {*model.free} - {*second.model.free}
-    wanted = {*first.model.free, *second.added} - replaced
-    theta = {**there.theta, **{name: also.theta[name] for name in second.added}}
+    (first, promise), (second, more) = leaders
+    wanted = {*first.model.free, *second.added} - ({*model.free} - {*second.model.free})
+    theta = {**promise.theta, **{name: more.theta[name] for name in second.added}}
     together = [candidate for candidate in family(first.model) if {*candidate.model.free} == wanted]
-    return [(candidate, Promise(there.gain + also.gain, theta)) for candidate in together]
+    return [(candidate, Promise(promise.gain + more.gain, theta)) for candidate in together]
 
 
 @dataclass(frozen=True)
@@ -533,9 +532,9 @@ class Round:
 class ByEvidence(Judge[OutputErrorFit, Round]):
     """Takes what improves the information criterion; `tried` collects what was fitted, by structure.
 
-    Those candidates are fitted briefly that promise most by the slope and curvature of the likelihood, the best of
-    them to the end. Where none promises enough, linear drags take the place of quadratic ones: a slope tells little of
-    what such an exchange gains.
+    Those candidates are fitted briefly that promise most by the slope and curvature of the likelihood, two of them also
+    together, and the best to the end. Where none promises enough, linear drags take the place of quadratic ones: a
+    slope tells little of what such an exchange gains.
     """
 
     likelihood: "PlanarLikelihood"
@@ -557,10 +556,11 @@ class ByEvidence(Judge[OutputErrorFit, Round]):
                 swaps.append(entry)
         worth.sort(key=lambda entry: -entry[0])
         leaders = [(candidate, promise) for _, candidate, promise in worth[:MAX_NEIGHBOURS_FITTED] or swaps]
-        leaders += both(leaders, model.model, likelihood.family) if len(worth) > 1 else []
-        brief = [fit for _, fit in likelihood.tried(leaders, model, NEIGHBOUR_ITERATIONS)]
-        best = min(brief, key=criterion, default=None)
-        self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in brief})
+        together = both(leaders, model.model, likelihood.family) if len(worth) > 1 else []
+        brief = likelihood.tried([*leaders, *together], model, NEIGHBOUR_ITERATIONS)
+        best = min((estimated for _, estimated in brief), key=criterion, default=None)
+        singly = [estimated for candidate, estimated in brief if candidate in [leader for leader, _ in leaders]]
+        self.tried.update({likelihood.structure_of(estimated.model): estimated for estimated in singly})
         if best is not None and (worth or criterion(best) < criterion(model)):
             best = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
             self.tried[likelihood.structure_of(best.model)] = best
