@@ -537,7 +537,7 @@ def _update(
         doubt = np.maximum(np.abs(missed) / (MAX_Z * np.sqrt(total)), 1.0)
         gain = np.where(observed, across / (total * doubt), 0.0)
         mean += gain * missed
-        covariance -= gain[:, None] * shares  # a column by a row: what rounding makes uneven dies out, else it grows
+        covariance -= gain[:, None] * shares  # column by row: else rounding grows where a craft turns away by itself
 
 
 HORIZONS = (2.0, 5.0, 15.0)  # seconds ahead

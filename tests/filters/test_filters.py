@@ -279,8 +279,8 @@ def test_the_filter_of_a_linear_model_is_kalmans() -> None:
     assert np.all(sizes[2] < 0.67 * sizes[1]) and np.all(sizes[3] < 0.67 * sizes[2]), sizes
 
 
-def test_a_covariance_stays_even_where_a_craft_turns_away_by_itself() -> None:
-    """For a minute: what rounding makes uneven would grow with the motion, 1e50 times here."""
+def test_a_covariance_stays_symmetric_where_a_craft_turns_away_by_itself() -> None:
+    """For a minute: errors of rounding would grow with the motion, 1e50 times here."""
     time = np.arange(0.0, 60.0, 0.1)
     course = make_course([logged(time, np.sin(time), 0.0 * time)], ~REST)
     theta, trace = np.array([[INERTIA, -2.0 * INERTIA]]), list[tuple[Floats, ...]]()
