@@ -593,10 +593,10 @@ def predict(
     ]
     last = np.max([np.where(at >= 0, at, 0) for of_channel in targets for at in of_channel.values()], axis=0)
     paths = carried(model, course, theta[None], noises, states, shown, run, origin, last)[:, 0]
-    return [_predicted(*of_channel, time, run, origin) for of_channel in zip(shown, paths, targets)]
+    return [_along(*of_channel, time, run, origin) for of_channel in zip(shown, paths, targets)]
 
 
-def _predicted(
+def _along(
     of: Channel, path: Floats, targets: Mapping[float, NDArray[np.int64]], time: Floats, run: NDArray[np.int64],
     origin: NDArray[np.int64],
 ) -> tuple[Predicted, ...]:  # fmt: skip

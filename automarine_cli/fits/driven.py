@@ -423,7 +423,7 @@ def left_out_predictions(
             of_run, theta = problem.course.some(runs == r), problem.parameters.natural(fit.left_out[r])
             model, noises, followed = theta[: len(fit.of_model)], problem.noises(theta[None]), together.of(i, i)
             by_run.append(predict(problem.model, of_run, model, noises, channels, followed, alone, horizons))
-    return [tuple(map(_joined, zip(*(of_run[c] for of_run in by_run)))) for c in range(len(channels))]
+    return [tuple(map(_joined, zip(*of_channel))) for of_channel in zip(*by_run)]
 
 
 def predictions_of(course: Course, fit: OutputErrorFit, alone: bool = False) -> tuple[Predicted, ...]:
