@@ -4,9 +4,10 @@ Each candidate is added to the model and everything is fitted again by innovatio
 more than a penalty and a head start, run by run beyond chance, and where runs held out are more likely with it.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +38,17 @@ from automarine_cli.diagnosis.residual_regions import (
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
 from automarine_cli.diagnosis.study import judged
-from automarine_cli.dofs import PLANAR, SWAY, YAW
+from automarine_cli.dofs import PLANAR, SWAY, YAW, Dof
+from automarine_cli.effects import Effect, Place
+from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.planar_fit import (
     ACTUATORS,
     CHANNELS,
+    NORTH_EAST,
+    PLANE_DRAG_LAWS,
     Candidate,
     Observed,
     PlanarLikelihood,
@@ -97,18 +102,35 @@ def base_of(stored: StoredModels, observed: Observed) -> Model:
     return replace(model, fixed=tuple(name for name in fixed if name not in tied))
 
 
-def suspects(model: Model, observed: Observed, largest: float) -> Iterator[Candidate]:
-    """What a model may lack: what logs tell of a hull, and what stands between command and moment; `largest` is the
-    largest moment [N m]."""
+def suspects(model: Model, observed: Observed, logged: Collection[str], largest: Floats) -> Iterator[Candidate]:
+    """What a model may lack: what logs tell of a hull, and effects of the library in each motion; `logged` are further
+    columns, `largest` the largest commands [N, N, N m]."""
     yield from candidates(model, observed)
     mass = SWAY.parameter("inertia")
     if mass in [tied for tied, *_ in model.ties]:
         ties = tuple(tie for tie in model.ties if tie[0] != mass)
         yield Candidate("munk-moment", (mass,), replace(model, ties=ties))
-    if INPUT_DELAY not in [term.name for term in model.terms]:
-        parameters = effects.get(INPUT_DELAY).parameters
-        values = tuple(p.off + (not p.held) * NEGLIGIBLE_SHARE * p.scaled(p.start, largest) for p in parameters)
-        yield Candidate.of_term(model, Term(INPUT_DELAY, values, dof=PLANAR.index(YAW)))
+    have = {(term.dof, term.name) for term in model.terms}
+    for (place, dof), effect in product(enumerate(PLANAR.dofs), sloping(logged)):
+        moves = effect.place is not Place.ACTUATOR or largest[place] > 0.0
+        if dof in observed.dofs and effect.acts_in(dof) and moves and (place, effect.name) not in have:
+            sizes = [(p.off, p.scaled(p.start, largest[place])) for p in effect.parameters]
+            values = tuple(
+                size if p.held else off + (p.start != p.off) * NEGLIGIBLE_SHARE * (size - off)
+                for p, (off, size) in zip(effect.parameters, sizes)
+            )
+            yield Candidate.of_term(model, Term(effect.name, values, dof=place))
+
+
+def sloping(logged: Collection[str]) -> list[Effect]:
+    """Effects of the library that logs of these columns can drive, and of which a slope tells what they gain; none that
+    the plane has by another name, or of a rudder."""
+    every = [effects.get(name) for name in effects.names() if name not in (*PLANE_DRAG_LAWS, *dict(ACTUATORS))]
+    other = {"rudder", *(dof.velocity for dof in PLANAR.dofs)}
+    return [
+        effect for effect in every
+        if {*effect.needs} <= {*logged} - other and not any(p.scan for p in effect.parameters)
+    ]  # fmt: skip
 
 
 def run_to_split(candidate: Candidate) -> str:
@@ -119,6 +141,7 @@ def run_to_split(candidate: Candidate) -> str:
 MIN_TO_SPLIT = 4  # runs of which one is held out: those of motion in the plane are few and long
 HEAD_START = 10.0  # deviance beyond the penalty that an effect has to gain
 MIN_STDERRS = 2.0  # standard errors by which the mean gain of a run has to exceed zero
+MIN_NEARER = 0.03  # share by which predictions have to miss less with what is no coupling, drag or current
 MAX_CANDIDATES_FITTED = 4  # in a round: those that promise most
 LOOK_ITERATIONS = 6  # of each
 NOISE_SHARE = 3.0  # times the noise of headings, from which a prediction misses
@@ -128,17 +151,21 @@ MAX_EFFECTS_NAMED = 3  # effects that are named at most
 @dataclass(frozen=True)
 class FittedCandidate:
     """A candidate that was fitted: deviance gained by all runs beyond its penalty, whether run by run beyond chance,
-    and log likelihood gained by held-out runs."""
+    log likelihood gained by held-out runs, and whether predictions come `nearer` where they have to.
+
+    A hull that follows other laws than the model's asks for many effects beyond chance, each of which changes next to
+    nothing: names are those of effects that predictions show."""
 
     candidate: Candidate
     estimate: OutputErrorFit
     surplus: float
     steady: bool
     held_out: float
+    nearer: bool = True
 
     @property
     def evident(self) -> bool:
-        return self.surplus > HEAD_START and self.steady
+        return self.surplus > HEAD_START and self.steady and self.nearer
 
     def is_rival_of(self, best: "FittedCandidate") -> bool:
         """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
@@ -168,8 +195,10 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
 
     def look(self, model: OutputErrorFit, number: int) -> PlanarStep:
         likelihood = self.likelihood
-        largest = float(np.abs(likelihood.course.commanded[-1]).max()) or 1.0
-        promised = likelihood.promised(model, partial(suspects, observed=likelihood.observed, largest=largest))
+        largest = np.abs(likelihood.course.commanded).max(axis=(1, 2))
+        columns = likelihood.course.signals
+        family = partial(suspects, observed=likelihood.observed, logged=columns, largest=largest)
+        promised = likelihood.promised(model, family)
         leaders = sorted(promised, key=lambda pair: -pair[1].gain)[:MAX_CANDIDATES_FITTED]
         leaders = [(candidate, promise) for candidate, promise in leaders if 2.0 * promise.gain > HEAD_START]
         fits = [*likelihood.tried(leaders, model, LOOK_ITERATIONS), *likelihood.actuated(model, LOOK_ITERATIONS)]
@@ -195,7 +224,16 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
         sums = (float(_densities(self.other, estimate).sum()) for estimate in (wide, current))
         after, before = (density if np.isfinite(density) else -np.inf for density in sums)
         surplus = 2.0 * float(gained.sum()) - penalty(len(candidate.added), len(gained))
-        return FittedCandidate(candidate, wide, surplus, clear(gained, MIN_STDERRS), after - before)
+        trial = FittedCandidate(candidate, wide, surplus, clear(gained, MIN_STDERRS), after - before)
+        of_hull = not any(name.count(".") > 1 for name in candidate.added)
+        return trial if of_hull or not trial.evident else replace(trial, nearer=self._nearer(trial, current))
+
+    def _nearer(self, trial: FittedCandidate, current: OutputErrorFit) -> bool:
+        """Whether predictions of the fitted runs and of the others, over the shortest horizon, miss less by a share;
+        also where runs are too short for any."""
+        dof = trial.candidate.dof
+        ratios = [misses(of, trial.estimate, dof) / misses(of, current, dof) for of in (self.likelihood, self.other)]
+        return not any(ratio > 1.0 - MIN_NEARER for ratio in ratios)
 
     def _on_the_best_summit(
         self, current: OutputErrorFit, tried: list[FittedCandidate]
@@ -223,8 +261,10 @@ def diagnose_planar(
     if len(runs) < 2 or not unseen:
         raise TooFewRunsError(f"{len(runs) + len(unseen)} runs are too few for a diagnosis; give three or more")
     base = base_of(stored, observed)
+    logged = set.intersection(*({*run.extras} for run in (*runs, *unseen)))
+    signals = tuple(sorted({*base.signals, *(need for effect in sloping(logged) for need in effect.needs)}))
     likelihood, other = (
-        PlanarLikelihood(tuple(some), observed, signals=base.signals) for some in (runs, unseen)
+        PlanarLikelihood(tuple(some), observed, signals=signals) for some in (runs, unseen)
     )  # one start is enough for what somebody took for the vehicle
     judge, start = PlanarSearch(likelihood, other), likelihood.estimate(base, stored.random)
     outcome = stepwise_search(judge, start, lambda first: goes_on() is None)
@@ -232,7 +272,7 @@ def diagnose_planar(
     if rounds[-1].best is not None and final is rounds[-1].before:
         # nothing can be looked for beside the last one: it is not taken
         rounds = (*rounds[:-1], replace(rounds[-1], best=None, rivals=()))
-    where = find_planar_where(PlanarLikelihood((*runs, *unseen), observed, signals=base.signals), before, seed)
+    where = find_planar_where(PlanarLikelihood((*runs, *unseen), observed, signals=signals), before, seed)
     verdict, why = verdict_of(rounds, where)
     added, final = needed(likelihood, [step for step in rounds if step.best is not None], before)
     fitted, held_out = (judged_runs(some, before, final) for some in (likelihood, other))
@@ -299,10 +339,10 @@ def verdict_of(rounds: Sequence[PlanarStep], where: ResidualRegions) -> tuple[st
     gaining = [trial for trial in rounds[-1].tried if trial.surplus > HEAD_START]
     if gaining:
         most = max(gaining, key=lambda trial: trial.surplus)
-        passed = (
-            f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but not in the "
-            f"mean of runs by {MIN_STDERRS:g} standard errors."
-        )
+        passed = f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but " + (
+            f"predictions miss by less than {100 * MIN_NEARER:g} % less with it." if most.steady
+            else f"not in the mean of runs by {MIN_STDERRS:g} standard errors."
+        )  # fmt: skip
     return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}. {passed}"
 
 
@@ -317,8 +357,7 @@ def named_effects(
         weight, rivals = listed_rivals([NamedRival(c.name, odd, run_to_split(c), c.label) for c, odd in odds])
         candidate, estimates = trial.candidate, {**trial.estimate.by_name, **(final.by_name if steps else {})}
         values = {name: estimates[name] for name in candidate.added}
-        dof = next((dof for dof in PLANAR.dofs if candidate.added[0].startswith(f"{dof.name}.")), YAW)
-        says = SAYS.get(candidate.name) or effects.get(candidate.name).card(dof).says.rstrip(".")
+        says = SAYS.get(candidate.name) or effects.get(candidate.name).card(candidate.dof).says.rstrip(".")
         says, law = f"{says} ({', '.join(candidate.added)}).", "surge, sway and yaw"
         entries.append(NamedEffect(candidate.name, law, says, values, weight, None, rivals, label=candidate.label))
     return tuple(entries)
@@ -326,7 +365,7 @@ def named_effects(
 
 def judged_runs(likelihood: PlanarLikelihood, before: OutputErrorFit, after: OutputErrorFit) -> JudgedRuns:
     """Judge both models on a likelihood's runs by predictions of the heading, and by the density of the runs."""
-    old, new = (forecasts(likelihood, estimate) for estimate in (before, after))
+    (old,), (new,) = (forecasts(likelihood, estimate) for estimate in (before, after))
     gained = _densities(likelihood, after) - _densities(likelihood, before)
     outlook = outlook_of(old, new, float(gained.sum()))
     gap = gap_ahead(likelihood.course, old, new, after.mixed.noise_of[YAW.position])
@@ -338,11 +377,23 @@ def _densities(likelihood: PlanarLikelihood, estimate: OutputErrorFit) -> Floats
     return problem.follow(problem.parameters.search(estimate.mixed.theta)[None]).log_density[0]
 
 
-def forecasts(likelihood: PlanarLikelihood, estimate: OutputErrorFit) -> Sequence[Predicted]:
-    """Predict the heading of a likelihood's runs by an estimate, of these runs or of others."""
+def forecasts(
+    likelihood: PlanarLikelihood, estimate: OutputErrorFit, quantities: Sequence[str] = (YAW.position,)
+) -> Sequence[tuple[Predicted, ...]]:
+    """Predict the heading of a likelihood's runs, or other quantities, by an estimate, of these runs or of others."""
     problem, fit = likelihood.problem(estimate.model), estimate.mixed
-    channel = [channel.quantity for channel in problem.course.channels].index(YAW.position)
-    return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), [channel])[0]
+    every = [channel.quantity for channel in problem.course.channels]
+    channels = [every.index(quantity) for quantity in quantities]
+    return predict(estimate.model, problem.course, fit.of_model, problem.noises(fit.theta[None]), channels)
+
+
+def misses(likelihood: PlanarLikelihood, estimate: OutputErrorFit, dof: Dof) -> float:
+    """Root mean square of what predictions of a motion miss by over the shortest horizon: of the heading, else of its
+    speed, or of the place where no speed is read; not a number where runs are too short."""
+    names = likelihood.observed.channels
+    speed = [dof.velocity] if dof.velocity in names else [*NORTH_EAST]
+    by_channel = forecasts(likelihood, estimate, [YAW.position] if dof is YAW else speed)
+    return float(np.hypot.reduce([ahead[0].rmse() for ahead in by_channel]))
 
 
 def errors_at_nodes(course: Course, prediction: Predicted) -> Floats:
@@ -359,7 +410,8 @@ def find_planar_where(every: PlanarLikelihood, before: OutputErrorFit, seed: int
     """Look at the gap of all runs that the model before anything was added leaves, against every variable; `seed` draws
     the signs. There are none where all runs are too short for predictions."""
     course, runs, fit = every.course, every.runs, before.mixed
-    prediction = judged(forecasts(every, before))
+    (ahead,) = forecasts(every, before)
+    prediction = judged(ahead)
     if not len(prediction.error):
         return ResidualRegions()
     residual = errors_at_nodes(course, prediction)
@@ -409,7 +461,7 @@ def _columns(
         Factor("time-since-command-change", "s", since_change(number, course.time)),
     ]
     forces = {dof.command for dof in PLANAR.dofs}
-    for name in sorted(set.intersection(*(set(run.extras) for run in runs)) - {*CHANNELS, *forces}):
+    for name in sorted(set.intersection(*(set(run.extras) for run in runs)) - {*CHANNELS, *PARTS, *forces}):
         columns.append(of_run_or_sample(name, "", _at_nodes(course, [run.extras[name] for run in runs], runs)))
     masked = [replace(c, values=np.where(observed, c.values, np.nan)) for c in columns if not c.of_the_run]
     return [column for column in masked if np.nanmax(column.values) > np.nanmin(column.values)]

@@ -1,10 +1,16 @@
 """Two thrusters that are not as equal as their one map says: one pulls harder, forward or backward."""
 
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.base import MIXED, SINGLE, Commands, Effect, Floats, Parameter, Place
 
+T = TypeVar("T", float, Floats)
 PARTS = ("port_forward", "port_backward", "stbd_forward", "stbd_backward")
 """Signals: what each thruster adds to the moment or force while it pushes that way, zero while it pushes the other."""
+ARM = "arm"
+"""Signal of runs in the plane: how far off the centre line both thrusters are [m]."""
 
 
 def each(commands: Commands) -> tuple[Floats, Floats]:
@@ -15,7 +21,7 @@ def each(commands: Commands) -> tuple[Floats, Floats]:
 
 def lacking_signal(signal: str, remedy: str = "") -> str:
     """What a run lacks without a signal that a model needs, and the remedy, for sentences."""
-    if signal in PARTS:
+    if signal in (*PARTS, ARM):
         return "thruster commands n_port and n_stbd; log them, and give --thrusters MAP.json"
     name = {"voltage": "voltage_V", "surge": "surge_m_s", "sway": "sway_m_s", "heave": "heave_m_s"}.get(signal, signal)
     return f"column {name}, which the log lacks{remedy}"
@@ -31,6 +37,23 @@ class SingleThrusterEffect(Effect):
 
     def acts_in(self, dof: Dof) -> bool:
         return len(dof.thrusters) == 2
+
+
+@dataclass(frozen=True)
+class AheadOf(Effect):
+    """What an effect of single thrusters that turn a vehicle makes of the force ahead that they give together."""
+
+    of: SingleThrusterEffect
+
+    name = "ahead"
+    place = Place.ACTUATOR
+    stage = SINGLE
+
+    def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+        arm = float(commands.signals[ARM].max())  # of a run's last steps there is none
+        parts = {part: commands.signals[part] * (-1.0 if part.startswith("stbd") else 1.0) for part in PARTS}
+        as_moment = replace(commands, force=arm * commands.force, signals={**commands.signals, **parts})
+        return self.of.deliver(as_moment, values) / arm
 
 
 class ThrusterImbalance(SingleThrusterEffect):
@@ -55,12 +78,11 @@ class ThrusterImbalance(SingleThrusterEffect):
     source = "two thrusters of one map: equations 2 and 3 of Stipanov et al. (2007)"
     parity = MIXED
 
+    @staticmethod
+    def gains(forward: T, backward: T, direction: T) -> tuple[T, T, T, T]:
+        """Return what is delivered of each of PARTS, as a share of what the map says."""
+        ahead, astern = 1.0 + direction, 1.0 - direction
+        return ahead * (1.0 + forward), astern * (1.0 + backward), ahead * (1.0 - forward), astern * (1.0 - backward)
+
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        forward, backward, direction = values
-        excess = (
-            (1.0 + direction) * (1.0 + forward) - 1.0,
-            (1.0 - direction) * (1.0 + backward) - 1.0,
-            (1.0 + direction) * (1.0 - forward) - 1.0,
-            (1.0 - direction) * (1.0 - backward) - 1.0,
-        )
-        return commands.force + sum(g * commands.signals[part] for g, part in zip(excess, PARTS))
+        return commands.force + sum((g - 1.0) * commands.signals[p] for g, p in zip(self.gains(*values), PARTS))

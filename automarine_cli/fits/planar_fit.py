@@ -14,6 +14,9 @@ from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
 from automarine_cli.effects import Commands, Place
 from automarine_cli.effects.rudder_offset import RudderOffset
 from automarine_cli.effects.rudder_race import RudderRace
+from automarine_cli.effects.thruster_dead_band import ThrusterDeadBand
+from automarine_cli.effects.thruster_imbalance import ARM, PARTS, SingleThrusterEffect, ThrusterImbalance
+from automarine_cli.effects.thruster_limit import ThrusterLimit
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
@@ -42,7 +45,7 @@ from automarine_cli.fits.innovations import (
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import OutputErrorFit, covariance_json, result_of
-from automarine_cli.models.model import COMMAND_DELAY, CURRENT, INERTIA_COUPLINGS, Model, Term
+from automarine_cli.models.model import COMMAND_DELAY, CURRENT, INERTIA_COUPLINGS, Model, Term, label_of
 from automarine_cli.models.parameter import Parameter, Parameters, Priors
 from automarine_cli.models.store import planar_json
 from automarine_cli.pipeline.records import Document, Shown, json_document
@@ -64,10 +67,12 @@ OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "
 SKEW = "planar.m_vr"
 DEAD_BAND, STALL = "dead-band", "rudder-stall"
 ACTUATORS = (
-    (THRUSTER_LAG, 0), (THRUSTER_LAG, 1), (DEAD_BAND, 0), (STEERING_GEAR, 0), (STEERING_GEAR, 1), (STALL, 0)
+    (THRUSTER_LAG, 0), (THRUSTER_LAG, 1), (DEAD_BAND, 0), (ThrusterDeadBand.name, 0), (ThrusterLimit.name, 0),
+    (ThrusterImbalance.name, 0), (STEERING_GEAR, 0), (STEERING_GEAR, 1), (STALL, 0),
 )  # fmt: skip
-"""What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band; a
-steering gear with a largest rate, or with a lag as well; a rudder that stalls."""
+"""What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band, of
+the force or of each of two thrusters; what else these may do; a steering gear with a largest rate, or with a lag as
+well; a rudder that stalls."""
 OF_RUDDERS = (STEERING_GEAR, STALL)
 STALL_SHARE = 0.65  # of the largest angle, from which a stall starts
 GEARS = (
@@ -203,8 +208,13 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """The name with the letters of what is added: cross-coupling N_v."""
-        return f"{self.name} {', '.join(dict.fromkeys(name.rpartition('.')[2] for name in self.added))}"
+        return label_of(self.name, self.added)
+
+    @property
+    def dof(self) -> Dof:
+        """The motion in which it acts; yaw where it does in several."""
+        names = {name.partition(".")[0] for name in self.added}
+        return next((dof for dof in reversed(PLANAR.dofs) if dof.name in names), YAW)
 
     @classmethod
     def of_term(cls, model: Model, term: Term) -> "Candidate":
@@ -688,6 +698,13 @@ class PlanarFit(Shown):
         sentences = [*self.use.warnings(YAW)]
         if not self.best.mixed.converged:
             sentences.append("The fit did not converge; give more or longer runs.")
+        for term in self.model.terms:
+            if isinstance(term.effect, ThrusterImbalance):
+                least, *_, most = sorted(term.effect.gains(*term.values))
+                sentences.append(
+                    f"The thrusters pull {least:.2f} to {most:.2f} times what their map says, if the mean of that is "
+                    "right; else all masses and drags are off alike. Test each thruster ahead and astern."
+                )
         tied = {name for name, *_ in self.model.ties}
         masses = {name: self.estimates[name] for dof in PLANAR.dofs if (name := dof.parameter("inertia")) not in tied}
         loose = [name for name, mass in masses.items() if mass.stderr > 0.5 * abs(mass.value)]
@@ -722,6 +739,7 @@ class PlanarLikelihood:
         for name, (place, dof) in product(self.with_effects, enumerate(PLANAR.dofs)):
             effect = effects.get(name)
             idle = effect.place is Place.ACTUATOR and not effect.acts_on and place not in self.commanded
+            idle |= isinstance(effect, SingleThrusterEffect) and dof is not YAW  # it acts on both motions
             if effect.acts_in(dof) and dof in self.observed.dofs and not idle:
                 model = model.with_term(Term(name, tuple(start_of(name, self.course, place)), dof=place))
         if SKEW in self.priors:
@@ -748,6 +766,7 @@ class PlanarLikelihood:
         moving = np.zeros(len(self.runs), dtype=bool)  # the first readings tell who is at rest
         columns = {*self.signals, *(need for name in self.with_effects for need in effects.get(name).needs)}
         columns |= {*RudderRace.needs} if "rudder" in columns else set()
+        columns |= {*PARTS, ARM} if all(ARM in run.extras for run in self.runs) else set()
         signals = sorted(columns - {dof.velocity for dof in PLANAR.dofs})
         return make_course(self.runs, moving, signals, motion=PLANAR, channels=self.observed.channels)
 
@@ -908,9 +927,13 @@ class PlanarLikelihood:
 
     def _acting(self, model: Model, name: str) -> list[int]:
         """Places of the motions in which runs may show what acts on commands: those whose command changes, of a dead
-        band those whose command is zero at times or changes sides, of what a rudder does that of the heading."""
+        band those whose command is zero at times or changes sides, of what a rudder or single thrusters do that of the
+        heading."""
         if name in OF_RUDDERS:
             return [PLANAR.index(YAW)] if "rudder" in [term.name for term in model.terms] else []
+        single = isinstance(effects.get(name), SingleThrusterEffect)
+        if single or (name == DEAD_BAND and ARM in self.course.signals):
+            return [PLANAR.index(YAW)] if single and ARM in self.course.signals else []
         return [i for i, of in self.commanded.items() if name != DEAD_BAND or of.min() <= 0.0 <= of.max()]
 
     @cached_property
@@ -921,6 +944,8 @@ class PlanarLikelihood:
 
     def without_idle(self, model: Model, name: str) -> Model:
         """The model without what is called `name` in motions in which nothing is left of it."""
+        if isinstance(effects.get(name), SingleThrusterEffect):
+            return model
         least = {i: IDLE_SHARE * start_of(name, self.course, i)[0] for i in range(len(PLANAR.dofs))}
         return replace(model, terms=tuple(t for t in model.terms if t.name != name or t.values[0] >= least[t.dof]))
 

@@ -35,6 +35,7 @@ from numpy.typing import ArrayLike
 from automarine_cli import effects
 from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Commands, Effect, Place, State
+from automarine_cli.effects.thruster_imbalance import ARM, PARTS, AheadOf, SingleThrusterEffect
 from automarine_cli.errors import ModelError
 from automarine_cli.models.parameter import SMALLEST, Parameter, Parameters
 from automarine_cli.quantities import STEERED, Floats
@@ -149,6 +150,15 @@ class Term:
         return derivative(self.name)[1] if self.is_cross else effects.get(self.name)
 
 
+def label_of(name: str, added: Sequence[str]) -> str:
+    """Return an effect's name with the letters of what it adds to a model, and its motion where it may be in another:
+    cross-coupling N_v, bias-moment b in yaw."""
+    letters = ", ".join(dict.fromkeys(parameter.rpartition(".")[2] for parameter in added))
+    motions = {parameter.partition(".")[0] for parameter in added if parameter.count(".") > 1}
+    alone = len(motions) == 1 and not isinstance(effects.get(name), SingleThrusterEffect)
+    return f"{name} {letters}{f' in {motions.pop()}' if alone else ''}".rstrip()
+
+
 @dataclass(frozen=True)
 class Bound:
     """An effect that acts on the degree of freedom in place `dof`, with its parameters, each (P, 1); an actuator of a
@@ -260,7 +270,8 @@ class Model:
         """Logged columns that its effects read, in the order of its terms; states of the motion are none."""
         states = {dof.velocity for dof in self.motion.dofs}
         every = dict.fromkeys(name for term in self.terms for name in term.effect.needs_at(term.values))
-        return tuple(name for name in every if name not in states)
+        arm = {ARM} if len(self.motion.dofs) > 1 and {*PARTS} & {*every} else set[str]()
+        return tuple(name for name in (*every, *arm) if name not in states)
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -403,12 +414,15 @@ class Model:
         return matrices
 
     def forces(self, theta: Floats) -> list[Bound]:
-        """Return each effect with the degree of freedom on which it acts."""
-        columns = iter(theta.T[len(self.masses) :, :, None])
-        return [
-            Bound(term.dof, term.effect, tuple(next(columns) for _ in term.values), self.signal_of(term))
-            for term in self.terms
-        ]
+        """Return each effect with the degree of freedom on which it acts; in the plane what single thrusters do to the
+        moment and to the force ahead."""
+        columns, bound = iter(theta.T[len(self.masses) :, :, None]), list[Bound]()
+        for term in self.terms:
+            values, effect = tuple(next(columns) for _ in term.values), term.effect
+            bound.append(Bound(term.dof, effect, values, self.signal_of(term)))
+            if len(self.motion.dofs) > 1 and isinstance(effect, SingleThrusterEffect):
+                bound.append(Bound(0, AheadOf(effect), values))
+        return bound
 
     def signal_of(self, term: Term) -> str:
         """Return the logged column on which a term acts; empty for the commands, of which a steering rudder is one."""

@@ -18,6 +18,7 @@ from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.fits.innovations import sensors_of
+from automarine_cli.models.model import label_of
 from automarine_cli.report.log_tables import sensor_sentences
 from automarine_cli.report.sections import Drawing, Sections, bullets, document, sections
 from automarine_cli.report.tables import MISSING, Table, escape, number, with_band
@@ -143,12 +144,12 @@ def candidates(data: Mapping[str, Any], effects: Sequence[NamedEffect]) -> list[
     status |= dict.fromkeys((effect.title for effect in effects), data["verdict"])
     rows = []
     for entry in data["candidates"]:
-        added = ", ".join(dict.fromkeys(name.rpartition(".")[2] for name in entry.get("parameters", ())))
-        name = f"{entry['name']} {added or entry.get('where', '')}".rstrip()
+        added = entry.get("parameters", ())
+        name = label_of(entry["name"], added) if added else f"{entry['name']} {entry.get('where', '')}".rstrip()
         row = {"effect": name, "evidence gained": entry["gain"]}
         row |= {head: number(entry[key], 3) for key, head in MORE.items() if key in entry}
         otherwise = "not needed" if entry.get("fitted", True) else "not fitted"
-        rows.append({**row, "is": status.get(name) or status.get(entry["name"], otherwise)})
+        rows.append({**row, "is": status.get(name, otherwise)})
     return rows
 
 

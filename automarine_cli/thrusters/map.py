@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
-from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.effects.thruster_imbalance import ARM, PARTS
 from automarine_cli.errors import AutomarineError, ModelError, RunError, SettingError
 from automarine_cli.estimate import Given
 from automarine_cli.logs import ColumnMap, Logs
@@ -338,8 +338,9 @@ def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
     """The run driven by two equal thrusters `arm` [m] off the centre line: X = F_port + F_stbd, N = arm (F_port -
     F_stbd), clockwise; Fossen (2021), control allocation. Raises as `thrust_of` does."""
     port, starboard = thrust_of(run, thrusters, arm)
-    extras = {**run.extras, SURGE.command: port + starboard, SWAY.command: np.zeros(len(run))}
-    return replace(drive_run_by_thrusters(run, thrusters, arm), extras=extras)
+    forces = {SURGE.command: port + starboard, SWAY.command: np.zeros(len(run)), ARM: np.full(len(run), arm)}
+    turned = drive_run_by_thrusters(run, thrusters, arm)
+    return replace(turned, extras={**turned.extras, **forces})
 
 
 def driven(run: Run) -> Run:

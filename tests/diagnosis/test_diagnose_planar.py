@@ -15,7 +15,9 @@ from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.fits.planar_fit import Observed, PlanarLikelihood, observed
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels
+from automarine_cli.report.diagnosis_report import candidates
 from automarine_cli.report.figures.diagnosis import where_figure
+from automarine_cli.runs.run import Run
 
 GIVEN = quadratic_drags(18.0, 18.0, 2.2, drags=(15.0, 50.0, 3.0))
 """About the bare craft, as somebody would write it down."""
@@ -69,6 +71,24 @@ def test_nothing_hidden_nothing_named_and_a_gap_without_a_name_is_unexplained() 
     assert word == "unexplained" and "gains 163 in deviance, but not in the mean of runs" in why
     word, why = verdict_of([replace(first, tried=(replace(most, steady=True),))], where)
     assert word == "suspected" and why.startswith(f"The fitted runs ask for {most.candidate.label}, but")
+
+
+def pushed(run: Run) -> Run:
+    """The run with a moment of 1 N m beside its commands."""
+    assert run.moment is not None
+    return replace(run, moment=run.moment + 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mirror", [False, True])
+def test_an_effect_of_the_library_is_named_in_its_motion(mirror: bool) -> None:
+    runs = campaign(HIDDEN["nothing"], 1, 4, 8.0, SPEEDS, mirror, given=pushed)
+    found = diagnose_planar(stored(GIVEN), runs[:3], runs[3:], observed(runs))
+    (effect,) = found.effects
+    assert found.verdict == "named" and effect.label == "bias-moment b in yaw" and not effect.rivals
+    assert effect.parameters["yaw.bias-moment.b"].value == pytest.approx(-1.0 if mirror else 1.0, rel=0.1)
+    status = {row["effect"]: row["is"] for row in candidates(found.to_json(), found.effects)}
+    assert status["bias-moment b in yaw"] == "named" and status["bias-moment b in surge"] != "named"
 
 
 @pytest.mark.slow

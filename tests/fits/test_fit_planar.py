@@ -6,11 +6,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import made_ship
 import numpy as np
 import pytest
-from made_planar import BARE, NOISE, Craft, campaign, driven, log, planar_run, solved, turned
+from made_planar import (
+    ARM_M,
+    BARE,
+    NOISE,
+    Craft,
+    campaign,
+    delivered,
+    driven,
+    log,
+    of_two_thrusters,
+    planar_run,
+    solved,
+    turned,
+)  # fmt: skip
 from scipy import special
 
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW
@@ -544,3 +558,24 @@ def test_what_stands_between_command_and_force_leaves_masses_as_they_are(
     width = fit.by_name.get("yaw.dead-band.width")
     assert (width is not None) == (dead_Nm > 0)
     assert width is None or abs(width.value - dead_Nm) < 3.5 * width.stderr < 0.15 * dead_Nm
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "hidden", "truth"),
+    [
+        (1, {"gains": (1.1, 0.9, 0.9, 1.1)}, {"forward": 0.1, "backward": -0.1, "direction": 0.0}),
+        (2, {"gains": (0.9, 1.1, 1.1, 0.9)}, {"forward": -0.1, "backward": 0.1, "direction": 0.0}),
+        (3, {"dead_N": 4.0}, {"width": ARM_M * 4.0}),
+        (4, {}, {}),
+    ],
+)
+def test_what_single_thrusters_lack_is_found(seed: int, hidden: dict[str, Any], truth: dict[str, float]) -> None:
+    given = partial(delivered, **hidden)
+    runs = [of_two_thrusters(run) for run in campaign(BARE, seed, 5, 20.0, ("heading", "surge", "sway"), given=given)]
+    fit, *_ = search(PlanarLikelihood(tuple(runs), observed(runs)))
+    single = [name for name in fit.model.parameter_names if "thruster-" in name]
+    assert [name.rpartition(".")[2] for name in single] == list(truth)
+    expected = {"surge.m_u": 20.0, "sway.m_v": 20.0, "yaw.I_r": 2.6, **dict(zip(single, truth.values()))}
+    for name, value in expected.items():
+        assert abs(fit.by_name[name].value - value) < 3.5 * fit.by_name[name].stderr, name

@@ -1,7 +1,7 @@
 """Planar motion of known truth, written without the package: `solved` integrates any vehicle by its momentum, linear
 in earth axes and angular about its own origin, in which no Coriolis force appears."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import pandas as pd
 from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import PLANAR, YAW
+from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import DRAG_OF_ROLE
 from automarine_cli.quantities import Floats
@@ -116,16 +117,48 @@ NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.
 MIRRORED = ("heading", "sway", "east", "force_Y")
 
 
+ARM_M = 0.3
+
+
+def of_two_thrusters(run: Run) -> Run:
+    """The run with what each of two thrusters ARM_M off the centre line gives of its force ahead and its moment."""
+    port, stbd = thrusts(run)
+    ways = [
+        way(side * force, 0.0) for side, force in ((ARM_M, port), (ARM_M, stbd)) for way in (np.maximum, np.minimum)
+    ]
+    parts = dict(zip(PARTS, (ways[0], ways[1], -ways[2], -ways[3])))
+    return replace(run, extras={**run.extras, **parts, "arm": np.full(len(run), ARM_M)})
+
+
+def thrusts(run: Run) -> tuple[Floats, Floats]:
+    """Forces of the thrusters to port and starboard [N], (N,)."""
+    assert run.moment is not None
+    ahead, turning = run.extras["force_X"], run.moment / ARM_M
+    return 0.5 * (ahead + turning), 0.5 * (ahead - turning)
+
+
+def delivered(run: Run, gains: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0), dead_N: float = 0.0) -> Run:
+    """The run with forces of thrusters that give these `gains` of what is commanded, port ahead and astern, starboard
+    ahead and astern, less a dead band [N]."""
+
+    def thrust(force: Floats, ahead: float, astern: float) -> Floats:
+        force = force - np.clip(force, -dead_N, dead_N)
+        return np.where(force > 0, ahead, astern) * force
+
+    port, stbd = (thrust(force, *pair) for force, pair in zip(thrusts(run), (gains[:2], gains[2:])))
+    return replace(run, moment=ARM_M * (port - stbd), extras={**run.extras, "force_X": port + stbd})
+
+
 FINE = 10  # steps of a sample in which thrust that lags is held
 
 
 def campaign(
     craft: Craft, seed: int, runs: int, length: float, channels: Sequence[str] = tuple(NOISE), mirror: bool = False,
-    lag_s: float = 0.0, dead_Nm: float = 0.0,
+    lag_s: float = 0.0, dead_Nm: float = 0.0, given: Callable[[Run], Run] = lambda run: run,
 ) -> list[Run]:  # fmt: skip
     """Runs from rest with noisy readings and 2 % scatter of the thrust, which lags by `lag_s` and lacks moments of
-    `dead_Nm`; with `mirror` port and starboard exchanged."""
-    return [made_run(craft, 100 * seed + i, length, channels, mirror, lag_s, dead_Nm) for i in range(runs)]
+    `dead_Nm`, or is what is `given` for a run's commands; with `mirror` port and starboard exchanged."""
+    return [made_run(craft, 100 * seed + i, length, channels, mirror, lag_s, dead_Nm, given) for i in range(runs)]
 
 
 def lagging(run: Run, lag_s: float) -> Run:
@@ -149,13 +182,14 @@ def lagging(run: Run, lag_s: float) -> Run:
 
 def made_run(
     craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool, lag_s: float = 0.0,
-    dead_Nm: float = 0.0,
+    dead_Nm: float = 0.0, given: Callable[[Run], Run] = lambda run: run,
 ) -> Run:  # fmt: skip
     run, rng = driven(seed, length, 0.2), np.random.default_rng([seed, 14])
     gain = np.exp(0.02 * rng.standard_normal())
-    assert run.moment is not None
-    moment = run.moment - np.clip(run.moment, -dead_Nm, dead_Nm)
-    true = replace(run, moment=gain * moment, extras={k: gain * x for k, x in run.extras.items()})
+    thrust = given(run)
+    assert thrust.moment is not None
+    moment = thrust.moment - np.clip(thrust.moment, -dead_Nm, dead_Nm)
+    true = replace(run, moment=gain * moment, extras={k: gain * x for k, x in thrust.extras.items()})
     true, every = (lagging(true, lag_s), FINE) if lag_s else (true, 1)
     positions, velocities = (rows[::every] for rows in solved(craft, true, (0, 0, 0.3), (0, 0, 0)))
     columns = dict(zip(("north", "east", "heading", "surge", "sway"), [*positions.T, *velocities.T[:2]]))

@@ -1,10 +1,11 @@
 """Surge, sway and yaw together: what stays, independent solutions, a published craft, and yaw alone as the limit."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from made_planar import Craft, driven, planar_model, planar_run, solved
+from made_planar import ARM_M, Craft, delivered, driven, of_two_thrusters, planar_model, planar_run, solved
 from made_runs import INERTIA, mirrored, step_run
 from made_sequences import sequence_run
 from numpy.typing import NDArray
@@ -76,6 +77,25 @@ def test_against_an_independent_solution(seed: int, water: tuple[float, float] |
     run = driven(seed, 7.0)
     trajectory = simulate(resisted(water), make_batch([run], 0.01, motion=PLANAR), start=START)
     positions, velocities = solved(RESISTED.in_current(water), run, POSITION, VELOCITY)
+    assert_close(trajectory.positions[0, 0], positions, "corners")
+    assert_close(trajectory.velocities[0, 0], velocities, "corners")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "truth"),
+    [
+        ("thruster-imbalance", (0.1, -0.05, 0.2), {"gains": (1.2 * 1.1, 0.8 * 0.95, 1.2 * 0.9, 0.8 * 1.05)}),
+        ("thruster-dead-band", (ARM_M * 4.0,), {"dead_N": 4.0}),
+    ],
+)
+def test_what_single_thrusters_do_acts_on_the_force_ahead_too(
+    name: str, values: tuple[float, ...], truth: dict[str, Any]
+) -> None:
+    run = driven(3, 7.0)
+    model = resisted(None).with_term(Term(name, values, dof=2))
+    batch = make_batch([of_two_thrusters(run)], 0.01, model.signals, motion=PLANAR)
+    trajectory = simulate(model, batch, start=START)
+    positions, velocities = solved(RESISTED.in_current(None), delivered(run, **truth), POSITION, VELOCITY)
     assert_close(trajectory.positions[0, 0], positions, "corners")
     assert_close(trajectory.velocities[0, 0], velocities, "corners")
 
