@@ -503,7 +503,7 @@ def _library_term(dof: Dof, short: str, unread: dict[str, float], codec: Codec) 
     effect = effects.get(name)
     if not effect.acts_in(dof):
         raise codec.refusal((*PARAMETERS, f"{dof.name}.{short}"), f"{name} does not act in {dof.name}; leave it out")
-    base = DRAG_OF_ROLE.get(effect.role) == name
+    base = role in DRAG_OF_ROLE  # an effect that was added to the motion's equation has its own name
     keys = (dof.parameter(effect.role),) if base else tuple(f"{dof.name}.{name}.{n}" for n in effect.names_in(dof))
     present = unread.keys() & set(keys)
     if f"{dof.name}.{short}" not in keys:

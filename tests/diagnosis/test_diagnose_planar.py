@@ -1,5 +1,6 @@
 """diagnose of planar models on campaigns of an independent solver: what is hidden is named, nothing is not."""
 
+import json
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from automarine_cli.diagnosis.planar import FittedCandidate, base_of, diagnose_p
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.fits.planar_fit import Observed, PlanarLikelihood, observed
 from automarine_cli.models.model import Model
-from automarine_cli.models.store import StoredModels
+from automarine_cli.models.store import StoredModels, models_of
 from automarine_cli.report.diagnosis_report import candidates
 from automarine_cli.report.figures.diagnosis import where_figure
 from automarine_cli.runs.run import Run
@@ -87,6 +88,8 @@ def test_an_effect_of_the_library_is_named_in_its_motion(mirror: bool) -> None:
     (effect,) = found.effects
     assert found.verdict == "named" and effect.label == "bias-moment b in yaw" and not effect.rivals
     assert effect.parameters["yaw.bias-moment.b"].value == pytest.approx(-1.0 if mirror else 1.0, rel=0.1)
+    extended = models_of(json.loads(json.dumps(found.extended)), "").model
+    assert extended.values["yaw.bias-moment.b"] == effect.parameters["yaw.bias-moment.b"].value
     status = {row["effect"]: row["is"] for row in candidates(found.to_json(), found.effects)}
     assert status["bias-moment b in yaw"] == "named" and status["bias-moment b in surge"] != "named"
 

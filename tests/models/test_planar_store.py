@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from made_planar import FULL, planar_model
 
+from automarine_cli import effects
+from automarine_cli.dofs import PLANAR
 from automarine_cli.errors import ModelError
 from automarine_cli.models.model import Term
 from automarine_cli.models.store import PLANAR_MODEL, models_of, planar_json, read_model
@@ -37,6 +39,15 @@ def test_a_model_is_read_as_it_was_written(tmp_path: Path, data: dict[str, Any])
         "yaw.N_vr": "N s²", "sway.Y_rv": "N s²/m", "surge.X_v": "N s/m", "current.north": "m/s",
         "current.east": "m/s",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", effects.names())
+def test_an_effect_that_was_added_is_read_under_its_own_name(name: str) -> None:
+    values = tuple(parameter.start for parameter in effects.get(name).parameters)
+    for place, dof in enumerate(PLANAR.dofs):
+        if effects.get(name).acts_in(dof):
+            model = planar_model(20.0, 30.0, 2.0).with_term(Term(name, values, dof=place))
+            assert models_of(json.loads(json.dumps(planar_json(model))), "").model == model
 
 
 def test_estimates_orders_and_few_parameters_are_read(data: dict[str, Any]) -> None:
