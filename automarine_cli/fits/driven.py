@@ -12,6 +12,7 @@ from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
+from automarine_cli.effects.base import ODD
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import HORIZONS, Predicted, predict
@@ -74,7 +75,8 @@ def parse_effects(names: Sequence[str], *dofs: Dof) -> tuple[str, ...]:
     """
     every = [effects.get(name) for name in effects.names()] if names else []
     in_plane = len(dofs) > 1  # in the plane the rudder is a signal, of which no command is made
-    may = [of.name for of in every if any(map(of.acts_in, dofs)) and not of.role and not (in_plane and of.steered)]
+    every = [of for of in every if any(map(of.acts_in, dofs)) and not (in_plane and of.steered)]
+    may = [of.name for of in every if not of.role or (in_plane and of.parity == ODD)]  # hulls are alike on both sides
     for name in names:
         if name not in may:
             raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")

@@ -28,9 +28,9 @@ from made_planar import (
 from scipy import special
 
 from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW
-from automarine_cli.errors import FitError, RunError
+from automarine_cli.errors import FitError, RunError, SettingError
 from automarine_cli.fits import planar_fit
-from automarine_cli.fits.driven import ForecastScore, Judgement
+from automarine_cli.fits.driven import ForecastScore, Judgement, parse_effects
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import (
     OWN,
@@ -344,6 +344,14 @@ def test_a_rudder_alone_tells_no_inertia() -> None:
     assert skew.lower == skew.upper == 1.5
     tied_abeam = replace(model, ties=(("sway.m_v", "surge.m_u", 1.0),))
     assert inertia_tied(tied_abeam, 2.0).values["yaw.I_r"] == 2.0 * model.values["surge.m_u"]
+
+
+def test_what_makes_sides_differ_may_be_asked_for_in_the_plane() -> None:
+    names = ("bias-moment", "drag-asymmetry")
+    assert parse_effects(names, *PLANAR.dofs) == names
+    for refused, dofs in (("bias-moment", (YAW,)), ("linear-drag", PLANAR.dofs)):
+        with pytest.raises(SettingError, match=f"with is '{refused}'"):
+            parse_effects((refused,), *dofs)
 
 
 def test_what_acts_on_commands_is_fitted_where_commands_change() -> None:
