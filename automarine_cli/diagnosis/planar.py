@@ -112,8 +112,8 @@ def suspects(model: Model, observed: Observed, logged: Collection[str], largest:
         yield Candidate("munk-moment", (mass,), replace(model, ties=ties))
     have = {(term.dof, term.name) for term in model.terms}
     for (place, dof), effect in product(enumerate(PLANAR.dofs), sloping(logged)):
-        moves = effect.place is not Place.ACTUATOR or largest[place] > 0.0
-        if dof in observed.dofs and effect.acts_in(dof) and moves and (place, effect.name) not in have:
+        may = {Place.ACTUATOR: largest[place] > 0.0, Place.SENSOR: dof is YAW}.get(effect.place, True)
+        if may and dof in observed.dofs and effect.acts_in(dof) and (place, effect.name) not in have:
             sizes = [(p.off, p.scaled(p.start, largest[place])) for p in effect.parameters]
             values = tuple(
                 size if p.held else off + (p.start != p.off) * NEGLIGIBLE_SHARE * (size - off)

@@ -20,7 +20,7 @@ from automarine_cli.report.tables import number
 STATUS = {"named": "blue", "suspected": "blue", "rival": "sky", "not needed": "grey", "not fitted": "yellow"}
 """Colours of what became of candidates; the bars of those that were not fitted are promises."""
 BEFORE_AFTER = ("before", "after")
-MAX_VARIABLES, MAX_TITLE_LINE = 6, 104
+MAX_VARIABLES, MAX_CANDIDATES, MAX_TITLE_LINE = 6, 24, 104
 
 
 @style.house_style
@@ -61,8 +61,10 @@ def _bins(axes: Axes, variable: Variable) -> None:
 
 @style.house_style
 def why_figure(rows: Sequence[Mapping[str, Any]], threshold: float, line: str) -> Figure:
-    """Draw the evidence of each candidate, a row of the table with its status, against the threshold, best on top;
-    `line` says what the threshold is."""
+    """Draw the evidence of candidates, rows of the table with their status, against the threshold, best on top: the
+    MAX_CANDIDATES best, and all with a name; `line` says what the threshold is."""
+    fewer = [row for i, row in enumerate(rows) if i < MAX_CANDIDATES or not row["is"].startswith("not ")]
+    more, rows = len(rows) - len(fewer), fewer
     figure, ((axes,),) = style.new_figure(1, 1, style.PAGE_IN, max(2.2, 0.17 * len(rows) + 1.3))
     for status, colour in STATUS.items():
         gains = {place: row["evidence gained"] for place, row in enumerate(rows) if row["is"] == status}
@@ -73,7 +75,8 @@ def why_figure(rows: Sequence[Mapping[str, Any]], threshold: float, line: str) -
     axes.set_yticks(range(len(rows)), [row["effect"] for row in rows], parse_math=False)
     axes.invert_yaxis()
     axes.margins(x=0.08, y=0.01)
-    axes.set_xlabel("evidence gained over the base model [deviance]")
+    less = f"; {more} more candidates gain less" if more else ""
+    axes.set_xlabel(f"evidence gained over the base model [deviance]{less}")
     best = ", ".join(f"{row['effect']} {row['evidence gained']:.0f}" for row in rows[:2])
     axes.set_title(f"Evidence: {best or 'none'}; needed {number(threshold, 3)}", loc="left", parse_math=False)
     style.legend_below(figure, axes, ncols=5)
