@@ -61,7 +61,7 @@ from automarine_cli.fits.whole_runs import OutputErrorFit
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import Run
+from automarine_cli.runs.run import LOGGED_COMMAND, Run
 
 NEGLIGIBLE_SHARE = 0.02  # share of its usual size at which an actuator effect is as good as none
 INPUT_DELAY = "input-delay"
@@ -126,7 +126,7 @@ def sloping(logged: Collection[str]) -> list[Effect]:
     """Effects of the library that logs of these columns can drive, and of which a slope tells what they gain; none that
     the plane has by another name, or of a rudder."""
     every = [effects.get(name) for name in effects.names() if name not in (*PLANE_DRAG_LAWS, *dict(ACTUATORS))]
-    other = {"rudder", *(dof.velocity for dof in PLANAR.dofs)}
+    other = {"rudder", *PARTS, *(dof.velocity for dof in PLANAR.dofs)}
     return [
         effect for effect in every
         if {*effect.needs} <= {*logged} - other and not any(p.scan for p in effect.parameters)
@@ -340,7 +340,7 @@ def verdict_of(rounds: Sequence[PlanarStep], where: ResidualRegions) -> tuple[st
     if gaining:
         most = max(gaining, key=lambda trial: trial.surplus)
         passed = f"The best candidate, {most.candidate.label}, gains {most.surplus:.0f} in deviance, but " + (
-            f"predictions miss by less than {100 * MIN_NEARER:g} % less with it." if most.steady
+            f"predictions come nearer by less than {100 * MIN_NEARER:g} % with it." if most.steady
             else f"not in the mean of runs by {MIN_STDERRS:g} standard errors."
         )  # fmt: skip
     return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}. {passed}"
@@ -461,7 +461,9 @@ def _columns(
         Factor("time-since-command-change", "s", since_change(number, course.time)),
     ]
     forces = {dof.command for dof in PLANAR.dofs}
-    for name in sorted(set.intersection(*(set(run.extras) for run in runs)) - {*CHANNELS, *PARTS, *forces}):
+    for name in sorted(
+        set.intersection(*(set(run.extras) for run in runs)) - {*CHANNELS, *PARTS, LOGGED_COMMAND, *forces}
+    ):
         columns.append(of_run_or_sample(name, "", _at_nodes(course, [run.extras[name] for run in runs], runs)))
     masked = [replace(c, values=np.where(observed, c.values, np.nan)) for c in columns if not c.of_the_run]
     return [column for column in masked if np.nanmax(column.values) > np.nanmin(column.values)]

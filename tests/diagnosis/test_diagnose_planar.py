@@ -70,6 +70,8 @@ def test_nothing_hidden_nothing_named_and_a_gap_without_a_name_is_unexplained() 
     most = FittedCandidate(first.promised[0][0], first.before, 163.0, False, 16.0)
     word, why = verdict_of([replace(first, tried=(most,))], where)
     assert word == "unexplained" and "gains 163 in deviance, but not in the mean of runs" in why
+    word, why = verdict_of([replace(first, tried=(replace(most, steady=True, nearer=False),))], where)
+    assert word == "unexplained" and "gains 163 in deviance, but predictions come nearer by less than 3 %" in why
     word, why = verdict_of([replace(first, tried=(replace(most, steady=True),))], where)
     assert word == "suspected" and why.startswith(f"The fitted runs ask for {most.candidate.label}, but")
 
