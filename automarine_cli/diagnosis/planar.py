@@ -44,6 +44,7 @@ from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
+from automarine_cli.fits.driven import start_of
 from automarine_cli.fits.planar_fit import (
     ACTUATORS,
     CHANNELS,
@@ -63,8 +64,7 @@ from automarine_cli.models.store import StoredModels
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import LOGGED_COMMAND, Run
 
-NEGLIGIBLE_SHARE = 0.02  # share of its usual size at which an actuator effect is as good as none
-INPUT_DELAY = "input-delay"
+NEGLIGIBLE_SHARE = 0.02  # share of its usual size at which an effect is as good as none
 SAYS = {
     "cross-coupling": "One motion drives another",
     "munk-moment": "Sway takes more water along than surge, which turns a drifting hull",
@@ -102,22 +102,21 @@ def base_of(stored: StoredModels, observed: Observed) -> Model:
     return replace(model, fixed=tuple(name for name in fixed if name not in tied))
 
 
-def suspects(model: Model, observed: Observed, logged: Collection[str], largest: Floats) -> Iterator[Candidate]:
-    """What a model may lack: what logs tell of a hull, and effects of the library in each motion; `logged` are further
-    columns, `largest` the largest commands [N, N, N m]."""
+def suspects(model: Model, likelihood: PlanarLikelihood) -> Iterator[Candidate]:
+    """What a model may lack: what logs tell of a hull, and effects of the library in each motion."""
+    observed, course = likelihood.observed, likelihood.course
     yield from candidates(model, observed)
     mass = SWAY.parameter("inertia")
     if mass in [tied for tied, *_ in model.ties]:
         ties = tuple(tie for tie in model.ties if tie[0] != mass)
         yield Candidate("munk-moment", (mass,), replace(model, ties=ties))
     have = {(term.dof, term.name) for term in model.terms}
-    for (place, dof), effect in product(enumerate(PLANAR.dofs), sloping(logged)):
-        may = {Place.ACTUATOR: largest[place] > 0.0, Place.SENSOR: dof is YAW}.get(effect.place, True)
+    for (place, dof), effect in product(enumerate(PLANAR.dofs), sloping(course.signals)):
+        may = {Place.ACTUATOR: place in likelihood.commanded, Place.SENSOR: dof is YAW}.get(effect.place, True)
         if may and dof in observed.dofs and effect.acts_in(dof) and (place, effect.name) not in have:
-            sizes = [(p.off, p.scaled(p.start, largest[place])) for p in effect.parameters]
             values = tuple(
-                size if p.held else off + (p.start != p.off) * NEGLIGIBLE_SHARE * (size - off)
-                for p, (off, size) in zip(effect.parameters, sizes)
+                size if p.held else p.off + (p.start != p.off) * NEGLIGIBLE_SHARE * (size - p.off)
+                for p, size in zip(effect.parameters, start_of(effect.name, course, place))
             )
             yield Candidate.of_term(model, Term(effect.name, values, dof=place))
 
@@ -195,10 +194,7 @@ class PlanarSearch(Judge[OutputErrorFit, PlanarStep]):
 
     def look(self, model: OutputErrorFit, number: int) -> PlanarStep:
         likelihood = self.likelihood
-        largest = np.abs(likelihood.course.commanded).max(axis=(1, 2))
-        columns = likelihood.course.signals
-        family = partial(suspects, observed=likelihood.observed, logged=columns, largest=largest)
-        promised = likelihood.promised(model, family)
+        promised = likelihood.promised(model, partial(suspects, likelihood=likelihood))
         leaders = sorted(promised, key=lambda pair: -pair[1].gain)[:MAX_CANDIDATES_FITTED]
         leaders = [(candidate, promise) for candidate, promise in leaders if 2.0 * promise.gain > HEAD_START]
         fits = [*likelihood.tried(leaders, model, LOOK_ITERATIONS), *likelihood.actuated(model, LOOK_ITERATIONS)]

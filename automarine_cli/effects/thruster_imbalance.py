@@ -6,7 +6,7 @@ from typing import TypeVar
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.base import MIXED, SINGLE, Commands, Effect, Floats, Parameter, Place
 
-T = TypeVar("T", float, Floats)
+Gain = TypeVar("Gain", float, Floats)
 PARTS = ("port_forward", "port_backward", "stbd_forward", "stbd_backward")
 """Signals: what each thruster adds to the moment or force while it pushes that way, zero while it pushes the other."""
 ARM = "arm"
@@ -79,7 +79,7 @@ class ThrusterImbalance(SingleThrusterEffect):
     parity = MIXED
 
     @staticmethod
-    def gains(forward: T, backward: T, direction: T) -> tuple[T, T, T, T]:
+    def gains(forward: Gain, backward: Gain, direction: Gain) -> tuple[Gain, Gain, Gain, Gain]:
         """Return what is delivered of each of PARTS, as a share of what the map says."""
         ahead, astern = 1.0 + direction, 1.0 - direction
         return ahead * (1.0 + forward), astern * (1.0 + backward), ahead * (1.0 - forward), astern * (1.0 - backward)

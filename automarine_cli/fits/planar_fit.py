@@ -931,10 +931,12 @@ class PlanarLikelihood:
         heading."""
         if name in OF_RUDDERS:
             return [PLANAR.index(YAW)] if "rudder" in [term.name for term in model.terms] else []
-        single = isinstance(effects.get(name), SingleThrusterEffect)
-        if single or (name == DEAD_BAND and ARM in self.course.signals):
-            return [PLANAR.index(YAW)] if single and ARM in self.course.signals else []
-        return [i for i, of in self.commanded.items() if name != DEAD_BAND or of.min() <= 0.0 <= of.max()]
+        singly = ARM in self.course.signals
+        if isinstance(effects.get(name), SingleThrusterEffect):
+            return [PLANAR.index(YAW)] if singly else []
+        if name == DEAD_BAND:  # each of two thrusters has its own
+            return [i for i, of in self.commanded.items() if of.min() <= 0.0 <= of.max() and not singly]
+        return [*self.commanded]
 
     @cached_property
     def commanded(self) -> dict[int, Floats]:

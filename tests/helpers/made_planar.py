@@ -123,10 +123,8 @@ ARM_M = 0.3
 def of_two_thrusters(run: Run) -> Run:
     """The run with what each of two thrusters ARM_M off the centre line gives of its force ahead and its moment."""
     port, stbd = thrusts(run)
-    ways = [
-        way(side * force, 0.0) for side, force in ((ARM_M, port), (ARM_M, stbd)) for way in (np.maximum, np.minimum)
-    ]
-    parts = dict(zip(PARTS, (ways[0], ways[1], -ways[2], -ways[3])))
+    ways = np.maximum(port, 0.0), np.minimum(port, 0.0), -np.maximum(stbd, 0.0), -np.minimum(stbd, 0.0)
+    parts = {name: ARM_M * force for name, force in zip(PARTS, ways)}
     return replace(run, extras={**run.extras, **parts, "arm": np.full(len(run), ARM_M)})
 
 
