@@ -173,7 +173,7 @@ def candidate_shapes(study: DiagnosisProblem, name: str) -> list[CandidateShape]
     """The shapes in which a candidate is tried; how it varies from run to run is no shape of its own."""
     effect = effects.get(name)
     parameters = effect.parameters
-    laws = [range(len(p.choices)) if p.choices and not effect.per_run else (None,) for p in parameters]
+    laws = [effect.laws_of(effect.needs) if p.choices and not effect.per_run else (None,) for p in parameters]
     shapes = []
     for law in product(*laws):
         fixed = [

@@ -196,7 +196,7 @@ class Effect:
     acts_on: ClassVar[str] = ""  # the signal on which an actuator acts where that is logged beside the commands
     steered: ClassVar[bool | None] = None  # whether the angle of a rudder has to be the command, or may not be it
     logged: ClassVar[tuple[str, ...]] = ()  # columns of which its signals are made, where they are none themselves
-    stage: ClassVar[int] = TOGETHER
+    stage: int = TOGETHER
     uses_position: ClassVar[bool] = False  # whether the moment depends on the position, else summed at the end
     uses_absolute: ClassVar[bool] = False  # whether on the very position, not only on the turn since the start
     per_run: ClassVar[int] = 0  # coefficients that each run may have of its own [force]; they come after the values
@@ -216,9 +216,13 @@ class Effect:
         """Signals that it reads under the law that holds at these values."""
         return self.needs
 
+    def laws_of(self, logged: Collection[str]) -> list[int]:
+        """Places of its laws for which all signals are logged."""
+        return [law for law in self.places if set(self.needs_at(self._starts(law))) <= set(logged)]
+
     def law_of(self, logged: Collection[str]) -> int:
-        """The first of its laws for which all signals are logged; the first of all where there is none."""
-        return next((law for law in self.places if set(self.needs_at(self._starts(law))) <= set(logged)), 0)
+        """The first of those; the first of all where there is none."""
+        return next(iter(self.laws_of(logged)), 0)
 
     @property
     def places(self) -> range:

@@ -1,6 +1,7 @@
 """Two thrusters that are not as equal as their one map says: one pulls harder, forward or backward."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from automarine_cli.dofs import Dof
@@ -17,6 +18,11 @@ def each(commands: Commands) -> tuple[Floats, Floats]:
     """What port and starboard thruster give by their map, (R, M), in the unit of the moment or force."""
     port, port_back, stbd, stbd_back = (commands.signals[part] for part in PARTS)
     return port + port_back, stbd + stbd_back
+
+
+def acts_singly(effect: Effect, values: Sequence[float] = ()) -> bool:
+    """Whether an effect acts on each of two thrusters, at these values."""
+    return {*PARTS} <= {*effect.needs_at(tuple(values))}
 
 
 def lacking_signal(signal: str, remedy: str = "") -> str:
@@ -39,20 +45,20 @@ class SingleThrusterEffect(Effect):
         return len(dof.thrusters) == 2
 
 
-@dataclass(frozen=True)
 class AheadOf(Effect):
     """What an effect of single thrusters that turn a vehicle makes of the force ahead that they give together."""
 
-    of: SingleThrusterEffect
-
     name = "ahead"
     place = Place.ACTUATOR
-    stage = SINGLE
+
+    def __init__(self, of: Effect) -> None:
+        self.of, self.stage = of, of.stage
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         arm = float(commands.signals[ARM].max())  # of a run's last steps there is none
         parts = {part: commands.signals[part] * (-1.0 if part.startswith("stbd") else 1.0) for part in PARTS}
-        as_moment = replace(commands, force=arm * commands.force, signals={**commands.signals, **parts})
+        force, before = arm * commands.force, arm * commands.before
+        as_moment = replace(commands, force=force, before=before, signals={**commands.signals, **parts})
         return self.of.deliver(as_moment, values) / arm
 
 

@@ -1,6 +1,7 @@
 """Thrusters that take time to do what is commanded."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,11 +18,12 @@ from automarine_cli.effects.base import (
     multiple,
     reference,
 )
+from automarine_cli.effects.thruster_imbalance import PARTS, each
 from automarine_cli.quantities import Floats
 
 MIN_LAG_S = 1e-6  # s
-FASTER, OWN_TIME = 2, 4
-"""The laws that are faster at speed, and with a time constant of their own as the speed falls."""
+FASTER, OWN_TIME, OF_EACH = 2, 4, 5
+"""The laws that are faster at speed, with a time constant of their own as the speed falls, and of each thruster."""
 Advance = Callable[[Floats, Floats, Floats, tuple[Floats, ...]], tuple[Floats, Floats]]
 
 
@@ -39,7 +41,7 @@ class ThrusterLag(Effect):
         choice(
             "law",
             "what is slow",
-            "propeller speed; thrust; propeller, faster at speed; slew limit; own time as it falls",
+            "propeller speed; thrust; propeller, faster at speed; slew limit; own time as it falls; speed of each",
         ),
         reference("tau_ref", "{force} at whose speed T is meant", laws=(2, 3)),
         multiple("fall", "time constant as the speed falls, as a multiple of T", laws=(4,)),
@@ -70,16 +72,20 @@ class ThrusterLag(Effect):
             "Bachmayer, Whitcomb and Grosenbaugh (2000), IEEE J. Oceanic Engineering 25:146",
             ("input-delay", "thrust-loss"),
         ),
+        Law("T n_i' = n_c,i - n_i, {f} = sum over thrusters of n_i |n_i|"),
     )
 
     def late(self, values: Sequence[float]) -> float:
         """Give what holds at a quarter of tau_ref: there what is faster at speed takes twice T."""
         return float(values[0] * (max(values[3], 1.0) if values[1] == OWN_TIME else 1.0 + (values[1] == FASTER)))
 
+    def needs_at(self, values: tuple[float, ...]) -> tuple[str, ...]:
+        return PARTS if self.law(values) == OF_EACH else ()
+
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean {force} over each step."""
-        laws = [partial(_step_by_step, advance) for advance in ADVANCES]
-        return deliver_by_law(laws, commands, values, values[1])
+        laws = [partial(_step_by_step, advance) for advance in ADVANCES[:OF_EACH]]
+        return deliver_by_law([*laws, _of_each], commands, values, values[1])
 
 
 def _step_by_step(advance: Advance, commands: Commands, values: tuple[Floats, ...]) -> Floats:
@@ -96,6 +102,16 @@ def _step_by_step(advance: Advance, commands: Commands, values: tuple[Floats, ..
         impulse, speed = advance(target[..., m], speed, length[..., m], sizes)
         delivered[..., m] = impulse / np.maximum(length[..., m], 1e-12)
     return delivered
+
+
+def _of_each(commands: Commands, values: tuple[Floats, ...]) -> Floats:
+    """The same of both thrusters, each with its own n; what other effects made of their commands follows as they do."""
+    port, starboard = each(commands)
+    steady = np.isclose(commands.before, (port + starboard)[:, :1])  # else nothing was commanded before
+    forces = [port[None], starboard[None], commands.force - port - starboard]
+    befores = [*(np.where(steady, force[0, :, :1], 0.0) for force in forces[:2]), 0.0 * commands.before]
+    single = [replace(commands, force=force, before=before) for force, before in zip(forces, befores)]
+    return sum((_step_by_step(_in_speed, of, values) for of in single if of.force.any()), 0.0 * commands.force)
 
 
 def _in_speed(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]) -> tuple[Floats, Floats]:
@@ -167,4 +183,5 @@ def _slew(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]
     return ramp + target * np.abs(target) * np.maximum(step - np.abs(moved) / pace, 0.0), after
 
 
-ADVANCES: tuple[Advance, ...] = (_in_speed, _in_thrust, _faster_at_speed, _slew, _own_time_as_it_falls)
+ADVANCES: tuple[Advance, ...] = (_in_speed, _in_thrust, _faster_at_speed, _slew, _own_time_as_it_falls, _in_speed)
+"""By law; of two thrusters that turn equally fast and opposite ways the last is as the first."""

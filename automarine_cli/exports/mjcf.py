@@ -36,7 +36,7 @@ MJCF_EFFECTS = (
     "saturation", "restoring-moment",
 )  # fmt: skip
 LACKS = {
-    *(("thruster-lag", law) for law in (0, 2, 3, 4)),  # filterexact is first order in the thrust
+    *(("thruster-lag", law) for law in (0, 2, 3, 4, 5)),  # filterexact is first order in the thrust
     ("coulomb-drag", 1), ("input-delay", 1), ("saturation", 1), ("tether-spring", 1),
 }  # fmt: skip
 """Laws of effects that it has no counterpart for."""

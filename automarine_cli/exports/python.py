@@ -17,6 +17,8 @@ from automarine_cli import effects
 from automarine_cli.dofs import HEAVE
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
+from automarine_cli.effects.thruster_imbalance import SingleThrusterEffect
+from automarine_cli.effects.thruster_lag import OF_EACH
 from automarine_cli.exports import base
 from automarine_cli.exports.thrusters import largest_signal, table
 from automarine_cli.exports.vehicle import MATRIX_EFFECTS, PLANES, RUDDER_LAWS, SPEED_LETTERS, STEERING, Vehicle
@@ -61,7 +63,7 @@ def _motion(subject: base.MotionSubject) -> base.Written:
 def runtime(chosen: Iterable[Effect]) -> str:
     """The source of what effects need to act, in the library's own order: no definition that nothing calls."""
     classes = [type(effect) for effect in chosen]
-    effect_modules = sorted({kind.__module__ for kind in classes} - {Learned.__module__})
+    effect_modules = sorted({kind.__module__ for kind in (*classes, SingleThrusterEffect)} - {Learned.__module__})
     modules: list[ModuleType] = [effects.base, *(sys.modules[name] for name in (Learned.__module__, *effect_modules))]
     defined = {name: part for module in modules for name, part in definitions(module).items()}
     needed, new = set[str](), {"State", "Commands", "Effect", *(kind.__name__ for kind in classes)}
@@ -203,6 +205,7 @@ TARGET = base.Target(
     name="python",
     says="one file of Python and numpy with simulate()",
     forms={"simulate": ".py"}, carries=frozenset({*PYTHON_EFFECTS, *RUDDER_LAWS, PREFIX}), si=False,
+    lacks=frozenset({("thruster-lag", OF_EACH)}),
     uses=frozenset({"newton_metres_per_nu", "arm", "n_max"}), write=write,
     several=base.Several({"simulate": ".py"}, MATRIX_EFFECTS | STEERING, couples=True, thrusters=True),
 )  # fmt: skip

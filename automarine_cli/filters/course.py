@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Commands
+from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.filters.readings import MIN_STEP_S, Readings, averaged_over, readings_of
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import commanded_before
@@ -264,7 +265,7 @@ def _lay(
     if any(held != forces[0] for held, forces in zip(before, commanded)):  # what a late command follows on
         edges = np.append(edges[0] - MAX_LEAD_S, edges)
         commanded = [np.append(held, forces) for held, forces in zip(before, commanded)]
-        logged = [np.append(column[0], column) for column in logged]
+        logged = [np.append(0.0 if name in PARTS else column[0], column) for name, column in zip(signals, logged)]
     at = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
     values, noise = np.zeros((2, len(sensors), len(node))), np.full((2, len(sensors)), np.nan)
     observed = np.zeros(values.shape, dtype=bool)  # of the readings that count as independent, and of all of them

@@ -380,7 +380,7 @@ def starts_in_likeliest_laws(names: Sequence[str], course: Course, batch: Batch,
 def laws_of(name: str, course: Course) -> Sequence[int]:
     """The laws that a fit chooses from: of what differs from run to run, or reads further columns, one alone."""
     effect = effects.get(name)
-    return [effect.law_of(course.signals)] if effect.per_run or effect.columns else effect.places
+    return [effect.law_of(course.signals)] if effect.per_run or effect.columns else effect.laws_of(effect.needs)
 
 
 def _runaway(model: Model, fit: Fit, course: Course) -> str:

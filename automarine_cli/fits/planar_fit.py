@@ -1,6 +1,6 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
@@ -15,7 +15,8 @@ from automarine_cli.effects import Commands, Place
 from automarine_cli.effects.rudder_offset import RudderOffset
 from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.effects.thruster_dead_band import ThrusterDeadBand
-from automarine_cli.effects.thruster_imbalance import ARM, PARTS, SingleThrusterEffect, ThrusterImbalance
+from automarine_cli.effects.thruster_imbalance import ARM, PARTS, SingleThrusterEffect, ThrusterImbalance, acts_singly
+from automarine_cli.effects.thruster_lag import OF_EACH
 from automarine_cli.effects.thruster_limit import ThrusterLimit
 from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
@@ -67,13 +68,14 @@ OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "
 SKEW = "planar.m_vr"
 DEAD_BAND, STALL = "dead-band", "rudder-stall"
 ACTUATORS = (
-    (THRUSTER_LAG, 0), (THRUSTER_LAG, 1), (DEAD_BAND, 0), (ThrusterDeadBand.name, 0), (ThrusterLimit.name, 0),
-    (ThrusterImbalance.name, 0), (STEERING_GEAR, 0), (STEERING_GEAR, 1), (STALL, 0),
+    (THRUSTER_LAG, 0), (THRUSTER_LAG, OF_EACH), (THRUSTER_LAG, 1), (DEAD_BAND, 0), (ThrusterDeadBand.name, 0),
+    (ThrusterLimit.name, 0), (ThrusterImbalance.name, 0), (STEERING_GEAR, 0), (STEERING_GEAR, 1), (STALL, 0),
 )  # fmt: skip
-"""What may stand between command and force, each in one law: a lag in propeller speed, or in thrust; a dead band, of
-the force or of each of two thrusters; what else these may do; a steering gear with a largest rate, or with a lag as
-well; a rudder that stalls."""
+"""What may stand between command and force, each in one law: a lag in propeller speed, that of each of two thrusters if
+these are logged, or in thrust; a dead band, of the force or of each thruster; what else these may do; a steering gear
+with a largest rate, or with a lag as well; a rudder that stalls."""
 OF_RUDDERS = (STEERING_GEAR, STALL)
+OF_BOTH = ((THRUSTER_LAG, 0), (DEAD_BAND, 0))  # what each of two thrusters does by itself where these are logged
 STALL_SHARE = 0.65  # of the largest angle, from which a stall starts
 GEARS = (
     tuple((float(rate), 0.0, 1.0) for rate in np.geomspace(0.05, 3.2, 25)),
@@ -605,7 +607,21 @@ def search(likelihood: "PlanarLikelihood") -> tuple[OutputErrorFit, ...]:
     while (wide := with_actuators(likelihood, base)) is not base:
         judge.tried[likelihood.structure_of(base.model)], base = base, wide
     stepwise_search(judge, base)
-    return tuple(sorted(judge.tried.values(), key=criterion))
+    return tuple(sorted([*judge.tried.values(), *without_needless(likelihood, judge.tried.values())], key=criterion))
+
+
+def without_needless(likelihood: "PlanarLikelihood", tried: Iterable[OutputErrorFit]) -> Iterator[OutputErrorFit]:
+    """Fit the best of what was `tried` without an actuator's term that the evidence asked for before it knew the hull,
+    and does not any more; until it asks for all."""
+    best: OutputErrorFit | None = min(tried, key=criterion)
+    while best is not None:
+        model, random = best.model, best.mixed.of_chance
+        added = [term for term in model.terms if term.name in {*dict(ACTUATORS)} - {*likelihood.with_effects}]
+        fewer = [(replace(model, terms=tuple(t for t in model.terms if t is not term)), random) for term in added]
+        fits = [fit for fit in likelihood.brief(fewer, NEIGHBOUR_ITERATIONS) if fit is not None]
+        best = min((fit for fit in fits if criterion(fit) < criterion(best)), key=criterion, default=None)
+        if best is not None:
+            yield best
 
 
 @dataclass(frozen=True, repr=False)
@@ -738,10 +754,12 @@ class PlanarLikelihood:
         model = self.observed.simplest(self.rough)
         for name, (place, dof) in product(self.with_effects, enumerate(PLANAR.dofs)):
             effect = effects.get(name)
+            law = OF_EACH if name == THRUSTER_LAG and ARM in self.course.signals else 0
+            start = tuple(start_of(name, self.course, place, law))
             idle = effect.place is Place.ACTUATOR and not effect.acts_on and place not in self.commanded
-            idle |= isinstance(effect, SingleThrusterEffect) and dof is not YAW  # it acts on both motions
+            idle |= acts_singly(effect, start) and dof is not YAW  # it acts on both motions
             if effect.acts_in(dof) and dof in self.observed.dofs and not idle:
-                model = model.with_term(Term(name, tuple(start_of(name, self.course, place)), dof=place))
+                model = model.with_term(Term(name, start, dof=place))
         if SKEW in self.priors:
             model = replace(model, fixed=tuple(name for name in model.fixed if name != SKEW))
         sizes = by_momentum(self.runs, model.free)
@@ -802,11 +820,11 @@ class PlanarLikelihood:
         return result_of("", model, fit_innovations(problem, starts, iterations, brief, settled))
 
     def choose(self, tried: Sequence[OutputErrorFit]) -> tuple[OutputErrorFit, Judgement, str]:
-        """The likeliest structure, or the one that predicts runs left out best where it does so by a share of WORTH_IT,
-        with its predictions, and why.
+        """The likeliest structure, with its predictions, and why. Where disturbances are as large as the commands, or
+        it predicts no better than constants, the one that predicts runs left out best, if by a share of WORTH_IT.
 
-        Where disturbances are as large as the commands, or sensors are smoothed, one reading after the other tells
-        little of what the commands do: whatever answers within a reading or two then goes for the disturbance.
+        There one reading after the other tells little of what the commands do: whatever answers within a reading or
+        two goes for the disturbance. Elsewhere a likelihood tells structures apart better than predictions of few runs.
         """
 
         def judged(fit: OutputErrorFit) -> tuple[OutputErrorFit, Judgement]:
@@ -818,7 +836,8 @@ class PlanarLikelihood:
         likeliest, *others = map(judged, tried)
         rival = min(others, key=lambda pair: pair[1].score, default=likeliest)
         chosen = finished(likeliest[0])
-        if chosen[1].score - rival[1].score >= WORTH_IT:
+        doubtful = chosen[1].large or chosen[1].score >= 0.0
+        if doubtful and chosen[1].score - rival[1].score >= WORTH_IT:
             chosen, rival = sorted((chosen, finished(rival[0])), key=lambda pair: pair[1].score)
         scores = chosen[1].score, rival[1].score
         if not np.isfinite(scores[0]):  # a model whose predictions run away has no known parameters
@@ -884,7 +903,7 @@ class PlanarLikelihood:
         delay, at_once = fit.delay.value, {**chances, COMMAND_DELAY: min(fit.delay.value, self.course.half_width)}
         lacking, begins = list[tuple[str, int]](), list[Begin]()
         for name, law in ACTUATORS:
-            if name in [term.name for term in model.terms] or not (places := self._acting(model, name)):
+            if name in [term.name for term in model.terms] or not (places := self._acting(model, name, law)):
                 continue
             wide = model
             for i in places:
@@ -902,7 +921,7 @@ class PlanarLikelihood:
         fewer = [(law, self.without_idle(of.model, law[0]), of.mixed.of_chance) for law, of in fits if of is not None]
         fewer = [
             (law, of, random) for law, of, random in fewer
-            if 0 < len(of.terms) - len(model.terms) < len(self._acting(model, law[0]))
+            if 0 < len(of.terms) - len(model.terms) < len(self._acting(model, *law))
         ]  # fmt: skip
         fits += zip([law for law, *_ in fewer], self.brief([(of, random) for _, of, random in fewer], iterations))
         return [(Candidate.of_terms(name, of.model), of) for (name, _), of in fits if of is not None]
@@ -925,17 +944,19 @@ class PlanarLikelihood:
         theta = [value if name in self.priors else sizes.get(name, value) for name, value in values.items()]
         return model.with_theta(theta).with_term(Term(STEERING_GEAR, gear, dof=PLANAR.index(YAW)))
 
-    def _acting(self, model: Model, name: str) -> list[int]:
+    def _acting(self, model: Model, name: str, law: int) -> list[int]:
         """Places of the motions in which runs may show what acts on commands: those whose command changes, of a dead
         band those whose command is zero at times or changes sides, of what a rudder or single thrusters do that of the
         heading."""
         if name in OF_RUDDERS:
             return [PLANAR.index(YAW)] if "rudder" in [term.name for term in model.terms] else []
         singly = ARM in self.course.signals
-        if isinstance(effects.get(name), SingleThrusterEffect):
+        if acts_singly(effects.get(name), start_of(name, self.course, law=law)):
             return [PLANAR.index(YAW)] if singly else []
-        if name == DEAD_BAND:  # each of two thrusters has its own
-            return [i for i, of in self.commanded.items() if of.min() <= 0.0 <= of.max() and not singly]
+        if singly and (name, law) in OF_BOTH:
+            return []
+        if name == DEAD_BAND:
+            return [i for i, of in self.commanded.items() if of.min() <= 0.0 <= of.max()]
         return [*self.commanded]
 
     @cached_property

@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike
 from automarine_cli import effects
 from automarine_cli.dofs import Dof, Motion, alone
 from automarine_cli.effects import Commands, Effect, Place, State
-from automarine_cli.effects.thruster_imbalance import ARM, PARTS, AheadOf, SingleThrusterEffect
+from automarine_cli.effects.thruster_imbalance import ARM, PARTS, AheadOf, SingleThrusterEffect, acts_singly
 from automarine_cli.errors import ModelError
 from automarine_cli.models.parameter import SMALLEST, Parameter, Parameters
 from automarine_cli.quantities import STEERED, Floats
@@ -420,7 +420,7 @@ class Model:
         for term in self.terms:
             values, effect = tuple(next(columns) for _ in term.values), term.effect
             bound.append(Bound(term.dof, effect, values, self.signal_of(term)))
-            if len(self.motion.dofs) > 1 and isinstance(effect, SingleThrusterEffect):
+            if len(self.motion.dofs) > 1 and acts_singly(effect, term.values):
                 bound.append(Bound(0, AheadOf(effect), values))
         return bound
 

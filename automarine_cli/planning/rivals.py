@@ -100,7 +100,7 @@ def with_effect(fitting: Fitting, model: Model, name: str, largest: float) -> li
             references = {"moment": largest, "clock": 0.0, "voltage": fitting.voltage or 1.0}
             options.append([references.get(parameter.reference, 1.0)])
         elif parameter.choices:
-            options.append([float(i) for i in range(len(parameter.choices))])
+            options.append([float(law) for law in effect.laws_of(effect.needs)])
         else:
             values = parameter.scan or (parameter.start,)
             options.append([parameter.scaled(value, largest) for value in values])

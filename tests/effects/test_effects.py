@@ -40,7 +40,7 @@ from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError
 from automarine_cli.filters.course import make_course
-from automarine_cli.fits.driven import driven_problem, starts_near
+from automarine_cli.fits.driven import THRUSTER_LAG, driven_problem, starts_near
 from automarine_cli.logs.columns import SIGNALS
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run
@@ -65,8 +65,13 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plan
 """Three runs of different lengths: a step to port, a coast-down, a manoeuvre."""
 
 
+def signals_for(effect: Effect) -> tuple[str, ...]:
+    """Signals that an effect reads in any of its laws."""
+    return effect.needs or (PARTS if effect.name == THRUSTER_LAG else ())
+
+
 def headings(model: Model, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1) -> Floats:
-    batch = make_batch(runs, PERIOD, sorted({need for term in model.terms for need in term.effect.needs}))
+    batch = make_batch(runs, PERIOD, sorted({need for term in model.terms for need in signals_for(term.effect)}))
     start = Start(position=sign * np.array([STARTS[: len(runs)]]))
     return simulate(model, batch, theta, start).position
 
@@ -172,11 +177,11 @@ def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
     together = headings(model, theta=theta)
     assert together.shape == (3, len(RUNS), max(len(run) for run in RUNS)) and np.isfinite(together).all()
     for i, (values, run) in enumerate(zip(theta, RUNS)):
-        batch = make_batch([run], PERIOD, effect.needs)
+        batch = make_batch([run], PERIOD, signals_for(effect))
         alone = simulate(model, batch, values, Start(position=np.array([[STARTS[i]]]))).position[0, 0]
         np.testing.assert_allclose(together[i, i, : len(run)], alone, rtol=0, atol=1e-12)
     sets, rows = np.tile([2, 0], len(RUNS)), np.repeat(np.arange(len(RUNS)), 2)
-    batch = make_batch(RUNS, PERIOD, effect.needs).of_runs(rows)
+    batch = make_batch(RUNS, PERIOD, signals_for(effect)).of_runs(rows)
     own = simulate(model, batch, theta[sets], Start(position=np.take(STARTS, rows)[None]), own=True).position[0]
     np.testing.assert_allclose(own, together[sets, rows], rtol=0, atol=1e-12)
 
@@ -220,7 +225,7 @@ def test_the_filter_of_driven_runs_knows_each_law(name: str) -> None:
     runs = measured(truth, [unmeasured(plan, 0)], seed=1, noise_deg=0.3, gain=0.0)
     density = []
     for model in (truth, base_for(name)):
-        problem = driven_problem(model, make_course(runs, np.array([True]), effect.needs))
+        problem = driven_problem(model, make_course(runs, np.array([True]), signals_for(effect)))
         start = problem.parameters.search(starts_near(problem, [model.theta], {}))
         density.append(float(problem.follow(start).log_density.sum()))
     assert np.isfinite(density).all() and density[0] > density[1]

@@ -19,7 +19,7 @@ from automarine_cli.effects.base import EVEN
 from automarine_cli.effects.learned import KNOTS, Learned
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.export import in_enu
-from automarine_cli.exports.python import PYTHON_EFFECTS, STEERING, definitions
+from automarine_cli.exports.python import PYTHON_EFFECTS, STEERING, TARGET, definitions
 from automarine_cli.models.model import Model, response
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -57,7 +57,7 @@ def trials() -> dict[tuple[str, str], Model]:
     """By name and frame: every law of every effect that the file can have, each in both frames, and many together."""
     of_yaw = [name for name in PYTHON_EFFECTS if effects.get(name).role != "restoring"]
     laws = ((name, law) for name in of_yaw for law in range(laws_of(effects.get(name))))
-    models = {f"{name} {law}": planted(name, law) for name, law in laws}
+    models = {f"{name} {law}": planted(name, law) for name, law in laws if (name, law) not in TARGET.lacks}
     models["many"] = many()
     curve = [0.0, 4.0, 1.2, 1.0, *np.linspace(-0.1, 0.2, KNOTS), 1.0]  # a gain on the thrust
     models |= {f"curve {i}": base_for("none").with_effect(f"learned:{x}", curve) for i, x in ((1, "yaw-rate"),

@@ -23,6 +23,7 @@ from made_planar import (
     of_two_thrusters,
     planar_run,
     solved,
+    spinning_up,
     turned,
 )  # fmt: skip
 from scipy import special
@@ -102,12 +103,12 @@ def fit_of(model: Model, runs: int = 3, log_likelihood: float = 0.0) -> Innovati
     )  # fmt: skip
 
 
-def use_of(**errors: float) -> Judgement:
+def use_of(large: str = "", **errors: float) -> Judgement:
     """What a model is worth that misses by these errors, at any horizon."""
     worth = {
         name: tuple(ForecastScore(h, error, 2.0, 1.0, 100) for h in (2.0, 5.0, 15.0)) for name, error in errors.items()
     }
-    return Judgement(worth, 2)
+    return Judgement(worth, 2, large=large)
 
 
 def fit_to(runs: Sequence[Run], observed: Observed, *tried: OutputErrorFit) -> PlanarFit:
@@ -473,15 +474,17 @@ def test_derived_speeds_do_not_make_the_masses_too_large() -> None:
     assert 14.0 < likely.model.values["surge.m_u"] < 29.0 and 14.0 < likely.model.values["sway.m_v"] < 29.0
 
 
-def chosen(monkeypatch: pytest.MonkeyPatch, errors: Sequence[float]) -> tuple[OutputErrorFit, str, str]:
-    """What is preferred of the likeliest structure and another, which miss by `errors`; if there is a third one, the
-    other misses by that when it is fitted to the end."""
+def chosen(
+    monkeypatch: pytest.MonkeyPatch, errors: Sequence[float], large: str = "The disturbance is large."
+) -> tuple[OutputErrorFit, str, str]:
+    """What is preferred of the likeliest structure and another, which miss by `errors`, under a `large` disturbance; if
+    there is a third one, the other misses by that when it is fitted to the end."""
     runs = (smoothed_run(0, 5.0, 0.1),)
     seen = observed(runs)
     tried, missed = [], iter((*errors[:2], errors[0], *errors[2:]))
     for model in (model_of(runs, "sway.Y_r"), model_of(runs)):
         tried.append(result_of("", model, fit_of(model)))
-    monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(heading=next(missed)))
+    monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(large, heading=next(missed)))
     monkeypatch.setattr(PlanarLikelihood, "problem", lambda *_: None)
     monkeypatch.setattr(PlanarLikelihood, "estimate", lambda _, model, *__: tried[model is not tried[0].model])
     best, _, because = PlanarLikelihood(runs, seen).choose(tried)
@@ -493,6 +496,13 @@ def test_the_fit_that_predicts_best_is_preferred(monkeypatch: pytest.MonkeyPatch
     assert structure.endswith("yaw drag quadratic") and "the next best fit misses by 25 % more" in because
     for errors in ((0.5, 0.495), (0.5, float("nan")), (0.5, 0.4, 0.6)):  # too little to leave it, or none
         assert chosen(monkeypatch, errors)[1].endswith(", Y_r")
+    assert chosen(monkeypatch, (1.5, 0.4, 0.4), large="")[1].endswith("yaw drag quadratic")  # of no use otherwise
+
+
+def test_without_a_large_disturbance_the_likeliest_fit_is_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of nine runs one structure predicted 7 % better by chance, and its inertia was 7 standard errors too small."""
+    _, structure, because = chosen(monkeypatch, (0.5, 0.4, 0.4), large="")
+    assert structure.endswith(", Y_r") and "the next best fit misses by 20 % less" in because
 
 
 def test_where_predictions_run_away_no_parameter_has_an_interval(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -576,14 +586,19 @@ def test_what_stands_between_command_and_force_leaves_masses_as_they_are(
         (2, {"gains": (0.9, 1.1, 1.1, 0.9)}, {"forward": -0.1, "backward": 0.1, "direction": 0.0}),
         (3, {"dead_N": 4.0}, {"width": ARM_M * 4.0}),
         (4, {}, {}),
+        (5, {"lag_s": 0.3}, {"T": 0.3, "law": 5.0}),
     ],
 )
 def test_what_single_thrusters_lack_is_found(seed: int, hidden: dict[str, Any], truth: dict[str, float]) -> None:
-    given = partial(delivered, **hidden)
+    """Of a propeller each also: a lag of the force ahead and one of the moment would be two, and neither right."""
+    given = partial(spinning_up if "lag_s" in hidden else delivered, **hidden)
     runs = [of_two_thrusters(run) for run in campaign(BARE, seed, 5, 20.0, ("heading", "surge", "sway"), given=given)]
     fit, *_ = search(PlanarLikelihood(tuple(runs), observed(runs)))
     single = [name for name in fit.model.parameter_names if "thruster-" in name]
-    assert [name.rpartition(".")[2] for name in single] == list(truth)
+    assert [name.rpartition(".")[2] for name in single][: len(truth)] == list(truth)
     expected = {"surge.m_u": 20.0, "sway.m_v": 20.0, "yaw.I_r": 2.6, **dict(zip(single, truth.values()))}
     for name, value in expected.items():
-        assert abs(fit.by_name[name].value - value) < 3.5 * fit.by_name[name].stderr, name
+        if name in fit.by_name:  # a law has no interval
+            assert abs(fit.by_name[name].value - value) < 3.5 * fit.by_name[name].stderr, name
+        else:
+            assert fit.model.values[name] == value

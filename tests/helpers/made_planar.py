@@ -178,6 +178,16 @@ def lagging(run: Run, lag_s: float) -> Run:
     return replace(run, time=time, position=0.0 * time, moment=late(run.moment), extras=extras)
 
 
+def spinning_up(run: Run, lag_s: float) -> Run:
+    """The run in fine steps, with two thrusters whose propellers are of first order behind their commands."""
+    port, stbd = (np.sign(force) * np.sqrt(np.abs(force)) for force in thrusts(run))
+    slow = lagging(replace(run, moment=port, extras={"force_X": stbd}), lag_s)
+    assert slow.moment is not None
+    port, stbd = (speed * np.abs(speed) for speed in (slow.moment, slow.extras["force_X"]))
+    sway = run.extras["force_Y"][(np.arange(len(slow)) + FINE // 2) // FINE]
+    return replace(slow, moment=ARM_M * (port - stbd), extras={"force_X": port + stbd, "force_Y": sway})
+
+
 def made_run(
     craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool, lag_s: float = 0.0,
     dead_Nm: float = 0.0, given: Callable[[Run], Run] = lambda run: run,
@@ -187,8 +197,9 @@ def made_run(
     thrust = given(run)
     assert thrust.moment is not None
     moment = thrust.moment - np.clip(thrust.moment, -dead_Nm, dead_Nm)
-    true = replace(run, moment=gain * moment, extras={k: gain * x for k, x in thrust.extras.items()})
-    true, every = (lagging(true, lag_s), FINE) if lag_s else (true, 1)
+    true = replace(thrust, moment=gain * moment, extras={k: gain * x for k, x in thrust.extras.items()})
+    true = lagging(true, lag_s) if lag_s else true
+    every = (len(true) - 1) // (len(run) - 1)
     positions, velocities = (rows[::every] for rows in solved(craft, true, (0, 0, 0.3), (0, 0, 0)))
     columns = dict(zip(("north", "east", "heading", "surge", "sway"), [*positions.T, *velocities.T[:2]]))
     read = {name: columns[name] + NOISE[name] * rng.standard_normal(len(run)) for name in NOISE}
