@@ -588,17 +588,12 @@ def with_actuators(likelihood: "PlanarLikelihood", base: OutputErrorFit) -> Outp
     tried, runs = likelihood.actuated(base, NEIGHBOUR_ITERATIONS), len(likelihood.runs)
     if not tried or runs < 2:
         return base
-    candidate, best = min(tried, key=lambda pair: criterion(pair[1]))
+    best = min((estimated for _, estimated in tried), key=criterion)
     gained = best.mixed.density - base.mixed.density
     doubt = special.stdtrit(runs - 1, STEADY_LEVEL) * gained.std(ddof=1) / np.sqrt(runs)
     if gained.mean() <= doubt or criterion(best) > criterion(base) - MIN_PROPOSED_GAIN:
         return base
-    best = likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
-    fewest = likelihood.without_idle(best.model, candidate.name)
-    if fewest == best.model:
-        return best
-    some = len(fewest.terms) > len(base.model.terms)
-    return likelihood.estimate(fewest, best.mixed.of_chance, settled=ROUGHLY) if some else base
+    return likelihood.estimate(best.model, best.mixed.of_chance, settled=ROUGHLY)
 
 
 def search(likelihood: "PlanarLikelihood") -> tuple[OutputErrorFit, ...]:
@@ -833,10 +828,10 @@ class PlanarLikelihood:
         def finished(fit: OutputErrorFit) -> tuple[OutputErrorFit, Judgement]:
             return judged(self.estimate(fit.model, fit.mixed.of_chance))
 
-        likeliest, *others = map(judged, tried)
-        rival = min(others, key=lambda pair: pair[1].score, default=likeliest)
-        chosen = finished(likeliest[0])
+        chosen = finished(tried[0])
         doubtful = chosen[1].large or chosen[1].score >= 0.0
+        others = map(judged, tried[1:] if doubtful else tried[1:2])
+        rival = min(others, key=lambda pair: pair[1].score, default=chosen)
         if doubtful and chosen[1].score - rival[1].score >= WORTH_IT:
             chosen, rival = sorted((chosen, finished(rival[0])), key=lambda pair: pair[1].score)
         scores = chosen[1].score, rival[1].score

@@ -481,7 +481,7 @@ def chosen(
     there is a third one, the other misses by that when it is fitted to the end."""
     runs = (smoothed_run(0, 5.0, 0.1),)
     seen = observed(runs)
-    tried, missed = [], iter((*errors[:2], errors[0], *errors[2:]))
+    tried, missed = [], iter(errors)
     for model in (model_of(runs, "sway.Y_r"), model_of(runs)):
         tried.append(result_of("", model, fit_of(model)))
     monkeypatch.setattr(planar_fit, "forecasts_of", lambda *_: use_of(large, heading=next(missed)))
