@@ -14,6 +14,7 @@ from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
 from automarine_cli.effects import Commands, Place
 from automarine_cli.effects.rudder_offset import RudderOffset
 from automarine_cli.effects.rudder_race import RudderRace
+from automarine_cli.effects.sensor_lag import SensorLag
 from automarine_cli.effects.thruster_dead_band import ThrusterDeadBand
 from automarine_cli.effects.thruster_imbalance import ARM, PARTS, SingleThrusterEffect, ThrusterImbalance, acts_singly
 from automarine_cli.effects.thruster_lag import OF_EACH
@@ -69,13 +70,15 @@ SKEW = "planar.m_vr"
 DEAD_BAND, STALL = "dead-band", "rudder-stall"
 ACTUATORS = (
     (THRUSTER_LAG, 0), (THRUSTER_LAG, OF_EACH), (THRUSTER_LAG, 1), (DEAD_BAND, 0), (ThrusterDeadBand.name, 0),
-    (ThrusterLimit.name, 0), (ThrusterImbalance.name, 0), (STEERING_GEAR, 0), (STEERING_GEAR, 1), (STALL, 0),
+    (ThrusterLimit.name, 0), (ThrusterImbalance.name, 0), (SensorLag.name, 0), (STEERING_GEAR, 0), (STEERING_GEAR, 1),
+    (STALL, 0),
 )  # fmt: skip
-"""What may stand between command and force, each in one law: a lag in propeller speed, that of each of two thrusters if
-these are logged, or in thrust; a dead band, of the force or of each thruster; what else these may do; a steering gear
-with a largest rate, or with a lag as well; a rudder that stalls."""
+"""What may stand between command and reading, each in one law: a lag in propeller speed, that of each of two thrusters
+if these are logged, or in thrust; a dead band, of the force or of each thruster; what else these may do; a heading that
+is read late; a steering gear with a largest rate, or with a lag as well; a rudder that stalls."""
 OF_RUDDERS = (STEERING_GEAR, STALL)
 OF_BOTH = ((THRUSTER_LAG, 0), (DEAD_BAND, 0))  # what each of two thrusters does by itself where these are logged
+SLOW = (THRUSTER_LAG, SensorLag.name, STEERING_GEAR)  # a delay stands for them as long as they are not known
 STALL_SHARE = 0.65  # of the largest angle, from which a stall starts
 GEARS = (
     tuple((float(rate), 0.0, 1.0) for rate in np.geomspace(0.05, 3.2, 25)),
@@ -904,12 +907,12 @@ class PlanarLikelihood:
             for i in places:
                 first, *more = start_of(name, course, i, law)
                 first *= STALL_SHARE if name == STALL else 1.0
-                first = max(delay, START_LAG_S) if name == THRUSTER_LAG else first
+                first = max(delay, START_LAG_S) if name in SLOW[:2] else first
                 wide = wide.with_term(Term(name, (first, *more), dof=i))
             if name == STEERING_GEAR and (wide := self._geared(model, law)) is model:
                 continue
             lacking.append((name, law))
-            begins.append((wide, at_once if name in (THRUSTER_LAG, STEERING_GEAR) else chances))
+            begins.append((wide, at_once if name in SLOW else chances))
         thrusters = sum(name not in OF_RUDDERS for name, _ in lacking)  # they come first
         fits = list(zip(lacking, self.brief(begins[:thrusters], iterations)))
         fits += zip(lacking[thrusters:], self.brief(begins[thrusters:], max(iterations, GEAR_ITERATIONS)))
@@ -941,8 +944,10 @@ class PlanarLikelihood:
 
     def _acting(self, model: Model, name: str, law: int) -> list[int]:
         """Places of the motions in which runs may show what acts on commands: those whose command changes, of a dead
-        band those whose command is zero at times or changes sides, of what a rudder or single thrusters do that of the
-        heading."""
+        band those whose command is zero at times or changes sides, of what a rudder, a compass or single thrusters do
+        that of the heading."""
+        if name == SensorLag.name:
+            return [PLANAR.index(YAW)]
         if name in OF_RUDDERS:
             return [PLANAR.index(YAW)] if "rudder" in [term.name for term in model.terms] else []
         singly = ARM in self.course.signals

@@ -579,6 +579,19 @@ def test_what_stands_between_command_and_force_leaves_masses_as_they_are(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("compass_s", [0.4, 0.0])
+def test_a_late_compass_beside_a_gyro_leaves_the_inertia_as_it_is(compass_s: float) -> None:
+    """A lag of thrusters and a larger inertia stood for it."""
+    channels = ("heading", "yaw_rate", "surge", "sway")
+    runs = campaign(BARE, 7, 5, 20.0, channels, compass_s=compass_s)
+    fit, *_ = search(PlanarLikelihood(tuple(runs), observed(runs)))
+    expected = {"yaw.I_r": 2.6, **({"yaw.sensor-lag.T_s": compass_s} if compass_s else {})}
+    assert [name for name in fit.model.parameter_names if "-lag" in name] == [*expected][1:]
+    for name, value in expected.items():
+        assert abs(fit.by_name[name].value - value) < 3.5 * fit.by_name[name].stderr < 0.1 * value, name
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "hidden", "truth"),
     [

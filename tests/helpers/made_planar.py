@@ -114,6 +114,7 @@ HIDDEN = {
 """What a model of the bare craft lacks."""
 NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.01}
 """rad, m, m/s."""
+GYRO_NOISE = 0.005  # rad/s
 MIRRORED = ("heading", "sway", "east", "force_Y")
 
 
@@ -152,11 +153,13 @@ FINE = 10  # steps of a sample in which thrust that lags is held
 
 def campaign(
     craft: Craft, seed: int, runs: int, length: float, channels: Sequence[str] = tuple(NOISE), mirror: bool = False,
-    lag_s: float = 0.0, dead_Nm: float = 0.0, given: Callable[[Run], Run] = lambda run: run,
+    lag_s: float = 0.0, dead_Nm: float = 0.0, given: Callable[[Run], Run] = lambda run: run, compass_s: float = 0.0,
 ) -> list[Run]:  # fmt: skip
     """Runs from rest with noisy readings and 2 % scatter of the thrust, which lags by `lag_s` and lacks moments of
-    `dead_Nm`, or is what is `given` for a run's commands; with `mirror` port and starboard exchanged."""
-    return [made_run(craft, 100 * seed + i, length, channels, mirror, lag_s, dead_Nm, given) for i in range(runs)]
+    `dead_Nm`, or is what is `given` for a run's commands; with `mirror` port and starboard exchanged. The compass is of
+    first order in `compass_s`; a `yaw_rate` among the channels is of a gyro."""
+    how = channels, mirror, lag_s, dead_Nm, given, compass_s
+    return [made_run(craft, 100 * seed + i, length, *how) for i in range(runs)]
 
 
 def lagging(run: Run, lag_s: float) -> Run:
@@ -190,7 +193,7 @@ def spinning_up(run: Run, lag_s: float) -> Run:
 
 def made_run(
     craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool, lag_s: float = 0.0,
-    dead_Nm: float = 0.0, given: Callable[[Run], Run] = lambda run: run,
+    dead_Nm: float = 0.0, given: Callable[[Run], Run] = lambda run: run, compass_s: float = 0.0,
 ) -> Run:  # fmt: skip
     run, rng = driven(seed, length, 0.2), np.random.default_rng([seed, 14])
     gain = np.exp(0.02 * rng.standard_normal())
@@ -201,13 +204,27 @@ def made_run(
     true = lagging(true, lag_s) if lag_s else true
     every = (len(true) - 1) // (len(run) - 1)
     positions, velocities = (rows[::every] for rows in solved(craft, true, (0, 0, 0.3), (0, 0, 0)))
-    columns = dict(zip(("north", "east", "heading", "surge", "sway"), [*positions.T, *velocities.T[:2]]))
-    read = {name: columns[name] + NOISE[name] * rng.standard_normal(len(run)) for name in NOISE}
+    columns = dict(zip(("north", "east", "heading", "surge", "sway", "yaw_rate"), [*positions.T, *velocities.T]))
+    columns["heading"] = behind(columns["heading"], run.sample_period, compass_s)
+    noise = {**NOISE, **({"yaw_rate": GYRO_NOISE} if "yaw_rate" in channels else {})}
+    read = {name: columns[name] + size * rng.standard_normal(len(run)) for name, size in noise.items()}
     read = {name: read[name] for name in channels} | dict(run.extras)
     if mirror:
         read |= {name: -read[name] for name in MIRRORED if name in read}
         run = replace(run, moment=-run.moment)
     return replace(run, position=read.pop("heading"), extras=read)
+
+
+def behind(readings: Floats, period: float, lag_s: float, parts: int = 200) -> Floats:
+    """What a sensor of first order shows of readings (N,), which are straight between two, in small steps."""
+    if not lag_s:
+        return readings
+    true = np.interp(np.arange(parts * (len(readings) - 1) + 1) / parts, np.arange(len(readings)), readings)
+    shown, left = np.empty_like(true), np.exp(-period / parts / lag_s)
+    shown[0] = now = true[0]
+    for k, middle in enumerate(0.5 * (true[1:] + true[:-1])):
+        shown[k + 1] = now = middle + (now - middle) * left
+    return shown[::parts]
 
 
 def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
