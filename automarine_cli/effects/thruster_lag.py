@@ -41,7 +41,8 @@ class ThrusterLag(Effect):
         choice(
             "law",
             "what is slow",
-            "propeller speed; thrust; propeller, faster at speed; slew limit; own time as it falls; speed of each",
+            "propeller speed; thrust; propeller, faster at speed; slew limit; own time as it falls; "
+            "speed of each propeller",
         ),
         reference("tau_ref", "{force} at whose speed T is meant", laws=(2, 3)),
         multiple("fall", "time constant as the speed falls, as a multiple of T", laws=(4,)),

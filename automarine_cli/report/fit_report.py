@@ -677,6 +677,11 @@ def parameter_table(fit: PlanarFit) -> Table:
         if not term.base:
             shown = term.effect.card(fit.model.motion.dofs[term.dof]).parameters
             meanings |= zip(fit.model.names_of(term), [parameter.meaning for parameter in shown])
+    laws = [
+        f"{fit.model.motion.dofs[term.dof].name}.{term.name}, {p.meaning}: {p.choices[round(value)]}."
+        for term in fit.model.terms if not term.is_cross
+        for p, value in zip(term.effect.parameters, term.values) if p.choices
+    ]  # fmt: skip
     assumed = [a for a in fit.observed.assumptions(fit.model) if a.parameter in fit.estimates]
     meanings |= {a.parameter: f"{meanings.get(a.parameter, '')} (assumed)" for a in assumed}
     rows = [
@@ -686,6 +691,7 @@ def parameter_table(fit: PlanarFit) -> Table:
     return Table.of("Surge, sway and yaw together", rows, [
         "Masses and drags are positive where they resist, as in m_u u' = X - X_u u; Fossen's derivatives of these "
         "names are their negatives.",
+        *laws,
         *(f"Assumed: {assumption}." for assumption in assumed),
     ])  # fmt: skip
 

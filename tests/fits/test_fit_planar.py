@@ -615,3 +615,5 @@ def test_what_single_thrusters_lack_is_found(seed: int, hidden: dict[str, Any], 
             assert abs(fit.by_name[name].value - value) < 3.5 * fit.by_name[name].stderr, name
         else:
             assert fit.model.values[name] == value
+    said = fit_report.parameter_table(fit_to(runs, observed(runs), fit)).to_markdown()
+    assert ("yaw.thruster-lag, what is slow: speed of each propeller." in said) == ("T" in truth)
