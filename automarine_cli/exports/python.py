@@ -17,7 +17,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import HEAVE
 from automarine_cli.effects.base import Effect
 from automarine_cli.effects.learned import PREFIX, Learned
-from automarine_cli.effects.thruster_imbalance import SingleThrusterEffect
+from automarine_cli.effects.thruster_imbalance import each
 from automarine_cli.effects.thruster_lag import OF_EACH
 from automarine_cli.exports import base
 from automarine_cli.exports.thrusters import largest_signal, table
@@ -63,7 +63,7 @@ def _motion(subject: base.MotionSubject) -> base.Written:
 def runtime(chosen: Iterable[Effect]) -> str:
     """The source of what effects need to act, in the library's own order: no definition that nothing calls."""
     classes = [type(effect) for effect in chosen]
-    effect_modules = sorted({kind.__module__ for kind in (*classes, SingleThrusterEffect)} - {Learned.__module__})
+    effect_modules = sorted({each.__module__, *(kind.__module__ for kind in classes)} - {Learned.__module__})
     modules: list[ModuleType] = [effects.base, *(sys.modules[name] for name in (Learned.__module__, *effect_modules))]
     defined = {name: part for module in modules for name, part in definitions(module).items()}
     needed, new = set[str](), {"State", "Commands", "Effect", *(kind.__name__ for kind in classes)}

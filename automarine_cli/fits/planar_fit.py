@@ -16,7 +16,7 @@ from automarine_cli.effects.rudder_offset import RudderOffset
 from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.effects.sensor_lag import SensorLag
 from automarine_cli.effects.thruster_dead_band import ThrusterDeadBand
-from automarine_cli.effects.thruster_imbalance import ARM, PARTS, SingleThrusterEffect, ThrusterImbalance, acts_singly
+from automarine_cli.effects.thruster_imbalance import ARM, PARTS, ThrusterImbalance, acts_singly
 from automarine_cli.effects.thruster_lag import OF_EACH
 from automarine_cli.effects.thruster_limit import ThrusterLimit
 from automarine_cli.errors import FitError
@@ -78,7 +78,7 @@ if these are logged, or in thrust; a dead band, of the force or of each thruster
 is read late; a steering gear with a largest rate, or with a lag as well; a rudder that stalls."""
 OF_RUDDERS = (STEERING_GEAR, STALL)
 OF_BOTH = ((THRUSTER_LAG, 0), (DEAD_BAND, 0))  # what each of two thrusters does by itself where these are logged
-SLOW = (THRUSTER_LAG, SensorLag.name, STEERING_GEAR)  # a delay stands for them as long as they are not known
+LAGS = (THRUSTER_LAG, SensorLag.name)  # a delay stands for them as long as they are not known
 STALL_SHARE = 0.65  # of the largest angle, from which a stall starts
 GEARS = (
     tuple((float(rate), 0.0, 1.0) for rate in np.geomspace(0.05, 3.2, 25)),
@@ -907,12 +907,12 @@ class PlanarLikelihood:
             for i in places:
                 first, *more = start_of(name, course, i, law)
                 first *= STALL_SHARE if name == STALL else 1.0
-                first = max(delay, START_LAG_S) if name in SLOW[:2] else first
+                first = max(delay, START_LAG_S) if name in LAGS else first
                 wide = wide.with_term(Term(name, (first, *more), dof=i))
             if name == STEERING_GEAR and (wide := self._geared(model, law)) is model:
                 continue
             lacking.append((name, law))
-            begins.append((wide, at_once if name in SLOW else chances))
+            begins.append((wide, at_once if name in (*LAGS, STEERING_GEAR) else chances))
         thrusters = sum(name not in OF_RUDDERS for name, _ in lacking)  # they come first
         fits = list(zip(lacking, self.brief(begins[:thrusters], iterations)))
         fits += zip(lacking[thrusters:], self.brief(begins[thrusters:], max(iterations, GEAR_ITERATIONS)))
@@ -967,7 +967,7 @@ class PlanarLikelihood:
 
     def without_idle(self, model: Model, name: str) -> Model:
         """The model without what is called `name` in motions in which nothing is left of it."""
-        if isinstance(effects.get(name), SingleThrusterEffect):
+        if acts_singly(effects.get(name)):
             return model
         least = {i: IDLE_SHARE * start_of(name, self.course, i)[0] for i in range(len(PLANAR.dofs))}
         return replace(model, terms=tuple(t for t in model.terms if t.name != name or t.values[0] >= least[t.dof]))
