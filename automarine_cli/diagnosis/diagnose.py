@@ -65,6 +65,7 @@ from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice,
 from automarine_cli.runs.run import ExcludedRun, Run, runs_json, with_later_commands
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
+MIN_DRIFTING_SCATTER = 0.05  # of thrust over runs, from which its drift may stand behind effects of the library
 LEFT_OVER = 0.3  # share of the excess variance over the floor that may stay when an effect is named
 ASTRAY = 1.1  # growth of the gap on runs held out at which an explanation cannot be right
 TIE_WEIGHT = 0.5  # weight against its rivals below which an effect is a tie and no name
@@ -555,6 +556,9 @@ def verdict_of(result: SearchResult, where: ResidualRegions, held_out: Diagnosis
         remainder = f"A residual remains: on the held-out runs the gap is {judged.gap.in_noises}."
     if judged and (worse := judged.worse(study.base.dof)):
         remainder += f" Commands that answer disturbances hide it: {worse}."
+    if not study.driven and gains_drift(study, result.final):
+        drift = f"drifts over the campaign more than chance allows, by {100 * result.final.fit.factor(GAIN):.2g} %"
+        remainder += f" The thrust of single runs {drift}: something else may change slowly."
     remainder += "".join(f" Only suspected: {name}. {doubt}" for name, doubt in suspects.items())
     return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
 
@@ -645,7 +649,7 @@ def _unexplained(result: SearchResult, where: ResidualRegions, holdout: Gap | No
     if times > 1.0 + margin and not closed and is_autocorrelated(study, final):
         return f"The residual is correlated in time and is {times:.2f} times the noise{_beside(where)}."
     scatter = [trial.fit.factor(GAIN) ** 2 for trial in (result.base, final)]
-    unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
+    unnamed = not final.added or scatter[1] > max(LEFT_OVER * scatter[0], MIN_DRIFTING_SCATTER**2)
     if unnamed and gains_drift(study, final):
         return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
     if result.more or (final.count == MAX_EFFECTS and excess[0] < MIN_EXCESS_OF_MANY):

@@ -259,9 +259,10 @@ def with_values(model: Model, term: Term, values: Iterable[float]) -> Model:
     return replace(model, terms=tuple(changed if other is term else other for other in model.terms))
 
 
-def in_law(trial: CandidateFit, start: Floats) -> Model:
-    """Return a trial's model with its last effect in the law of a `start` (k,) of it, and as large as it is."""
-    term = trial.model.terms[-1]
+def in_law(trial: CandidateFit, start: Floats, place: int = -1) -> Model:
+    """Return a trial's model with an effect, by its place among the terms, in the law of a `start` (k,) of it, and as
+    large as it is."""
+    term = trial.model.terms[place]
     of_law = [bool(p.choices or p.laws) for p in effects.get(term.name).parameters]
     return with_values(trial.model, term, np.where(of_law, start, term.values))
 
@@ -545,8 +546,27 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
     def without(self, model: CandidateFit, name: str) -> CandidateFit | None:
         reduced = without(self.study, model, name)
         if reduced is not None:
+            reduced = self._in_other_laws(reduced)
             self.fuller[frozenset(reduced.added)] = model
         return reduced
+
+    def _in_other_laws(self, trial: CandidateFit) -> CandidateFit:
+        """The best of a trial of runs that are simulated whole with one of its effects in another law: what was taken
+        out may have stood for what the law lacks."""
+        if self.study.driven:
+            return trial
+        attempts = list[Attempt]()
+        for place, term in enumerate(trial.model.terms):
+            if not term.base and not term.name.startswith(PREFIX):
+                shapes = (shape.values[-1] for shape in candidate_shapes(self.study, term.name))
+                starts = {law_of(term.name, start): start for start in shapes}
+                starts.pop(law_of(term.name, term.values), None)
+                attempts += [attempt_on(trial, in_law(trial, start, place)) for start in starts.values()]
+        refits = all_refitted(self.study, attempts, SEARCH_BRIEF, self.map_fn, "trying laws")
+        trials = [refit for refit in refits if refit is not None]
+        least = min([trial.evidence - TIE, *(refit.evidence + RIVAL_RANGE for refit in trials)])
+        leaders = [settled(self.study, refit, FINE) for refit in trials if refit.evidence < least]
+        return min([trial, *leaders], key=lambda trial: trial.evidence)
 
     def better(self, current: CandidateFit, reduced: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
         ranked = sorted((current, *look.trials), key=lambda trial: trial.evidence)

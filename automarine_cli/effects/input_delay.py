@@ -74,13 +74,21 @@ def _on_and_off(commands: Commands, values: tuple[Floats, ...]) -> Floats:
     ends at once where the other side begins, for a propeller turns one way at a time."""
     on, _, off = values
     before = np.broadcast_to(commands.before, (*commands.force.shape[:2], 1))
-    sides = []
+    sides, shares = [], []
     for side in (1.0, -1.0):
+        is_on = {name: 1.0 * (side * getattr(commands, name) > 0.0) for name in ("force", "before")}
+        shares.append(delayed(replace(commands, **is_on), on))  # of each step, in which this side is on
         held = np.maximum(side * before, 0.0)
         change = np.diff(np.maximum(side * commands.force, 0.0), axis=2, prepend=held)
         risen = replace(commands, force=held + np.cumsum(np.maximum(change, 0.0), axis=2), before=held)
         fallen = replace(commands, force=np.cumsum(np.minimum(change, 0.0), axis=2), before=0.0 * held)
         sides.append(np.maximum(delayed(risen, on) + delayed(fallen, off), 0.0))
-    ahead, astern = sides
-    latest = delayed(commands, on)
-    return np.where(latest < 0.0, 0.0, ahead) - np.where(latest > 0.0, 0.0, astern)
+    (ahead, astern), (on_ahead, on_astern) = sides, shares
+    return _until(ahead, on_astern) - _until(astern, on_ahead)
+
+
+def _until(thrust: Floats, other: Floats) -> Floats:
+    """What is left of the mean thrust of a side over each step (P, R, M) where the other side, which ends it, is on in
+    a share `other` of the step: as large while it lasts as it is in a step beside it."""
+    beside = np.pad(thrust, ((0, 0), (0, 0), (1, 1)))
+    return np.minimum(thrust, np.maximum(np.maximum(beside[..., :-2], beside[..., 2:]), thrust) * (1.0 - other))

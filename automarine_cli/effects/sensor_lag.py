@@ -33,7 +33,7 @@ class SensorLag(Effect):
         out[..., 0] = heading[..., 0]
         for m in range(shape[2] - 1):
             out[..., m + 1] = self.remember(out[..., m], heading[..., m], heading[..., m + 1], step[..., m], (lag,))
-        return np.where(np.concatenate([np.ones((*shape[:2], 1)), step], axis=2) > 0, out, heading)
+        return out
 
     def remember(
         self, reading: Floats, before: Floats, after: Floats, length: Floats, values: tuple[Floats, ...]
@@ -41,4 +41,4 @@ class SensorLag(Effect):
         """Exact for a heading that is straight between two nodes."""
         lag = np.maximum(values[0], 1e-6)
         rise = (after - before) / np.maximum(length, 1e-12)
-        return after - lag * rise + (reading - before + lag * rise) * np.exp(-length / lag)
+        return after + (reading - before) * np.exp(-length / lag) + lag * rise * np.expm1(-length / lag)

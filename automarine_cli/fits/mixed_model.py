@@ -214,7 +214,9 @@ class Problem:
             tuple(NormalEquations.of(by_phi[:, x], by_run[:, x], residual[:, x], count, b) for x, count in parts)
         )
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a trial that runs away
     def readings(self, phi: Floats, b: Floats) -> Floats:
+        """Readings (R, N) for phi (p,) and run effects b (R, q)."""
         return self.response(self.parameters.natural(phi)[None], b[None])[0]
 
 
@@ -288,11 +290,13 @@ PHI_STEP = 1e-6
 
 RUN_STEP = 1e-6  # step of the one-sided differences by run effects, whose scales are all of the order of one
 SETTLED_STDERRS = 1e-2  # a fit has converged when no parameter would move by more than this share of its standard error
+MAX_TRIALS, LINEARISED_TRIALS = 12, 2  # of a step, halved each time, and those of them that are linearised at once
 MAX_FOLLOWING = 5  # how often the run effects may be fitted again before a trial step is given up
 CUT_SHARE = 0.25  # share of a step, or less, that counts as cut short
 MIN_CUT_GAIN = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
+LAST_CUT_SHARE = 0.3  # the same as a share of the gain with which a fit may end: the next ones gain half as much each
 NEARLY_STDERRS = 0.3  # still to go, of each standard error, within which a search that is stuck counts as converged
 
 FAR_FROM_IT = 10.0  # times the least gain: a step that promised more and gained less ends no fit
@@ -338,10 +342,10 @@ def fit_mixed(
         last = share * change
         new_phi = np.clip(point.phi + last, bounds[:, 0], bounds[:, 1])
         old, point = (point, _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)))
-        gain = _penalised(problem, variances, old) - _penalised(problem, variances, point)
+        gain = old.penalised(problem, variances) - point.penalised(problem, variances)
         taken = _taken(problem, old, point, new_phi)
         is_cut = taken <= CUT_SHARE
-        stuck = is_cut and gain < MIN_CUT_GAIN
+        stuck = is_cut and gain < max(MIN_CUT_GAIN, LAST_CUT_SHARE * least_gain)
         ends = gain < least_gain and float(pull @ change) < FAR_FROM_IT * least_gain
         converged |= ends and share == 1.0 and not is_cut
         converged |= stuck and bool(np.all(np.abs(change) <= NEARLY_STDERRS * precision))
@@ -357,6 +361,9 @@ class _Point:
     b: Floats
     fitted: Floats
     gram: Grams
+
+    def penalised(self, problem: Problem, variances: Floats) -> float:
+        return _penalised(problem, variances, self.phi, self.b, self.fitted)
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
@@ -422,26 +429,26 @@ def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
     return _Point(phi, b, fitted, problem.gram(by_phi, by_run, fitted, b, phi))
 
 
-def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
-    """Sum of squares that phi and b minimise together at fixed variances."""
-    scale, prior = problem.effects.deviation(variances), point.gram.prior
-    penalty = np.divide(point.b, scale, out=np.zeros_like(point.b), where=scale > 0) ** 2
-    of_prior = 0.0 if prior is None else float(prior[0] @ prior[1] @ prior[0])
-    return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum()) + of_prior
+def _penalised(problem: Problem, variances: Floats, phi: Floats, b: Floats, fitted: Floats) -> float:
+    """Sum of squares that phi and b minimise together at fixed variances, of the readings `fitted` there."""
+    scale, (mean, precision) = problem.effects.deviation(variances), problem.parameters.prior
+    penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
+    squares = float(problem.squares(problem.residual(fitted), variances).sum() + penalty.sum())
+    return squares + float((mean - phi) @ precision @ (mean - phi))
 
 
 def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: Floats, new_b: Floats) -> _Point:
     """Step towards the new point, halved until the penalised sum of squares does not rise.
 
-    Every trial is linearised at once: a whole-run simulation costs as much for one parameter set as for all
-    the perturbed ones, and the first trial is nearly always taken.
+    The first trials are linearised at once, as they are nearly always taken, later ones only where they are.
     """
-    limit = _penalised(problem, variances, current) * (1 + 1e-12) + 1e-12
+    limit = current.penalised(problem, variances) * (1 + 1e-12) + 1e-12
     boldest = np.max(np.abs(new_phi - current.phi)[problem.parameters.log], initial=0.0)
     share = min(1.0, MAX_PHI_STEP / max(float(boldest), 1e-300))
-    for _ in range(12):
+    for trials in range(MAX_TRIALS):
         phi, b = current.phi + share * (new_phi - current.phi), current.b + share * (new_b - current.b)
-        if (trial := _followed(problem, variances, phi, b, limit)) is not None:
+        fits = trials < LINEARISED_TRIALS or _penalised(problem, variances, phi, b, problem.readings(phi, b)) <= limit
+        if fits and (trial := _followed(problem, variances, phi, b, limit)) is not None:
             return trial
         share /= 2.0
     return current
@@ -465,7 +472,7 @@ def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit
     before = np.inf
     for _ in range(MAX_FOLLOWING):
         point = _linearise(problem, phi, b)
-        cost = _penalised(problem, variances, point)
+        cost = point.penalised(problem, variances)
         if not (np.isfinite(cost) and point.gram.is_finite):
             return None
         if cost <= limit:

@@ -52,7 +52,7 @@ class Batch:
     and no step ever holds two commands.
 
     `length` (R, M) step lengths [s], 0 in the padding; `inner` (R, M, K - 1) the shares of a step after which samples
-    lie inside it, 0 where none does; `stretch` (R, M) change of a length per second of delay of its switch; `switch`
+    lie inside it, 1 where none does; `stretch` (R, M) change of a length per second of delay of its switch; `switch`
     (R, M) index of that switch; `force` (D, R, M) moment or force commanded, held over each step; `node` (R, N) which
     grid node each sample is, where each step has K: its begin and the inner ones; `seen` (R, N) which samples exist;
     `channels` what was measured, the position of the first degree of freedom first; `interval` (R, E) sample interval
@@ -230,7 +230,7 @@ def make_batch(
     samples = max(len(run) for run in runs)
     switches = max(1, *(len(g.interval) for g in grids))
     lengths, each = padded([g.length for g in grids], steps), 1 + max(g.inner.shape[1] for g in grids)
-    inner = np.zeros((len(runs), steps, each - 1))
+    inner = np.ones((len(runs), steps, each - 1))
     for row, grid in zip(inner, grids):
         row[: len(grid.inner), : grid.inner.shape[1]] = grid.inner
     forces = [[g.commanded(row) for row in force] for force, g in zip(commanded, grids)]
@@ -331,7 +331,7 @@ def _grid(time: Floats, force: Floats, inputs: Floats, max_step: float, joined_s
     of = np.repeat(np.arange(len(first)), taken)  # which joined interval each sample interval is in
     place = np.arange(len(intervals)) - first[of] + 1  # of the sample at its end
     inside = np.where(place < taken[of], place, 0)
-    inner = np.zeros((len(which), int(taken.max()) - 1))
+    inner = np.ones((len(which), int(taken.max()) - 1))
     within = np.flatnonzero(inside)
     inner[begins[of[within]], inside[within] - 1] = (time[1:] - time[first[of]])[within] / interval[of[within]]
     return _Grid(

@@ -14,13 +14,14 @@ from automarine_cli.diagnosis.diagnose import ForecastGain, JudgedRuns
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.residual_regions import Gap
 from automarine_cli.diagnosis.scores import drag_drives
-from automarine_cli.diagnosis.search import CandidateFit, clear, may_be_nothing, obstacle
+from automarine_cli.diagnosis.search import CandidateFit, MotionSearch, candidate_fit, clear, may_be_nothing, obstacle
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
 from automarine_cli.dofs import YAW
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
 from automarine_cli.models.model import Model
 from automarine_cli.models.parameter import Parameter, Parameters
+from automarine_cli.pipeline.parallel import alone
 from automarine_cli.quantities import STEERED
 from automarine_cli.runs.run import Run
 
@@ -115,6 +116,20 @@ def test_a_limit_without_which_nothing_is_limited_counts_for_nothing(law: float,
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert may_be_nothing(study, CandidateFit(("rudder-rate",), model, fit, 0.0), "rudder-rate") == nothing
+
+
+@pytest.mark.slow
+def test_a_lag_comes_back_to_its_law_when_what_stood_for_the_law_is_taken_out() -> None:
+    """What stood beside it had the lag in the law of one that is faster at speed."""
+    true = BASE.with_effect("thruster-lag", [0.5, 0.0, 1.2, 1.0])
+    study = replace(study_of(planted(true, seed=4, plans=short_plans()), BASE), driven=False)
+    other = BASE.with_effect("thruster-lag", [0.2, 2.0, 1.2, 1.0]).with_effect("bias-moment", [0.01])
+    both = candidate_fit(study, other, ("thruster-lag", "bias-moment"), study.fit(other))
+    reduced = MotionSearch(study, 0, alone).without(both, "bias-moment")
+    assert reduced is not None and reduced.added == ("thruster-lag",)
+    lag, law, *_ = reduced.model.terms[-1].values
+    assert law == 0.0 and lag == pytest.approx(0.5, rel=0.1)
+    assert reduced.evidence < both.evidence - 100.0
 
 
 def in_water(count: int, column: str = "water_temp_C") -> list[Run]:

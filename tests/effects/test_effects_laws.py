@@ -186,6 +186,16 @@ def test_what_falls_late_ends_where_the_other_side_begins() -> None:
     np.testing.assert_allclose(let_go, apart, rtol=0, atol=2e-3)
 
 
+def test_an_answer_to_delays_apart_has_no_jumps() -> None:
+    """A side that would fall late ends when the other begins, wherever in a step that is."""
+    run = unmeasured([(0.8, 3.0), (-0.8, 3.0)], 0)
+    delays = np.linspace(0.2, 0.4, 2001)
+    models = [BASE.with_effect("input-delay", (delay, 1.0, 0.6)) for delay in delays]
+    ends = simulate(models[0], make_batch([run], 0.1), np.stack([model.theta for model in models])).position[:, 0, -1]
+    steps = np.diff(ends)
+    assert np.abs(np.diff(steps)).max() < 0.5 * np.abs(steps).mean()
+
+
 def test_a_stalling_thruster_goes_on_below_its_start() -> None:
     """A moment that does not start it keeps it going once it runs; one below the lower edge stalls it."""
     stalling = ("dead-band", (0.5, 2.0, 0.2))

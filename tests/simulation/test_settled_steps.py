@@ -36,6 +36,17 @@ def test_every_effect_is_simulated_as_with_a_step_for_each_sample(name: str) -> 
         assert np.degrees(apart.max()) < unit * largest
 
 
+@pytest.mark.parametrize("name", [name for name in effects.names() if effects.get(name).place is effects.Place.SENSOR])
+def test_sensors_read_the_same_where_steps_hold_different_numbers_of_samples(name: str) -> None:
+    """Two samples a step soon after a command, four later: no time may pass at nodes without a sample."""
+    model = base_for("").with_effect(name, sizes_of(effects.get(name)))
+    short = make_batch(RUNS, 0.1, model.signals)
+    joined = make_batch(RUNS, 0.2, model.signals, settled_step=0.4)
+    assert {*np.round(joined.length[joined.length > 0], 3)} >= {0.2, 0.4} and joined.inner.shape[2] == 3
+    apart = (simulate(model, joined).position - simulate(model, short).position)[:, short.seen]
+    assert np.degrees(np.abs(apart).max()) < 0.03
+
+
 def test_steps_grow_only_where_commands_have_settled_and_hold_what_they_may() -> None:
     run = RUNS[0]
     uneven = replace(run, time=run.time + 0.02 * np.sin(5.0 * run.time))
