@@ -557,8 +557,8 @@ def verdict_of(result: SearchResult, where: ResidualRegions, held_out: Diagnosis
     if judged and (worse := judged.worse(study.base.dof)):
         remainder += f" Commands that answer disturbances hide it: {worse}."
     if not study.driven and gains_drift(study, result.final):
-        drift = f"drifts over the campaign more than chance allows, by {100 * result.final.fit.factor(GAIN):.2g} %"
-        remainder += f" The thrust of single runs {drift}: something else may change slowly."
+        scatters = f"scatters by {100 * result.final.fit.factor(GAIN):.2g} % and drifts over the campaign"
+        remainder += f" The thrust of single runs {scatters} more than chance allows: something else may change slowly."
     remainder += "".join(f" Only suspected: {name}. {doubt}" for name, doubt in suspects.items())
     return Verdict(NAMED, result, remainder=remainder.lstrip(), shares=parts)
 

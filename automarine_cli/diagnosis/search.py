@@ -259,9 +259,16 @@ def with_values(model: Model, term: Term, values: Iterable[float]) -> Model:
     return replace(model, terms=tuple(changed if other is term else other for other in model.terms))
 
 
+def shapes_by_law(study: DiagnosisProblem, name: str) -> dict[tuple[object, ...], list[Floats]]:
+    """The values of an effect's parameters from which each of its laws is fitted."""
+    by_law: dict[tuple[object, ...], list[Floats]] = {}
+    for shape in candidate_shapes(study, name):
+        by_law.setdefault(law_of(name, shape.values[-1]), []).append(shape.values[-1])
+    return by_law
+
+
 def in_law(trial: CandidateFit, start: Floats, place: int = -1) -> Model:
-    """Return a trial's model with an effect, by its place among the terms, in the law of a `start` (k,) of it, and as
-    large as it is."""
+    """Return a trial's model with the term in `place` in the law of a `start` (k,) of it, and as large as it is."""
     term = trial.model.terms[place]
     of_law = [bool(p.choices or p.laws) for p in effects.get(term.name).parameters]
     return with_values(trial.model, term, np.where(of_law, start, term.values))
@@ -327,12 +334,11 @@ def single_effect_alternative(
     tried = {trial.added[-1] for trial in first.trials}
     suspects = dict.fromkeys([*current.counted, *(name for name in can[:6] if name in tried)])
     suspects |= dict.fromkeys(look for name in current.counted for look in effects.get(name).mistaken_for)
-    shapes: dict[tuple[object, ...], list[tuple[str, Floats]]] = {}
-    for name in suspects:
-        if name in can and name not in base.added:
-            for probe in candidate_shapes(study, name):
-                shapes.setdefault(law_of(name, probe.values[-1]), []).append((name, probe.values[-1]))
-    work = [of_law[len(of_law) // 2] for law, of_law in shapes.items() if law not in evidences]
+    work = [
+        (name, shapes[len(shapes) // 2])
+        for name in suspects if name in can and name not in base.added
+        for law, shapes in shapes_by_law(study, name).items() if law not in evidences
+    ]  # fmt: skip
     brief = all_refitted(study, [attempt_with(base, start) for start in work], LAW_ITERATIONS, map_fn, "trying laws")
     limit = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
     close = [t for t in (*trials, *brief) if t is not None and t.evidence < max(limit, current.evidence + PAIR_LEAD)]
@@ -558,14 +564,12 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         attempts = list[Attempt]()
         for place, term in enumerate(trial.model.terms):
             if not term.base and not term.name.startswith(PREFIX):
-                shapes = (shape.values[-1] for shape in candidate_shapes(self.study, term.name))
-                starts = {law_of(term.name, start): start for start in shapes}
-                starts.pop(law_of(term.name, term.values), None)
-                attempts += [attempt_on(trial, in_law(trial, start, place)) for start in starts.values()]
-        refits = all_refitted(self.study, attempts, SEARCH_BRIEF, self.map_fn, "trying laws")
-        trials = [refit for refit in refits if refit is not None]
-        least = min([trial.evidence - TIE, *(refit.evidence + RIVAL_RANGE for refit in trials)])
-        leaders = [settled(self.study, refit, FINE) for refit in trials if refit.evidence < least]
+                by_law = shapes_by_law(self.study, term.name)
+                by_law.pop(law_of(term.name, term.values), None)
+                attempts += [attempt_on(trial, in_law(trial, shapes[-1], place)) for shapes in by_law.values()]
+        refits = [*filter(None, all_refitted(self.study, attempts, SEARCH_BRIEF, self.map_fn, "trying laws"))]
+        least = min([trial.evidence - TIE, *(refit.evidence + RIVAL_RANGE for refit in refits)])
+        leaders = [settled(self.study, refit, FINE) for refit in refits if refit.evidence < least]
         return min([trial, *leaders], key=lambda trial: trial.evidence)
 
     def better(self, current: CandidateFit, reduced: CandidateFit, look: SearchStep, first: SearchStep) -> CandidateFit:
@@ -656,9 +660,7 @@ class MotionSearch(Judge[CandidateFit, SearchStep]):
         name = best.added[-1]
         if not (effects.get(name).delays if study.driven else not self.reaches_noise(best, STANDS)):
             return {}
-        by_law: dict[tuple[object, ...], list[Floats]] = {}
-        for probe in candidate_shapes(study, name):
-            by_law.setdefault(law_of(name, probe.values[-1]), []).append(probe.values[-1])
+        by_law = shapes_by_law(study, name)
         shapes = [shape for some in by_law.values() for shape in some[:: -(-len(some) // STARTS_OF_LAW)]]
         attempts = [attempt_with(current, (name, shape)) for shape in shapes]
         attempts += [attempt_on(best, in_law(best, some[-1])) for some in by_law.values()]

@@ -296,7 +296,7 @@ CUT_SHARE = 0.25  # share of a step, or less, that counts as cut short
 MIN_CUT_GAIN = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
-LAST_CUT_SHARE = 0.3  # the same as a share of the gain with which a fit may end: the next ones gain half as much each
+LAST_CUT_SHARE = 0.3  # the same as a share of `least_gain`: each further cut step gains about half as much
 NEARLY_STDERRS = 0.3  # still to go, of each standard error, within which a search that is stuck counts as converged
 
 FAR_FROM_IT = 10.0  # times the least gain: a step that promised more and gained less ends no fit
@@ -342,7 +342,8 @@ def fit_mixed(
         last = share * change
         new_phi = np.clip(point.phi + last, bounds[:, 0], bounds[:, 1])
         old, point = (point, _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)))
-        gain = old.penalised(problem, variances) - point.penalised(problem, variances)
+        before, after = (_penalised(problem, variances, p.phi, p.b, p.fitted) for p in (old, point))
+        gain = before - after
         taken = _taken(problem, old, point, new_phi)
         is_cut = taken <= CUT_SHARE
         stuck = is_cut and gain < max(MIN_CUT_GAIN, LAST_CUT_SHARE * least_gain)
@@ -361,9 +362,6 @@ class _Point:
     b: Floats
     fitted: Floats
     gram: Grams
-
-    def penalised(self, problem: Problem, variances: Floats) -> float:
-        return _penalised(problem, variances, self.phi, self.b, self.fitted)
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
@@ -442,13 +440,13 @@ def _line_search(problem: Problem, variances: Floats, current: _Point, new_phi: 
 
     The first trials are linearised at once, as they are nearly always taken, later ones only where they are.
     """
-    limit = current.penalised(problem, variances) * (1 + 1e-12) + 1e-12
+    limit = _penalised(problem, variances, current.phi, current.b, current.fitted) * (1 + 1e-12) + 1e-12
     boldest = np.max(np.abs(new_phi - current.phi)[problem.parameters.log], initial=0.0)
     share = min(1.0, MAX_PHI_STEP / max(float(boldest), 1e-300))
     for trials in range(MAX_TRIALS):
         phi, b = current.phi + share * (new_phi - current.phi), current.b + share * (new_b - current.b)
-        fits = trials < LINEARISED_TRIALS or _penalised(problem, variances, phi, b, problem.readings(phi, b)) <= limit
-        if fits and (trial := _followed(problem, variances, phi, b, limit)) is not None:
+        worth = trials < LINEARISED_TRIALS or _penalised(problem, variances, phi, b, problem.readings(phi, b)) <= limit
+        if worth and (trial := _followed(problem, variances, phi, b, limit)) is not None:
             return trial
         share /= 2.0
     return current
@@ -472,7 +470,7 @@ def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit
     before = np.inf
     for _ in range(MAX_FOLLOWING):
         point = _linearise(problem, phi, b)
-        cost = point.penalised(problem, variances)
+        cost = _penalised(problem, variances, phi, b, point.fitted)
         if not (np.isfinite(cost) and point.gram.is_finite):
             return None
         if cost <= limit:

@@ -331,7 +331,7 @@ def _grid(time: Floats, force: Floats, inputs: Floats, max_step: float, joined_s
     of = np.repeat(np.arange(len(first)), taken)  # which joined interval each sample interval is in
     place = np.arange(len(intervals)) - first[of] + 1  # of the sample at its end
     inside = np.where(place < taken[of], place, 0)
-    inner = np.ones((len(which), int(taken.max()) - 1))
+    inner = np.ones((len(which), int(taken.max()) - 1))  # no time passes between a node without a sample and the end
     within = np.flatnonzero(inside)
     inner[begins[of[within]], inside[within] - 1] = (time[1:] - time[first[of]])[within] / interval[of[within]]
     return _Grid(

@@ -119,6 +119,19 @@ def test_what_stays_beside_a_name_is_said(diagnosed: Judge) -> None:
     assert verdict_sentence(replace(close, verdict="suspected")).startswith(f"Suspected, not named: {NAME}.")
 
 
+def test_a_drift_of_thrust_hides_an_effect_only_where_it_is_no_trifle(
+    diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnose, "gains_drift", lambda *of: True)
+    monkeypatch.setattr(diagnose, "LEFT_OVER", 0.0)  # the effect leaves the scatter of thrust as it was
+    kept = campaign(NAME, seed=2, wave=(1.2, 0.9))[:6]
+    named = diagnosed(campaign(NAME), kept)
+    assert named.verdict == "named" and "drifts over the campaign more than chance allows" in named.remainder
+    monkeypatch.setattr(diagnose, "MIN_DRIFTING_SCATTER", 0.0)
+    hidden = diagnosed(campaign(NAME), kept)
+    assert hidden.verdict == "unexplained" and "drifts over the campaign" in hidden.why and NAME in hidden.why
+
+
 def test_a_variable_that_stands_out_is_named_where_no_effect_gains(diagnosed: Judge) -> None:
     found = diagnosed(campaign(seed=1, wave=(1.5, 2.0)))
     assert found.verdict == "unexplained" and found.where.regions
