@@ -10,7 +10,7 @@ from automarine_cli import effects
 from automarine_cli.effects import Commands, Effect, Place
 from automarine_cli.effects.input_delay import InputDelay
 from automarine_cli.effects.sensor_lag import SensorLag
-from automarine_cli.effects.thruster_lag import ADVANCES, MIN_LAG_S, Advance, ThrusterLag
+from automarine_cli.effects.thruster_lag import ADVANCES, MIN_LAG_S, Advance, ThrusterLag, speed_of
 from automarine_cli.models.model import Bound, Model, actuators
 from automarine_cli.quantities import STEERED, Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
@@ -119,7 +119,7 @@ class Actuators:
         for place, term in enumerate(self._now):
             self._before[place] = moment
             moment = self._at_once(term, moment, moment)
-        self._speed = np.sign(moment) * np.sqrt(np.abs(moment))
+        self._speed = speed_of(moment)
 
     def deliver(self, output: Floats) -> Floats:
         """Return the mean moment (S, R) over the next step, for the output held over it."""
@@ -133,7 +133,7 @@ class Actuators:
             moment = self._at_once(term, moment, before)
         if self._lag is not None:
             advance, values = self._lag
-            target_speed = np.sign(moment) * np.sqrt(np.abs(moment))
+            target_speed = speed_of(moment)
             impulse, self._speed = advance(target_speed, self._speed, np.full((1, 1), self.step), values)
             moment = impulse / self.step
         self._time = self._time + self.step

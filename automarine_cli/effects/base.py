@@ -363,6 +363,20 @@ def choose(law: Floats, *options: Callable[[], Floats]) -> Floats:
     return result
 
 
+def lagged(target: Floats, before: Floats, length: Floats, lag: Floats) -> tuple[Floats, Floats]:
+    """Follow a `target` (P, R, M), held over steps of `length` [s], with the time constant `lag` [s], from `before`:
+    what each step begins with, and the mean over each."""
+    faded = -np.expm1(-length / lag)
+    left, risen = (np.moveaxis(x, 2, 0).copy() for x in (1.0 - faded, target * faded))
+    begun = np.empty(np.broadcast_shapes(left.shape, risen.shape))
+    state = np.broadcast_to(before, (*begun.shape[1:], 1))[..., 0]
+    for m in range(len(begun)):
+        begun[m] = state
+        state = left[m] * begun[m] + risen[m]
+    by_step = np.moveaxis(begun, 0, 2)
+    return by_step, target + (by_step - target) * lag * faded / np.maximum(length, 1e-12)
+
+
 def deliver_by_law(options: Sequence[Deliver], commands: Commands, values: tuple[Floats, ...], law: Floats) -> Floats:
     """What each parameter set's own law delivers, (P, R, M): every law sees the sets that ask for it, and no others."""
     law = np.round(law)  # whether fixed or aside for a derivative

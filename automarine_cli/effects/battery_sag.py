@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place, choice, choose, inf, reference
+from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place, choice, choose, inf, lagged, reference
+from automarine_cli.quantities import Floats
 
 
 class BatterySag(Effect):
@@ -57,7 +58,7 @@ class BatterySag(Effect):
         share = choose(
             law,
             lambda: 1.0 - load * drawn,
-            lambda: 1.0 - load * _polarised(drawn, commands.length, lag),
+            lambda: 1.0 - load * lagged(drawn, np.zeros(1), commands.length, lag)[1],
             lambda: np.exp(-load * _charge(drawn, commands.length)),
         )
         return commands.force * fresh * share
@@ -67,17 +68,3 @@ def _charge(drawn: Floats, length: Floats) -> Floats:
     """Charge drawn since the run's start by the middle of each step, in minutes at a load of one, (P, R, M)."""
     charge = drawn**1.5 * length / 60.0
     return np.cumsum(charge, axis=2) - 0.5 * charge
-
-
-def _polarised(drawn: Floats, length: Floats, lag: Floats) -> Floats:
-    """Mean over each step of y, T_V y' = drawn - y, from rest, (P, R, M)."""
-    shape = np.broadcast_shapes(drawn.shape, length.shape, lag.shape)
-    drawn, length = np.broadcast_to(drawn, shape), np.broadcast_to(length, shape)
-    approach, y = -np.expm1(-length / lag), np.zeros(shape[:2])
-    share = lag * approach / np.maximum(length, 1e-12)  # of the step's first difference in its mean
-    out = np.empty(shape)
-    for m in range(shape[2]):
-        gap = y - drawn[..., m]
-        out[..., m] = drawn[..., m] + gap * share[..., m]
-        y = y - gap * approach[..., m]
-    return out

@@ -15,6 +15,7 @@ from automarine_cli.effects.base import (
     Place,
     choice,
     deliver_by_law,
+    lagged,
     multiple,
     reference,
 )
@@ -85,20 +86,35 @@ class ThrusterLag(Effect):
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean {force} over each step."""
-        laws = [partial(_step_by_step, advance) for advance in ADVANCES[:OF_EACH]]
-        return deliver_by_law([*laws, _of_each], commands, values, values[1])
+        others = [partial(_step_by_step, advance) for advance in ADVANCES[FASTER:OF_EACH]]
+        return deliver_by_law([_of_speed, _of_thrust, *others, _of_each], commands, values, values[1])
+
+
+def speed_of(force: Floats) -> Floats:
+    """The n whose n |n| is this force."""
+    return np.sign(force) * np.sqrt(np.abs(force))
+
+
+def _of_speed(commands: Commands, values: tuple[Floats, ...]) -> Floats:
+    """Mean of n |n| over each step, T n' = n_c - n."""
+    target, length, lag = speed_of(commands.force), commands.length, np.maximum(values[0], MIN_LAG_S)
+    begun, _ = lagged(target, speed_of(commands.before), length, lag)
+    return _relaxed(target, begun, length, lag, lag)[0] / np.maximum(length, 1e-12)
+
+
+def _of_thrust(commands: Commands, values: tuple[Floats, ...]) -> Floats:
+    return lagged(commands.force, commands.before, commands.length, np.maximum(values[0], MIN_LAG_S))[1]
 
 
 def _step_by_step(advance: Advance, commands: Commands, values: tuple[Floats, ...]) -> Floats:
     """Mean of n |n| over each step, n advanced from step to step by one law."""
     lag, _, largest, fall = values
-    target = np.sign(commands.force) * np.sqrt(np.abs(commands.force))
+    target = speed_of(commands.force)
     shape = np.broadcast_shapes(target.shape, commands.length.shape, lag.shape)
     target, length = np.broadcast_to(target, shape), np.broadcast_to(commands.length, shape)
     sizes = (np.maximum(lag, MIN_LAG_S)[..., 0], np.sqrt(np.maximum(largest, 1e-12))[..., 0], fall[..., 0])
     delivered = np.empty(shape)
-    before = np.sign(commands.before) * np.sqrt(np.abs(commands.before))
-    speed = np.broadcast_to(before[..., 0], shape[:2])
+    speed = np.broadcast_to(speed_of(commands.before)[..., 0], shape[:2])
     for m in range(shape[2]):
         impulse, speed = advance(target[..., m], speed, length[..., m], sizes)
         delivered[..., m] = impulse / np.maximum(length[..., m], 1e-12)
@@ -112,7 +128,7 @@ def _of_each(commands: Commands, values: tuple[Floats, ...]) -> Floats:
     forces = [port[None], starboard[None], commands.force - port - starboard]
     befores = [*(np.where(steady, force[0, :, :1], 0.0) for force in forces[:2]), 0.0 * commands.before]
     single = [replace(commands, force=force, before=before) for force, before in zip(forces, befores)]
-    return sum((_step_by_step(_in_speed, of, values) for of in single if of.force.any()), 0.0 * commands.force)
+    return sum((_of_speed(of, values) for of in single if of.force.any()), 0.0 * commands.force)
 
 
 def _in_speed(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]) -> tuple[Floats, Floats]:
@@ -131,19 +147,18 @@ def _own_time_as_it_falls(
 
 def _relaxed(target: Floats, speed: Floats, step: Floats, lag: Floats, beyond: Floats) -> tuple[Floats, Floats]:
     """First order with the time constant `lag`, and `beyond` after a change of sign."""
-    gap = speed - target
-    crosses = speed * target < 0
-    sign = np.where(speed != 0, np.sign(speed), np.sign(target))
-    if not crosses.any():  # nearly every step, and the logarithm is most of the work
-        impulse, faded = _squares(target, gap, lag, step)
-        return sign * impulse, target + gap * (1.0 - faded)
-    ratio = np.where(crosses, -target / np.where(gap == 0, 1.0, gap), 1.0)
-    zero = np.where(crosses, np.minimum(-lag * np.log(ratio), step), step)
-    impulse, faded = _squares(target, gap, lag, zero)
-    crossed = crosses & (step > zero)
-    behind, risen = _squares(target, -target, beyond, np.where(crossed, step - zero, 0.0))
-    after = np.where(crossed, target * risen, target + gap * (1.0 - faded))
-    return sign * impulse + np.sign(target) * behind, after
+    gap, crosses = speed - target, speed * target < 0
+    impulse, faded = _squares(target, gap, lag, step)
+    impulse, after = np.where(speed != 0, np.sign(speed), np.sign(target)) * impulse, target + gap * (1.0 - faded)
+    if crosses.any():  # nowhere in nearly every step, and the logarithm is most of the work
+        wide = (np.broadcast_to(of, crosses.shape)[crosses] for of in (target, gap, step, lag, beyond))
+        goal, gap, step, lag, beyond = wide
+        zero = np.minimum(-lag * np.log(-goal / gap), step)
+        before, faded = _squares(goal, gap, lag, zero)
+        behind, risen = _squares(goal, -goal, beyond, step - zero)
+        impulse[crosses] = np.sign(goal) * (behind - before)
+        after[crosses] = np.where(step > zero, goal * risen, goal + gap * (1.0 - faded))
+    return impulse, after
 
 
 def _squares(target: Floats, gap: Floats, lag: Floats, time: Floats) -> tuple[Floats, Floats]:
@@ -157,7 +172,7 @@ def _in_thrust(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats,
     goal, thrust, lag = target * np.abs(target), speed * np.abs(speed), sizes[0]
     gap = thrust - goal
     after = goal + gap * np.exp(-step / lag)
-    return goal * step - gap * lag * np.expm1(-step / lag), np.sign(after) * np.sqrt(np.abs(after))
+    return goal * step - gap * lag * np.expm1(-step / lag), speed_of(after)
 
 
 def _faster_at_speed(target: Floats, speed: Floats, step: Floats, sizes: tuple[Floats, ...]) -> tuple[Floats, Floats]:

@@ -235,19 +235,19 @@ class Step:
 
     def reading(
         self, channel: Channel, m: int, mean: Floats, covariance: Floats
-    ) -> tuple[Floats, list[tuple[int, Floats]]]:
-        """What a channel shows at node m, (P, R), and its derivatives by the states that it depends on."""
-        places, ones = self.places, np.ones(mean.shape[1:])
+    ) -> tuple[Floats, list[tuple[int, Floats | None]]]:
+        """What a channel shows at node m, (P, R), and its derivatives by the states that it depends on, if not one."""
+        places = self.places
         if channel.velocity:
             at = [places.velocity[channel.dof], *places.bias.get(channel.quantity, ())[:1]]
             reading = sum(mean[place] for place in at)
             if self.water_moves is not None:
                 reading = reading + in_body_axes(self.water_moves, mean[places.position[-1]])[channel.dof]
-            return reading, [(place, ones) for place in at]
+            return reading, [(place, None) for place in at]
         place = next((k for k, of in places.remembered.items() if of == channel.dof), channel.dof)
         sensors = [term for term in self.sensors if term.dof == channel.dof]
         if not sensors:
-            return mean[place], [(place, ones)]
+            return mean[place], [(place, None)]
         size = np.sqrt(np.maximum(covariance[place, place], MIN_STATE_SD**2))
         tried = mean[place] + np.stack([0.0 * size, size, -size])
         time = self.clock[:, m, None]
@@ -527,17 +527,19 @@ def _update(
         if not observed.any():
             continue
         predicted, weights = step.reading(channel, m, mean, covariance)
-        shares, across = (
-            reduce(np.add, [of[place] * weight for place, weight in weights])
-            for of in (covariance, covariance.swapaxes(0, 1))
-        )
-        total = reduce(np.add, [shares[place] * weight for place, weight in weights], white[c][:, None])
-        missed = np.where(observed, channel.values[:, m] - predicted, 0.0)
-        innovation[c], variance[c] = missed, np.where(observed, total, 0.0)
-        doubt = np.maximum(np.abs(missed) / (MAX_Z * np.sqrt(total)), 1.0)
-        gain = np.where(observed, across / (total * doubt), 0.0)
+        shares, across = _weighed(covariance, weights), _weighed(covariance.swapaxes(0, 1), weights)
+        total = _weighed(shares, weights) + white[c][:, None]
+        missed = channel.values[:, m] - predicted
+        gain = across / (total * np.maximum(np.abs(missed) / (MAX_Z * np.sqrt(total)), 1.0))
+        if not observed.all():
+            missed, total, gain = (np.where(observed, of, 0.0) for of in (missed, total, gain))
+        innovation[c], variance[c] = missed, total
         mean += gain * missed
         covariance -= gain[:, None] * shares  # column by row: else rounding grows where a craft turns away by itself
+
+
+def _weighed(of: Floats, weights: Sequence[tuple[int, Floats | None]]) -> Floats:
+    return reduce(np.add, [of[place] if weight is None else of[place] * weight for place, weight in weights])
 
 
 HORIZONS = (2.0, 5.0, 15.0)  # seconds ahead

@@ -290,7 +290,7 @@ PHI_STEP = 1e-6
 
 RUN_STEP = 1e-6  # step of the one-sided differences by run effects, whose scales are all of the order of one
 SETTLED_STDERRS = 1e-2  # a fit has converged when no parameter would move by more than this share of its standard error
-MAX_TRIALS, LINEARISED_TRIALS = 12, 2  # of a step, halved each time, and those of them that are linearised at once
+MAX_TRIALS, LINEARISED_TRIALS = 12, 4  # of a step, halved each time, and those of them that are linearised at once
 MAX_FOLLOWING = 5  # how often the run effects may be fitted again before a trial step is given up
 CUT_SHARE = 0.25  # share of a step, or less, that counts as cut short
 MIN_CUT_GAIN = 1e-2

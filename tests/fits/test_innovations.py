@@ -303,7 +303,7 @@ def test_a_fit_chooses_the_law_of_its_effect() -> None:
 @pytest.mark.slow
 def test_a_long_delay_in_a_closed_loop_is_reached() -> None:
     """From no delay the search ended at half of it, with an inertia a quarter too large and a tenth of it wide."""
-    fit = identify_turns(YAW, (), (), controlled(delay=0.3)).preferred
+    fit = identify_turns(YAW, (), (), controlled(delay=0.3, length=40.0)).preferred
     for name, truth in (("I_r", INERTIA), ("k_rr", K_RR), ("k_r", K_R)):
         assert abs(fit.estimates[name].value - truth) < 3.0 * fit.estimates[name].stderr < 0.3 * truth, name
     assert fit.delay.value == pytest.approx(0.35, abs=0.02) and not fit.proposed
@@ -311,7 +311,7 @@ def test_a_long_delay_in_a_closed_loop_is_reached() -> None:
 
 @pytest.mark.slow
 def test_a_lag_in_a_closed_loop_is_allowed_for_and_found() -> None:
-    runs = controlled(thrust_lag=0.4)
+    runs = controlled(thrust_lag=0.4, length=40.0)
     plain, lagging = (
         identify_turns(YAW, (), (), runs, with_effects=names).preferred for names in ((), ("thruster-lag",))
     )

@@ -50,17 +50,18 @@ def steps_in_water(
 
 
 def controlled(
-    thrust_lag: float = 0.0, delay: float = 0.0, seed: int = 1, noise: float = 0.3, gyro: bool = True
-) -> list[Run]:
-    """Eight runs of a minute in which a controller holds headings that change every eight seconds, by noisy sensors at
-    10 Hz and in slow pushes; commands act `delay` [s] late, thrust takes `thrust_lag` [s]. Without a `gyro` it filters
-    differences of the headings, whose `noise` is in degrees."""
+    thrust_lag: float = 0.0, delay: float = 0.0, seed: int = 1, noise: float = 0.3, gyro: bool = True,
+    length: float = 60.0,
+) -> list[Run]:  # fmt: skip
+    """Eight runs of `length` [s] in which a controller holds headings that change every eight seconds, by noisy sensors
+    at 10 Hz and in slow pushes; commands act `delay` [s] late, thrust takes `thrust_lag` [s]. Without a `gyro` it
+    filters differences of the headings, whose `noise` is in degrees."""
     rng, step, period, count = np.random.default_rng(seed), 0.01, 0.1, 8
     heading, rate, thrust = rng.uniform(-1.0, 1.0, count), np.zeros(count), np.zeros(count)
     pushing, wanted, fade = 0.1 * rng.standard_normal(count), heading.copy(), np.exp(-step / STIRRED_S)
     follows = -np.expm1(-step / thrust_lag) if thrust_lag else 1.0
     waiting, logged = [np.zeros(count)] * round(delay / step), []
-    for k in range(round(60.0 / step)):
+    for k in range(round(length / step)):
         if k % round(8.0 / step) == 0:
             wanted = heading + rng.uniform(-1.5, 1.5, count)
         if k % round(period / step) == 0:

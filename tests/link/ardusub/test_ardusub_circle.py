@@ -16,7 +16,7 @@ TRUTH = {"I_r": 0.8, "k_rr": 1.2}
 LIMITS = """
 schema = "automarine/plan-limits/1"
 [pool]
-runs = 10
+runs = 6
 minutes = 15
 wait_s = 5
 wait_after_long_turn_s = 10
