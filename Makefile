@@ -17,7 +17,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning real peers docs clean
+.PHONY: help demo test test-all test-slow check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning real peers docs clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -102,7 +102,9 @@ wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty envi
 test: $(READY) ## Run the tests but for the slow ones, on all cores
 	$(BIN)/python -m pytest -q $(SHARED) -m "not slow"
 
-test-all: $(READY) test ## Then the slow ones: clusters, same bytes, planted effects, real data, every example
+test-all: test test-slow ## All tests
+
+test-slow: $(READY) ## Run the slow ones: clusters, same bytes, planted effects, real data, every example
 	$(BIN)/python -m pytest -q $(SHARED) -m slow
 
 check: $(READY) ## Lint, format, types and the order of imports
