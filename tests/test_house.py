@@ -32,11 +32,11 @@ TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefi
 
 MAX_LINES = {
     "fits": 6676, "report": 5221, "logs": 4056, "diagnosis": 4476, "commands": 3486, "runs": 3073,
-    "thrusters": 2734, "link": 2648, "control": 2168, "effects": 2406, "planning": 1873, "simulation": 1879,
-    "exports": 1855, "comparison": 1676, "models": 1283, "filters": 1217, "pipeline": 805, "dofs": 504, "top": 292,
+    "thrusters": 2734, "link": 2648, "control": 2167, "effects": 2405, "planning": 1873, "simulation": 1879,
+    "exports": 1855, "comparison": 1676, "models": 1283, "filters": 1218, "pipeline": 805, "dofs": 504, "top": 292,
     "guide": 397,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 48_726
+MAX_LINES_IN_ALL = 48_724
 MAX_FILES = 221
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

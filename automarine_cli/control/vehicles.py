@@ -133,8 +133,7 @@ class Actuators:
             moment = self._at_once(term, moment, before)
         if self._lag is not None:
             advance, values = self._lag
-            target_speed = speed_of(moment)
-            impulse, self._speed = advance(target_speed, self._speed, np.full((1, 1), self.step), values)
+            impulse, self._speed = advance(speed_of(moment), self._speed, np.full((1, 1), self.step), values)
             moment = impulse / self.step
         self._time = self._time + self.step
         return self.vehicles.gain[:, None] * moment

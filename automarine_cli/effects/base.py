@@ -369,10 +369,9 @@ def lagged(target: Floats, before: Floats, length: Floats, lag: Floats) -> tuple
     faded = -np.expm1(-length / lag)
     left, risen = (np.moveaxis(x, 2, 0).copy() for x in (1.0 - faded, target * faded))
     begun = np.empty(np.broadcast_shapes(left.shape, risen.shape))
-    state = np.broadcast_to(before, (*begun.shape[1:], 1))[..., 0]
-    for m in range(len(begun)):
-        begun[m] = state
-        state = left[m] * begun[m] + risen[m]
+    begun[:1] = before[..., 0]
+    for m in range(1, len(begun)):
+        begun[m] = left[m - 1] * begun[m - 1] + risen[m - 1]
     by_step = np.moveaxis(begun, 0, 2)
     return by_step, target + (by_step - target) * lag * faded / np.maximum(length, 1e-12)
 

@@ -103,6 +103,7 @@ def _of_speed(commands: Commands, values: tuple[Floats, ...]) -> Floats:
 
 
 def _of_thrust(commands: Commands, values: tuple[Floats, ...]) -> Floats:
+    """Mean force over each step, T f' = f_c - f."""
     return lagged(commands.force, commands.before, commands.length, np.maximum(values[0], MIN_LAG_S))[1]
 
 
@@ -151,8 +152,7 @@ def _relaxed(target: Floats, speed: Floats, step: Floats, lag: Floats, beyond: F
     impulse, faded = _squares(target, gap, lag, step)
     impulse, after = np.where(speed != 0, np.sign(speed), np.sign(target)) * impulse, target + gap * (1.0 - faded)
     if crosses.any():  # nowhere in nearly every step, and the logarithm is most of the work
-        wide = (np.broadcast_to(of, crosses.shape)[crosses] for of in (target, gap, step, lag, beyond))
-        goal, gap, step, lag, beyond = wide
+        goal, gap, step, lag, beyond = (of[crosses] for of in np.broadcast_arrays(target, gap, step, lag, beyond))
         zero = np.minimum(-lag * np.log(-goal / gap), step)
         before, faded = _squares(goal, gap, lag, zero)
         behind, risen = _squares(goal, -goal, beyond, step - zero)

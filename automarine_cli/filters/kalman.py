@@ -539,6 +539,7 @@ def _update(
 
 
 def _weighed(of: Floats, weights: Sequence[tuple[int, Floats | None]]) -> Floats:
+    """The sum over states of what is `of` each, times its weight, if not one."""
     return reduce(np.add, [of[place] if weight is None else of[place] * weight for place, weight in weights])
 
 
