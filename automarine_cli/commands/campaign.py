@@ -116,7 +116,7 @@ class Campaign:
 
     def plan(self, step: "CampaignStep", out: Path) -> dict[str, Any]:
         """Complete the settings of a step's command, with results in `out`. Raises NothingToDoError."""
-        from automarine_cli.diagnosis.diagnose import NAMED
+        from automarine_cli.diagnosis.verdict import NAMED
         from automarine_cli.models.store import DIAGNOSIS
 
         work, section = load(step.kind.writer), self.sections.get(step.section, {})

@@ -112,7 +112,7 @@ def _of_the_plane(
     """Diagnose a planar model; its runs are few and long, so that one in four is held out of four or more."""
     from automarine_cli.diagnosis.diagnose import split_off
     from automarine_cli.diagnosis.planar import MIN_TO_SPLIT, diagnose_planar
-    from automarine_cli.fits.planar_fit import observed
+    from automarine_cli.fits.planar_structure import observed
     from automarine_cli.models.store import read_model
     from automarine_cli.pipeline.results_folder import sha256
     from automarine_cli.thrusters.map import load_planar

@@ -221,7 +221,8 @@ def fit_planar(
     """
     from automarine_cli.fits.driven import parse_effects
     from automarine_cli.fits.known import parse_known, qualified
-    from automarine_cli.fits.planar_fit import OWN, PlanarFit, PlanarLikelihood, observed, search, with_rudder
+    from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, search
+    from automarine_cli.fits.planar_structure import OWN, observed, with_rudder
     from automarine_cli.runs.frames import frame_warnings
     from automarine_cli.runs.run import command_warnings
     from automarine_cli.thrusters.map import load_planar

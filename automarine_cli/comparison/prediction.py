@@ -27,7 +27,7 @@ from automarine_cli.comparison.simulated_runs import (
 from automarine_cli.comparison.validation import load_usable
 from automarine_cli.dofs import PLANAR, YAW, Dof
 from automarine_cli.errors import ModelError, RunError
-from automarine_cli.fits.planar_fit import CHANNELS
+from automarine_cli.fits.planar_structure import CHANNELS
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require
 from automarine_cli.logs.find import as_logs
 from automarine_cli.logs.table import columns_of

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from automarine_cli import effects
 from automarine_cli.dofs import PLANAR
 from automarine_cli.fits.characteristics import swings_back
-from automarine_cli.fits.planar_fit import CHANNELS, rough_velocities
+from automarine_cli.fits.planar_start import rough_velocities
+from automarine_cli.fits.planar_structure import CHANNELS
 from automarine_cli.models.model import Model
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.channels import unbiased_velocity, velocity_noise

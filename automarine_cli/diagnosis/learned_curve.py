@@ -15,21 +15,16 @@ from automarine_cli.diagnosis.search import (
     FORETELLS,
     MAX_EFFECTS,
     RIVAL_RANGE,
-    SEARCH_BRIEF,
     STANDS,
-    TIE,
     TO_THE_NOISE,
-    CandidateFit,
     Rivals,
     SearchResult,
     SearchStep,
-    all_refitted,
-    attempt_with,
     nearest,
     obstacle,
-    refitted,
 )
 from automarine_cli.diagnosis.study import SPREADS, DiagnosisProblem, learned_term, places, precision, smoothed
+from automarine_cli.diagnosis.trials import SEARCH_BRIEF, TIE, CandidateFit, all_refitted, attempt_with, refitted
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import (
     DRAG,

@@ -13,17 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.diagnose import (
-    NAMED,
-    NOTHING,
-    SUSPECTED,
-    UNEXPLAINED,
-    Diagnosis,
-    JudgedRuns,
-    NamedEffect,
-    listed_rivals,
-    outlook_of,
-)
+from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect, listed_rivals
 from automarine_cli.diagnosis.residual_regions import (
     Factor,
     ResidualGrid,
@@ -38,6 +28,7 @@ from automarine_cli.diagnosis.residual_regions import (
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import clear
 from automarine_cli.diagnosis.study import judged
+from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED, JudgedRuns, outlook_of
 from automarine_cli.dofs import PLANAR, SWAY, YAW, Dof
 from automarine_cli.effects import Effect, Place
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -45,17 +36,15 @@ from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Predicted, predict
 from automarine_cli.fits.driven import start_of
-from automarine_cli.fits.planar_fit import (
-    ACTUATORS,
+from automarine_cli.fits.planar_fit import ACTUATORS, PlanarLikelihood, model_content
+from automarine_cli.fits.planar_structure import (
     CHANNELS,
     NORTH_EAST,
     PLANE_DRAG_LAWS,
     Candidate,
     Observed,
-    PlanarLikelihood,
     candidates,
     inertia_tied,
-    model_content,
 )
 from automarine_cli.fits.stepwise import Judge, NamedRival, stepwise_search
 from automarine_cli.fits.whole_runs import OutputErrorFit

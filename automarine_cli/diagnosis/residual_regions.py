@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 from automarine_cli.comparison.validation import compare
-from automarine_cli.diagnosis.search import STANDS, CandidateFit
+from automarine_cli.diagnosis.search import STANDS
 from automarine_cli.diagnosis.study import DiagnosisProblem, filtered, judged, missed
+from automarine_cli.diagnosis.trials import CandidateFit
 from automarine_cli.dofs import DOFS
 from automarine_cli.effects.learned import hyphened
 from automarine_cli.effects.thruster_imbalance import PARTS

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.diagnosis import diagnose as rules
-from automarine_cli.diagnosis.diagnose import NAMED, SUSPECTED, UNEXPLAINED, NamedEffect
+from automarine_cli.diagnosis.diagnose import NamedEffect, diagnosis_json, listed_rivals
 from automarine_cli.diagnosis.residual_regions import Factor, Gap, ResidualGrid, ResidualRegions, find_regions, stretch
+from automarine_cli.diagnosis.verdict import ASTRAY, LEFT_OVER, NAMED, NOTHING, SUSPECTED, TIE_WEIGHT, UNEXPLAINED
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.estimate import Estimate, Given
 from automarine_cli.fits.stepwise import NamedRival
@@ -102,7 +102,7 @@ class ThrusterDiagnosis(Shown):
         first = self.search.looks[0]
         of = {"model": "thruster-map", "verdict": self.verdict}
         return {
-            **rules.diagnosis_json(of, self.why, self.effects, self.where, gaps, "N"),
+            **diagnosis_json(of, self.why, self.effects, self.where, gaps, "N"),
             "faulty": list(self.faults),
             "candidates": [
                 {
@@ -189,20 +189,20 @@ def _verdict(
     before, after = (max((fit.rmse / floor) ** 2 - 1.0, 0.0) for fit in (base, fit))
     well_above = fit.rmse > max(MIN_FLOOR_RATIO * floor, MATERIAL * scale)
     names = " and ".join(final.added)
-    if well_above and after > rules.LEFT_OVER * before and _neighbours_p_value(fit, seed) <= STRUCTURED:
+    if well_above and after > LEFT_OVER * before and _neighbours_p_value(fit, seed) <= STRUCTURED:
         best = "No effect of the library gains more than chance."
         if names:
             sizes = f"{fit.rmse:.3g} instead of {base.rmse:.3g} N"
             best = f"The best candidate is {names}, with which the residual is {sizes}."
         times = f"The residual is correlated along the control signal and is {fit.rmse / floor:.2f} times"
         return UNEXPLAINED, f"{times} the noise. {best}"
-    if names and held_out is not None and held_out.after > rules.ASTRAY * max(held_out.before, floor):
+    if names and held_out is not None and held_out.after > ASTRAY * max(held_out.before, floor):
         return UNEXPLAINED, f"What explains the fitted levels ({names}) makes the held-out levels worse."
     if not names and where.regions and base.rmse > MATERIAL * scale:
         return UNEXPLAINED, f"The error is beyond chance {stretch(where.regions[0])}."
     if not names:
-        return rules.NOTHING, ""
-    tied = next((effect for effect in effects if effect.confidence < rules.TIE_WEIGHT), None)
+        return NOTHING, ""
+    tied = next((effect for effect in effects if effect.confidence < TIE_WEIGHT), None)
     if tied is not None:
         alternatives = " or ".join(rival.name for rival in tied.rivals)
         share = f"{100 * tied.confidence:.0f} %"
@@ -227,7 +227,7 @@ def _named_effects(search: selection.MapSearch, floor: float) -> tuple[NamedEffe
             NamedRival(rival, chance, _split_by(search.final.fit, name, candidate, floor))
             for rival, (candidate, chance) in selection.rivals_of(search, name).items()
         ]
-        weight, rivals = rules.listed_rivals(odds, 1.0 - p_value)
+        weight, rivals = listed_rivals(odds, 1.0 - p_value)
         values = effect_parameters(search.final.fit, name, search.looks[0].before.fit)
         effects.append(NamedEffect(name, "", f"{THRUST_SAYS[name]}.", values, weight, p_value, rivals))
     return tuple(effects)

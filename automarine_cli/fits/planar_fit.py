@@ -1,25 +1,22 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 from scipy import special
-from scipy.integrate import cumulative_trapezoid
 
 from automarine_cli import effects
-from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW, Dof
-from automarine_cli.effects import Commands, Place
-from automarine_cli.effects.rudder_offset import RudderOffset
+from automarine_cli.dofs import PLANAR, SURGE, SWAY, YAW
+from automarine_cli.effects import Place
 from automarine_cli.effects.rudder_race import RudderRace
 from automarine_cli.effects.sensor_lag import SensorLag
 from automarine_cli.effects.thruster_dead_band import ThrusterDeadBand
 from automarine_cli.effects.thruster_imbalance import ARM, PARTS, ThrusterImbalance, acts_singly
 from automarine_cli.effects.thruster_lag import OF_EACH
 from automarine_cli.effects.thruster_limit import ThrusterLimit
-from automarine_cli.errors import FitError
 from automarine_cli.estimate import Estimate
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits.driven import (
@@ -45,28 +42,35 @@ from automarine_cli.fits.innovations import (
     randomness,
 )
 from automarine_cli.fits.linear_mixed import bounded_solution
+from automarine_cli.fits.planar_start import (
+    by_momentum,
+    put_over,
+    rough_sizes,
+    rough_velocities,
+    unbalanced,
+    usual_gyration,
+)
+from automarine_cli.fits.planar_structure import (
+    NORTH_EAST,
+    OWN,
+    SKEW,
+    Candidate,
+    Family,
+    Observed,
+    candidates,
+    inertia_tied,
+    structure_of,
+    widest,
+)
 from automarine_cli.fits.stepwise import Judge, stepwise_search
 from automarine_cli.fits.whole_runs import OutputErrorFit, covariance_json, result_of
-from automarine_cli.models.model import COMMAND_DELAY, CURRENT, INERTIA_COUPLINGS, Model, Term, label_of
+from automarine_cli.models.model import COMMAND_DELAY, Model, Term
 from automarine_cli.models.parameter import Parameter, Parameters, Priors
 from automarine_cli.models.store import planar_json
 from automarine_cli.pipeline.records import Document, Shown, json_document
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.run import ExcludedRun, Run, filled, runs_json
+from automarine_cli.runs.run import ExcludedRun, Run, runs_json
 
-CHANNELS = ("heading", "yaw_rate", "surge", "sway", "north", "east")
-NORTH_EAST = ("north", "east")
-PLANE_DRAG_LAWS = ("linear-drag", "quadratic-drag")
-CROSS_DRAGS = ("Y_r", "N_v", "N_ur", "Y_uv")
-"""Forces by the velocities of others that a hull alike on both sides has: sway force by turning, moment by drifting,
-turns that are damped by the speed ahead, and the lift of a hull at an angle (Fossen 2021, chapter 6)."""
-STEERED_BY = ("N_uv", "N_ur")  # a hull that its rudder alone turns has both: else drifting would turn it about
-WITH_WAY_ON = (*STEERED_BY, "Y_ur", "Y_uv")
-"""What such a hull may have, as it always has way on: all by lift, which grows with the speed ahead. Beside them no
-inertia in yaw can be told from Munk's moment."""
-OWN = tuple(dof.parameter(role) for dof in PLANAR.dofs for role in ("inertia", "linear", "quadratic"))
-"""Qualified names of inertias and drags, which are above zero."""
-SKEW = "planar.m_vr"
 DEAD_BAND, STALL = "dead-band", "rudder-stall"
 ACTUATORS = (
     (THRUSTER_LAG, 0), (THRUSTER_LAG, OF_EACH), (THRUSTER_LAG, 1), (DEAD_BAND, 0), (ThrusterDeadBand.name, 0),
@@ -85,371 +89,13 @@ GEARS = (
     tuple((5.0, 1.0, float(lag)) for lag in np.geomspace(0.05, 1.6, 21)),
 )
 """Steering gears from which a fit may start, by law: largest rate [rad/s], law, time constant [s]."""
-RUDDER_EFFECTS = ("rudder", "rudder-drag")
 START_LAG_S = 0.01  # from which a lag starts at least
 IDLE_SHARE = 0.05  # of its usual size at which nothing is left of it
 STEADY_LEVEL = 0.975  # at which the mean gain of a run has to exceed zero, by Student's t
-DECAY_S = 1.0  # s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)
-SLOPE_WINDOW_S = 1.0  # s over which velocities are told from positions
-
-
-@dataclass(frozen=True)
-class Assumption:
-    """What the logs do not tell: `parameter` is taken as `equals` says, because."""
-
-    parameter: str
-    equals: str
-    because: str
-
-    def __str__(self) -> str:
-        return f"{self.parameter} = {self.equals}: {self.because}"
-
-
-@dataclass(frozen=True)
-class Observed:
-    """What the logs of a campaign hold: the `channels` that have readings, the translations that these show, and
-    whether a `rudder_alone` steers, as neither a moment nor a force abeam is logged."""
-
-    channels: tuple[str, ...]
-    rudder_alone: bool = False
-
-    @property
-    def dofs(self) -> tuple[Dof, ...]:
-        return tuple(dof for dof in PLANAR.dofs if dof is YAW or self.over_ground or dof.velocity in self.channels)
-
-    @property
-    def over_ground(self) -> bool:
-        """Whether places are measured: velocities alone may be those through the water."""
-        return set(NORTH_EAST) <= set(self.channels)
-
-    @property
-    def unread(self) -> list[tuple[Dof, Dof]]:
-        """The translation that the logs do not show, with the one that stands for it."""
-        return [pair for pair in ((SURGE, SWAY), (SWAY, SURGE)) if pair[0] not in self.dofs]
-
-    @property
-    def ties(self) -> tuple[tuple[str, str, float], ...]:
-        """What the logs do not tell, and which parameter stands for it times which factor."""
-        factors = {"inertia": 1.0, "linear": 1.0 / DECAY_S}
-        return tuple(
-            (dof.parameter(role), other.parameter("inertia"), factor)
-            for dof, other in self.unread
-            for role, factor in factors.items()
-        )
-
-    def assumptions(self, model: Model) -> tuple[Assumption, ...]:
-        """What stands in for measurements that the logs lack."""
-        lacking: list[Assumption] = []
-        for dof, other in self.unread:
-            why = f"the logs hold no {dof.name} speed and no position on the water"
-            its, dies_out = other.parameter("inertia"), f"{dof.name} is taken to die out in {DECAY_S:g} s"
-            lacking.append(Assumption(dof.parameter("inertia"), its, why))
-            lacking.append(Assumption(dof.parameter("linear"), f"{its} / {DECAY_S:g} s", dies_out))
-        if SKEW in model.fixed:
-            lacking.append(Assumption(SKEW, "0", "sway and yaw are taken about the centre of both masses"))
-        for name, source, factor in model.ties:
-            if name == YAW.parameter("inertia"):
-                why = "a rudder alone gives no moment of known size; all moments are as large as for a usual hull"
-                lacking.append(Assumption(name, f"{factor:.3g} m² {source}", why))
-        lacking.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
-        return tuple(lacking)
-
-    def simplest(self, sizes: Mapping[str, float]) -> Model:
-        """The model with quadratic drag of everything that is measured, and what turns a hull that its rudder alone
-        steers, nothing else, from `rough_sizes`."""
-        values = {**sizes, **{name: factor * sizes[source] for name, source, factor in self.ties}}
-        masses = tuple(values[dof.parameter("inertia")] for dof in PLANAR.dofs)
-        terms = []
-        for place, dof in enumerate(PLANAR.dofs):
-            role = "quadratic" if dof in self.dofs else "linear"
-            terms.append(Term(f"{role}-drag", (values[dof.parameter(role)],), True, place))
-        if self.rudder_alone and SWAY in self.dofs:
-            terms += map(Term.cross, STEERED_BY)
-        couplings = tuple(f"{PLANAR.name}.{name}" for name in INERTIA_COUPLINGS)
-        return Model(PLANAR, (*masses, *(0.0 for _ in couplings)), tuple(terms), "N m", fixed=couplings, ties=self.ties)
-
-    def names(self) -> dict[str, str]:
-        """Qualified names of the parameters that models of these logs may have, by what users write."""
-        free = widest(self.simplest(dict.fromkeys(OWN, 1.0)), partial(candidates, observed=self)).free
-        known = [SKEW] if SWAY in self.dofs else []  # by who has weighed a vehicle, also where no log can tell
-        names = {name if name in CURRENT else name.partition(".")[2]: name for name in (*free, *known)}
-        return names | {COMMAND_DELAY: COMMAND_DELAY}
-
-
-def observed(runs: Sequence[Run]) -> Observed:
-    """The channels of which any run has readings. Raises FitError where nothing but the heading is measured."""
-    rudder_alone = not any(run.command_of(dof).any() for run in runs for dof in (SWAY, YAW))
-    channels = Observed(tuple(name for name in CHANNELS if any(_read(run, name) for run in runs)), rudder_alone)
-    if len(channels.dofs) == 1:
-        raise FitError(
-            "the logs hold no surge or sway speed (surge_m_s, sway_m_s) and no position on the water (north_m and "
-            "east_m): their coupling with yaw cannot be identified. Name the columns with --columns, or give "
-            "the logs to "
-            "automarine fit-yaw"
-        )
-    return channels
-
-
-def with_rudder(names: Sequence[str], runs: Sequence[Run], observed: Observed) -> tuple[str, ...]:
-    """Effects that are asked for, and those of a rudder where nothing else steers and every run logs it."""
-    steered = observed.rudder_alone and all("rudder" in run.extras for run in runs)
-    return tuple(dict.fromkeys((*names, *(RUDDER_EFFECTS if steered else ()))))
-
-
-def _read(run: Run, quantity: str) -> bool:
-    column = run.channel(quantity)
-    summed = run.summed_up and quantity == run.dof.position
-    return column is not None and not summed and bool(np.isfinite(column).any())
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An effect by its name, the parameters that it adds, and the model with it, which begins as the model without it,
-    or so near to that that slopes are those there; where it stands for another drag, with as much at usual speed."""
-
-    name: str
-    added: tuple[str, ...]
-    model: Model
-
-    @property
-    def label(self) -> str:
-        return label_of(self.name, self.added)
-
-    @property
-    def dof(self) -> Dof:
-        """The motion in which it acts; yaw where it does in several."""
-        names = {name.partition(".")[0] for name in self.added}
-        return next((dof for dof in reversed(PLANAR.dofs) if dof.name in names), YAW)
-
-    @classmethod
-    def of_term(cls, model: Model, term: Term) -> "Candidate":
-        return cls.of_terms("cross-coupling" if term.is_cross else term.name, model.with_term(term), term)
-
-    @classmethod
-    def of_terms(cls, name: str, model: Model, *terms: Term) -> "Candidate":
-        """The candidate of a `model` that has its `terms`, all of its name if none is given."""
-        terms = terms or tuple(term for term in model.terms if term.name == name)
-        added = [parameter for term in terms for parameter in model.names_of(term) if parameter in model.free]
-        return cls(name, tuple(added), model)
 
 
 Begin = tuple[Model, Mapping[str, float]]
 """Where a fit begins: a model, and the sizes of what is random."""
-Family = Callable[[Model], Iterator[Candidate]]
-
-
-def candidates(model: Model, observed: Observed, rough: Mapping[str, float] | None = None) -> Iterator[Candidate]:
-    """What logs may tell of a hull and a model lacks: couplings, laws of drag, a propeller's race past the rudder, a
-    current; given `rough_sizes`, linear drag in place of quadratic drag too, which gains there at most what it gains
-    beside it.
-
-    No m_vr where a rudder alone steers: as long as motions are small any m_vr answers the rudder alike, with other
-    derivatives, and it would take whatever else the model lacks."""
-    have, yaw = {(term.dof, term.name) for term in model.terms}, PLANAR.index(YAW)
-    for term in map(Term.cross, WITH_WAY_ON if observed.rudder_alone else CROSS_DRAGS):
-        if (term.dof, term.name) not in have and (SWAY in observed.dofs or term.name == "N_ur"):
-            yield Candidate.of_term(model, term)
-    if SWAY in observed.dofs and SKEW in model.fixed and not observed.rudder_alone:
-        fixed = tuple(name for name in model.fixed if name != SKEW)
-        yield Candidate("cross-coupling", (SKEW,), replace(model, fixed=fixed))
-    steering = [term.dof for term in model.terms if term.name == "rudder"]
-    if unraced := [place for place in steering if (place, RudderRace.name) not in have]:
-        raced = model
-        for place in unraced:
-            raced = raced.with_term(Term(RudderRace.name, (0.0,), dof=place))
-        added = tuple(name for name in raced.parameter_names if name not in model.parameter_names)
-        yield Candidate(RudderRace.name, added, raced)
-    if steering and (yaw, RudderOffset.name) not in have:
-        yield Candidate.of_term(model, Term(RudderOffset.name, (0.0,), dof=yaw))
-    for dof in observed.dofs:
-        lacking = [law for law in PLANE_DRAG_LAWS if (PLANAR.index(dof), law) not in have]
-        for law in lacking:
-            yield Candidate.of_term(model, Term(law, (0.0,), True, PLANAR.index(dof)))
-        if rough is not None and lacking == ["linear-drag"]:
-            linear = dof.parameter("linear")
-            share = rough[linear] / rough[dof.parameter("quadratic")]
-            terms = tuple(
-                replace(term, name="linear-drag", values=(share * term.values[0],))
-                if (term.dof, term.name) == (PLANAR.index(dof), "quadratic-drag") else term
-                for term in model.terms
-            )  # fmt: skip
-            yield Candidate("linear-drag", (linear,), replace(model, terms=terms))
-    if model.water is None and observed.over_ground:
-        yield Candidate("current", CURRENT, replace(model, water=(0.0, 0.0)))
-
-
-def widest(model: Model, family: Family) -> Model:
-    """The model with everything that a family of candidates knows."""
-    following = next(family(model), None)
-    while following is not None:
-        model = following.model
-        following = next(family(model), None)
-    return model
-
-
-def inertia_tied(model: Model, gyration: float) -> Model:
-    """The model with its inertia in yaw as its mass abeam times a square of the radius of `gyration` [m²]."""
-    ahead, abeam, inertia = (dof.parameter("inertia") for dof in PLANAR.dofs)
-    mass = ahead if abeam in [name for name, *_ in model.ties] else abeam
-    tied = replace(model, ties=(*model.ties, (inertia, mass, gyration)))
-    return tied.with_theta([*model.theta[:2], gyration * model.values[mass], *model.theta[3:]])
-
-
-def structure_of(model: Model, observed: Observed) -> str:
-    """Say which drags, couplings and current a model has."""
-    have, parts = {(term.dof, term.name) for term in model.terms}, list[str]()
-    for dof in observed.dofs:
-        laws = [law.removesuffix("-drag") for law in PLANE_DRAG_LAWS if (PLANAR.index(dof), law) in have]
-        parts.append(f"{dof.name} drag {' and '.join(laws)}")
-    parts += [term.name for term in model.terms if term.is_cross]
-    parts += dict.fromkeys(term.name for term in model.terms if not term.base)
-    parts += [] if SKEW in model.fixed else [SKEW.partition(".")[2]]
-    return ", ".join([*parts, *(["current"] if model.water else [])])
-
-
-def rough_velocities(run: Run) -> dict[str, Floats]:
-    """Surge, sway [m/s] and yaw rate [rad/s] of a run, each (N,): as read, else from places and heading over
-    `SLOPE_WINDOW_S`; NaN where neither tells."""
-    velocities: dict[str, Floats] = {}
-    if _read(run, YAW.position):
-        velocities[YAW.velocity] = _slope(run.time, run.position)
-    if all(_read(run, name) for name in NORTH_EAST):
-        north, east = (_slope(run.time, np.asarray(run.channel(name))) for name in NORTH_EAST)
-        cosine, sine = np.cos(run.position), np.sin(run.position)
-        velocities[SURGE.velocity] = cosine * north + sine * east
-        velocities[SWAY.velocity] = cosine * east - sine * north
-    for dof in PLANAR.dofs:
-        if _read(run, dof.velocity):
-            velocities[dof.velocity] = np.asarray(run.channel(dof.velocity))
-    return velocities
-
-
-def _slope(time: Floats, values: Floats) -> Floats:
-    """Central difference over `SLOPE_WINDOW_S`, (N,)."""
-    finite = np.isfinite(values)
-    ahead, behind = (np.clip(time + side * SLOPE_WINDOW_S / 2, time[0], time[-1]) for side in (1, -1))
-    there, back = (np.interp(at, time[finite], values[finite]) for at in (ahead, behind))
-    return np.asarray((there - back) / np.maximum(ahead - behind, 1e-9))
-
-
-RUDDER_ARM_M = 0.1  # m
-
-
-def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
-    """Orders of size from which fits start, by qualified name: drag that balances the usual force at the usual
-    velocity, and an inertia that takes `DECAY_S` to get there; `by_momentum` is nearer where velocities are known."""
-    sizes: dict[str, float] = {}
-    for dof in PLANAR.dofs:
-        forces = np.concatenate([run.command_of(dof) for run in runs])
-        columns = [v[dof.velocity] for run in runs if dof.velocity in (v := rough_velocities(run))]
-        speeds = np.abs(np.concatenate(columns)) if columns else np.zeros(0)
-        speeds = speeds[np.isfinite(speeds)]
-        speed = max(float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, dof.limits.unmoved)
-        force = float(np.sqrt(np.mean(forces**2)))
-        if force == 0.0 and dof is YAW:  # by a rudder: as much as the thrust ahead gives at a small arm
-            force = RUDDER_ARM_M * float(np.sqrt(np.mean(np.concatenate([r.command_of(SURGE) for r in runs]) ** 2)))
-        linear = max(force, 1e-3) / speed
-        sizes |= {
-            dof.parameter("linear"): linear,
-            dof.parameter("quadratic"): linear / speed,
-            dof.parameter("inertia"): linear * DECAY_S,
-        }
-    for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
-        if not any(run.command_of(dof).any() for run in runs):  # moved by the others alone
-            for role in ("linear", "quadratic", "inertia"):
-                sizes[dof.parameter(role)] = sizes[other.parameter(role)]
-    return sizes
-
-
-MOMENTUM_S = 5.0  # over which what forces sum up to is compared with the change of momentum
-HULL_KG_M3 = 10.0  # mass with added mass, ahead, over the cube of the length, as of tankers and of slender AUVs
-
-
-def usual_gyration(ahead: float) -> float:
-    """Square of the radius of gyration in yaw [m²], for the mass abeam, of a hull of usual proportions: a quarter of
-    the length, which follows from the mass ahead [kg] (a 7 m model of a tanker: 3.1 for 2.8)."""
-    return ((ahead / HULL_KG_M3) ** (1.0 / 3.0) / 4.0) ** 2
-
-
-def by_momentum(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]:
-    """Values from which fits start of those parameters of a model that are called `names`, by least squares; without
-    motions whose inertia, and without drags that, come out below zero.
-
-    Over windows of `MOMENTUM_S` the forces sum up to the change of momentum, in axes that turn, and to what drag,
-    couplings and rudder take. Motions with a logged force come first; the others take their inertias as known. Where no
-    moment is logged the inertia is that of usual proportions.
-    """
-    balances, sizes = [momentum_balance(run) for run in runs], dict[str, float]()
-    driven = {dof.name: any(run.command_of(dof).any() for run in runs) for dof in PLANAR.dofs}
-    for dof in sorted(PLANAR.dofs, key=lambda dof: not driven[dof.name]):
-        own, inertia = f"{dof.name}.", dof.parameter("inertia")
-        if dof is YAW and not driven[dof.name] and (ahead := sizes.get(SURGE.parameter("inertia"))):
-            sizes[inertia] = sizes.get(SWAY.parameter("inertia"), ahead) * usual_gyration(ahead)
-        columns = {name: np.concatenate([each[dof.name][name] for each in balances]) for name in balances[0][dof.name]}
-        force = columns.pop(dof.command) - sum(sizes[name] * columns[name] for name in columns if name in sizes)
-        if not (free := [name for name in columns if name in names and name not in sizes]):
-            continue
-        solution = np.linalg.lstsq(np.stack([columns[name] for name in free], axis=1), force)[0].tolist()
-        values = {name: value for name, value in zip(free, solution) if value > 0 or name not in OWN}
-        if inertia in sizes or inertia in values:
-            sizes |= {name: value for name, value in values.items() if name.startswith(own)}
-    return sizes
-
-
-def momentum_balance(run: Run) -> dict[str, dict[str, Floats]]:
-    """Sums over each window of a run, (W,), for surge, sway and yaw: what parameters multiply, by qualified name, and
-    the command. A velocity that is not read counts as zero."""
-    rough, time = rough_velocities(run), run.time
-    u, v, r = (filled(time, rough.get(dof.velocity, 0.0 * time)) for dof in PLANAR.dofs)
-    length = min(MOMENTUM_S, time[-1] - time[0])
-    first = np.searchsorted(time, np.arange(time[0], time[-1] - 0.999 * length, 0.5 * length))
-    last = np.minimum(np.searchsorted(time, time[first] + length), len(time) - 1)
-
-    def over(values: Floats) -> Floats:
-        total = cumulative_trapezoid(values, time, initial=0.0)
-        return np.asarray(total[last] - total[first])
-
-    rudder, passing = np.asarray(run.extras.get("rudder", 0.0 * time)), u * np.abs(u)
-    steering = -over(rudder * passing)
-    balances = {
-        SURGE.name: {
-            "surge.m_u": u[last] - u[first], "sway.m_v": -over(v * r), "surge.X_uu": over(passing),
-            "surge.rudder-drag.X_deltadelta": over(rudder**2 * passing),
-        },
-        SWAY.name: {
-            "surge.m_u": over(u * r), "sway.m_v": v[last] - v[first], "sway.Y_vv": over(v * np.abs(v)),
-            "sway.rudder.Y_delta": steering,
-        },
-        YAW.name: {
-            "surge.m_u": -over(u * v), "sway.m_v": over(u * v), "yaw.I_r": r[last] - r[first],
-            "yaw.k_rr": over(r * np.abs(r)), "yaw.rudder.N_delta": steering, "yaw.N_ur": over(np.abs(u) * r),
-            "yaw.N_v": over(v), "yaw.N_uv": over(np.abs(u) * v),
-        },
-    }  # fmt: skip
-    return {dof.name: {**balances[dof.name], dof.command: over(run.command_of(dof))} for dof in PLANAR.dofs}
-
-
-def unbalanced(runs: Sequence[Run], sizes: Mapping[str, float]) -> float:
-    """Sum over sway and yaw of the logarithm of the mean square of what momenta leave over by these `sizes` of
-    parameters, as a share of all that goes in; infinity where these are none."""
-    balances, total = [momentum_balance(run) for run in runs], 0.0
-    for dof in (SWAY, YAW):
-        columns = {name: np.concatenate([b[dof.name][name] for b in balances]) for name in balances[0][dof.name]}
-        force = columns.pop(dof.command)
-        parts = np.stack([sizes.get(name, 0.0) * column for name, column in columns.items()])
-        left_over, size = np.mean((force - parts.sum(axis=0)) ** 2), np.mean(np.abs(parts).sum(axis=0) ** 2)
-        total += float(np.log(left_over / size)) if size > 0 and left_over > 0 else np.inf
-    return total
-
-
-def put_over(run: Run, gear: tuple[float, ...]) -> Run:
-    """The run with the angle that a steering gear gives its rudder."""
-    angle, length = run.extras["rudder"], np.diff(run.time, append=run.time[-1])
-    commands = Commands(
-        angle[None, None], run.time[None, None], length[None, None], angle[None, :1], np.zeros((1, 1)), {}
-    )
-    values = tuple(np.full((1, 1, 1), value) for value in gear)
-    return replace(run, extras={**run.extras, "rudder": effects.get(STEERING_GEAR).deliver(commands, values)[0, 0]})
 
 
 def forecasts_of(problem: DrivenProblem, fit: Fit) -> Judgement:

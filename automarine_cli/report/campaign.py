@@ -15,7 +15,8 @@ from typing import Any
 from automarine_cli import effects
 from automarine_cli.comparison.validation import VALIDATION, ForecastEntry, ValidationFile
 from automarine_cli.control.tuning import TUNING
-from automarine_cli.diagnosis.diagnose import MIN_RUNS, NAMED, NOTHING, SUSPECTED, UNEXPLAINED
+from automarine_cli.diagnosis.diagnose import MIN_RUNS
+from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
 from automarine_cli.dofs import DOFS, PLANAR, YAW, Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ExcludedRun, OutputError

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects as library
-from automarine_cli.diagnosis import diagnose as words
+from automarine_cli.diagnosis import verdict as words
 from automarine_cli.diagnosis.diagnose import Diagnosis, NamedEffect
 from automarine_cli.diagnosis.residual_regions import Region
 from automarine_cli.diagnosis.scores import CLAIM_LEVEL
-from automarine_cli.diagnosis.search import BASE_DRAG
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
+from automarine_cli.diagnosis.trials import BASE_DRAG
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore

@@ -18,7 +18,8 @@ from automarine_cli.fits.identify import MIN_NOISE_RATIO, YawFit, effect_estimat
 from automarine_cli.fits.innovations import channel_noises, sensors_of
 from automarine_cli.fits.linear_mixed import GAIN, START_VELOCITY
 from automarine_cli.fits.paper import BIAS_LIMIT, DragFit
-from automarine_cli.fits.planar_fit import PlanarFit, criterion, structure_of
+from automarine_cli.fits.planar_fit import PlanarFit, criterion
+from automarine_cli.fits.planar_structure import structure_of
 from automarine_cli.fits.preference import Preference
 from automarine_cli.fits.steps import FADING, MIN_P_BENDS, MIN_P_PARAMETERS, STIRRED, Consistency
 from automarine_cli.fits.whole_runs import OutputErrorFit

@@ -18,8 +18,8 @@ from step_fits import fitted_steps
 from automarine_cli import effects
 from automarine_cli.commands.fit_thrusters import fit_thrusters
 from automarine_cli.diagnosis.diagnose import base_estimates, parameter_estimates
-from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.trials import CandidateFit
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.estimate import Estimate

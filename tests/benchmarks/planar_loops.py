@@ -11,7 +11,8 @@ import arguments
 import numpy as np
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.planar_fit import PlanarLikelihood, observed
+from automarine_cli.fits.planar_fit import PlanarLikelihood
+from automarine_cli.fits.planar_structure import observed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 

@@ -23,7 +23,8 @@ from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
 from automarine_cli.fits.driven import THRUSTER_LAG
-from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, observed, search
+from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, search
+from automarine_cli.fits.planar_structure import observed
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.quantities import Floats
 from automarine_cli.report.tables import Table

@@ -8,8 +8,9 @@ from effect_contract import base_for, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
 
 from automarine_cli.diagnosis.diagnose import base_estimates, diagnose_runs
-from automarine_cli.diagnosis.search import CandidateFit, candidate_fit, drag_right, without_idle_drag
+from automarine_cli.diagnosis.search import drag_right, without_idle_drag
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
+from automarine_cli.diagnosis.trials import CandidateFit, candidate_fit
 from automarine_cli.models.model import Model
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run

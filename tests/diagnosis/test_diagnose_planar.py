@@ -13,7 +13,8 @@ from made_planar import HIDDEN, campaign, quadratic_drags
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.planar import FittedCandidate, base_of, diagnose_planar, find_planar_where, verdict_of
 from automarine_cli.diagnosis.residual_regions import Region
-from automarine_cli.fits.planar_fit import Observed, PlanarLikelihood, observed
+from automarine_cli.fits.planar_fit import PlanarLikelihood
+from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels, models_of
 from automarine_cli.report.diagnosis_report import candidates

@@ -15,8 +15,8 @@ from stirred import K_RR as WATER_K_RR
 from tank import pool_campaign
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs, parameter_estimates
-from automarine_cli.diagnosis.search import attempt_with, candidate_fit, refitted
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.trials import attempt_with, candidate_fit, refitted
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
 from automarine_cli.quantities import STEERED

@@ -7,8 +7,8 @@ from made_surge import LINEAR, MASS, QUADRATIC, steps
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.residual_regions import find_where
 from automarine_cli.diagnosis.scores import DRAWS, larger, signed_scores
-from automarine_cli.diagnosis.search import candidate_fit
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.trials import candidate_fit
 from automarine_cli.dofs import SURGE
 from automarine_cli.models.model import Model
 

@@ -17,8 +17,8 @@ from automarine_cli.diagnosis.residual_regions import (
     of_samples,
     over_variables,
 )
-from automarine_cli.diagnosis.search import CandidateFit, candidate_fit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
+from automarine_cli.diagnosis.trials import CandidateFit, candidate_fit
 from automarine_cli.dofs import YAW
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run

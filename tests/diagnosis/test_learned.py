@@ -19,8 +19,9 @@ from automarine_cli.commands import automarine
 from automarine_cli.commands.diagnose import diagnose
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.learned_curve import ties
-from automarine_cli.diagnosis.search import CandidateFit, SearchResult, variants
+from automarine_cli.diagnosis.search import SearchResult
 from automarine_cli.diagnosis.study import DiagnosisProblem, places, precision, smoothed
+from automarine_cli.diagnosis.trials import CandidateFit, variants
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.effects import State
 from automarine_cli.effects.learned import KNOTS, basis, roughness

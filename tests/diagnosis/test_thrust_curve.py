@@ -10,8 +10,9 @@ import pytest
 from few_candidates import few_candidates
 
 import automarine_cli as am
-from automarine_cli.diagnosis.search import CandidateFit, candidate_fit, curved, gain_exponent
+from automarine_cli.diagnosis.search import curved, gain_exponent
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
+from automarine_cli.diagnosis.trials import CandidateFit, candidate_fit
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.models.model import Model

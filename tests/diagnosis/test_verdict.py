@@ -13,22 +13,14 @@ from made_driven import Sea, steered, turned
 from scipy import signal, special
 
 from automarine_cli import effects
-from automarine_cli.diagnosis import diagnose, search
-from automarine_cli.diagnosis.diagnose import (
-    CONFIRMED,
-    Diagnosis,
-    NamedRival,
-    Share,
-    confirmed,
-    diagnose_runs,
-    shares,
-    split_by,
-    support,
-)
+from automarine_cli.diagnosis import diagnose, search, verdict
+from automarine_cli.diagnosis.diagnose import Diagnosis, NamedRival, diagnose_runs, split_by
 from automarine_cli.diagnosis.residual_regions import Gap, Region, gap_ahead
 from automarine_cli.diagnosis.scores import Scores, score
-from automarine_cli.diagnosis.search import CandidateFit, SearchResult, SearchStep, candidate_fit, compensating
+from automarine_cli.diagnosis.search import SearchResult, SearchStep, compensating
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
+from automarine_cli.diagnosis.trials import CandidateFit, all_refitted, attempt_with, candidate_fit, refitted
+from automarine_cli.diagnosis.verdict import CONFIRMED, Share, confirmed, shares, support
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.kalman import Predicted
 from automarine_cli.models.model import Model
@@ -76,9 +68,9 @@ def test_a_name_that_changes_nothing_is_only_suspected(
     steadier: float, verdict: str, diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Held-out errors that do not fall, with a thrust that scatters as before: more likely runs alone make no name."""
-    gap = diagnose.gap
-    monkeypatch.setattr(diagnose, "gap", lambda *of, **how: replace(gap(*of, **how), before=1e-4, after=1e-4))
-    monkeypatch.setattr(diagnose, "STEADIER", steadier)
+    gap = verdict.gap
+    monkeypatch.setattr(verdict, "gap", lambda *of, **how: replace(gap(*of, **how), before=1e-4, after=1e-4))
+    monkeypatch.setattr(verdict, "STEADIER", steadier)
     assert diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6]).verdict == verdict
 
 
@@ -122,12 +114,12 @@ def test_what_stays_beside_a_name_is_said(diagnosed: Judge) -> None:
 def test_a_drift_of_thrust_hides_an_effect_only_where_it_is_no_trifle(
     diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(diagnose, "gains_drift", lambda *of: True)
-    monkeypatch.setattr(diagnose, "LEFT_OVER", 0.0)  # the effect leaves the scatter of thrust as it was
+    monkeypatch.setattr(verdict, "gains_drift", lambda *of: True)
+    monkeypatch.setattr(verdict, "LEFT_OVER", 0.0)  # the effect leaves the scatter of thrust as it was
     kept = campaign(NAME, seed=2, wave=(1.2, 0.9))[:6]
     named = diagnosed(campaign(NAME), kept)
     assert named.verdict == "named" and "drifts over the campaign more than chance allows" in named.remainder
-    monkeypatch.setattr(diagnose, "MIN_DRIFTING_SCATTER", 0.0)
+    monkeypatch.setattr(verdict, "MIN_DRIFTING_SCATTER", 0.0)
     hidden = diagnosed(campaign(NAME), kept)
     assert hidden.verdict == "unexplained" and "drifts over the campaign" in hidden.why and NAME in hidden.why
 
@@ -162,7 +154,7 @@ def test_nothing_is_missing_only_where_nothing_stands_out(diagnosed: Judge, monk
 def test_a_name_that_its_rivals_outweigh_is_a_tie(behind: tuple[float, ...], tied: bool) -> None:
     blank: Any = SimpleNamespace(counted=(NAME,), feigned=0.0)
     rivals = {NAME: {f"other-{far:g}": far for far in behind}}
-    why = diagnose._no_name(SearchResult(blank, blank, blank, (), {}, rivals), None)
+    why = verdict._no_name(SearchResult(blank, blank, blank, (), {}, rivals), None)
     assert ("A tie" in why) == tied and all((rival in why) == tied for rival in rivals[NAME])
 
 
@@ -229,10 +221,10 @@ def test_innovations_that_foretell_each_other_leave_something_unexplained_and_wh
     white = np.random.default_rng(0).standard_normal((4, 800))
     variance, time = np.full(white.shape, 4.0), np.tile(0.5 * np.arange(800), (4, 1))
     variance[:, ::7] = 0.0  # nothing was read
-    assert -4.0 <= diagnose.whitening_gain(2.0 * white, variance, time) < 4.0
+    assert -4.0 <= verdict.whitening_gain(2.0 * white, variance, time) < 4.0
     coloured = signal.lfilter([1.0], [1.0, -0.3], white)
     gained = 0.5 * white.size * np.log(1.0 / (1.0 - 0.3**2))
-    assert diagnose.whitening_gain(coloured, np.ones(white.shape), time) == pytest.approx(gained, rel=0.2)
+    assert verdict.whitening_gain(coloured, np.ones(white.shape), time) == pytest.approx(gained, rel=0.2)
 
 
 def test_an_effect_below_the_noise_is_said_to_be_small_unless_thrust_is_steadier_with_it() -> None:
@@ -240,10 +232,10 @@ def test_an_effect_below_the_noise_is_said_to_be_small_unless_thrust_is_steadier
     noise = np.radians(np.random.default_rng(0).standard_normal((4, 200)))
     for change_deg, steadier, small in ((0.3, 0.0, True), (0.3, 0.01, False), (1.5, 0.0, False)):
         runs = Gap(1.1, 1.0, np.radians(1.0), residuals=(noise + np.radians(change_deg), noise))
-        says = diagnose.smallness(YAW, runs, Share(blank, 30.0, 0.0, steadier))
+        says = verdict.smallness(YAW, runs, Share(blank, 30.0, 0.0, steadier))
         assert says == ("It is small: it changes the heading by 0.3 deg, and the noise is 1 deg." if small else "")
     none = Gap(np.nan, np.nan, np.radians(1.0), residuals=(noise[0, :0], noise[0, :0]))  # no run is long enough
-    assert not diagnose.smallness(YAW, none, Share(blank, 30.0, 0.0, 0.0))
+    assert not verdict.smallness(YAW, none, Share(blank, 30.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("length", "horizon"), [(9, 5.0), (4, 2.0), (1, 2.0)])
@@ -277,9 +269,9 @@ def test_where_no_run_is_held_out_a_name_predicts_the_fitted_ones_better(
 ) -> None:
     """A learned curve was named with which the heading was predicted worse than without it."""
     judged = SimpleNamespace(gap=Gap(5.4, after, 0.1))
-    monkeypatch.setattr(diagnose, "judged_runs", lambda *_, fitted: judged)
+    monkeypatch.setattr(verdict, "judged_runs", lambda *_, fitted: judged)
     result: Any = SimpleNamespace(study=SimpleNamespace(driven=True), base=None, final=None)
-    why = diagnose._borne_out(result, None, None)
+    why = verdict._borne_out(result, None, None)
     assert why.startswith("No run is held out, and what was added") == bool(doubt) and doubt in why
 
 
@@ -292,7 +284,7 @@ def test_what_a_loop_of_an_unlogged_gyro_feigns_is_only_suspected(gained: float,
     first = SimpleNamespace(trials=[pair, alone], gain=lambda trial: gained if trial is alone else 1e9)
     base = SimpleNamespace(evidence=1e9)
     result: Any = SimpleNamespace(rounds=[first], study=SimpleNamespace(feigned=feigned), base=base, final=pair)
-    why = diagnose._feigned(result, NAME)
+    why = verdict._feigned(result, NAME)
     assert bool(why) == doubted and (f"{NAME} by itself gains 30. Log all" in why) == doubted
     part = Share(result, gained, 1e-9, support=100.0, gap=Gap(5.0, 1.0, 0.1), feigned=why)
     assert part.doubt(NAME) == why
@@ -308,11 +300,9 @@ def test_names_stand_in_the_order_of_what_they_explain_and_each_by_itself(monkey
         fit: Any = SimpleNamespace(density=np.full(8, sum(odds[name] for name in names)), factor=lambda _: 0.0)
         return CandidateFit(names, blank, fit, 1000.0 - sum(lost[name] for name in names))
 
-    monkeypatch.setattr(
-        diagnose, "without", lambda _, final, out: trial(*(name for name in final.added if name != out))
-    )
-    monkeypatch.setattr(diagnose, "log_density", lambda _, __, fit: fit.density)
-    monkeypatch.setattr(diagnose, "gap", lambda *_: Gap(1.0, 1.0, 1.0))
+    monkeypatch.setattr(verdict, "without", lambda _, final, out: trial(*(name for name in final.added if name != out)))
+    monkeypatch.setattr(verdict, "log_density", lambda _, __, fit: fit.density)
+    monkeypatch.setattr(verdict, "gap", lambda *_: Gap(1.0, 1.0, 1.0))
     found = SearchResult(blank, trial(), trial(*lost), (), dict.fromkeys(lost, 0.0045), {NAME: {"wall": 1.0}})
     assert list(shares(found, None)) == ["dead-band", SMALL, NAME]
     result, parts, suspected = confirmed(found, blank)
@@ -329,10 +319,10 @@ def test_a_small_effect_beside_a_large_one_may_only_mend_its_law(
     blank: Any = SimpleNamespace(driven=False, feigned=0.0, base=SimpleNamespace(dof=YAW))
     least = {"dead-band": 900.0, SMALL: evidence}
     both = CandidateFit(tuple(least), blank, fit, 0.0)
-    monkeypatch.setattr(diagnose, "without", lambda _, __, out: CandidateFit((out,), blank, fit, least[out]))
-    monkeypatch.setattr(diagnose, "log_density", lambda _, __, fit: fit.density)
+    monkeypatch.setattr(verdict, "without", lambda _, __, out: CandidateFit((out,), blank, fit, least[out]))
+    monkeypatch.setattr(verdict, "log_density", lambda _, __, fit: fit.density)
     gap = Gap(1.0, 1.0, 1.0, (np.full((1, 9), 1.0 + moved), np.ones((1, 9))))
-    monkeypatch.setattr(diagnose, "gap", lambda *_: gap)
+    monkeypatch.setattr(verdict, "gap", lambda *_: gap)
     base = CandidateFit((), blank, fit, 900.0 + evidence)
     parts = shares(SearchResult(blank, base, both, (), dict.fromkeys(least, 0.0), {}), blank)
     assert bool(parts[SMALL].mends) == mends and not parts["dead-band"].mends
@@ -363,7 +353,7 @@ def grown(study: DiagnosisProblem, base: CandidateFit, *added: tuple[str, tuple[
     trial: CandidateFit | None = base
     for name, start in added:
         assert trial is not None
-        trial = search.refitted(study, *search.attempt_with(trial, (name, np.array(start))))
+        trial = refitted(study, *attempt_with(trial, (name, np.array(start))))
     assert trial is not None
     return trial
 
@@ -416,7 +406,7 @@ def test_attempts_on_driven_runs_are_fitted_side_by_side_as_each_alone() -> None
     study = DiagnosisProblem(tuple(steered(3, 1, Sea(delay=0.3), length=12.0)), BASE, True, ())
     base = candidate_fit(study, BASE, (), study.fit(BASE))
     starts = {"input-delay": (0.2, 0.0, 0.1), "linear-drag": (0.1,), "sensor-lag": (0.1,)}
-    attempts = [search.attempt_with(base, (name, np.array(start))) for name, start in starts.items()]
+    attempts = [attempt_with(base, (name, np.array(start))) for name, start in starts.items()]
     model, added, values, fit = attempts[0]
     attempts.append((model, added, np.array([np.nan, *values[1:]]), fit))
     batches: list[int] = []
@@ -425,10 +415,10 @@ def test_attempts_on_driven_runs_are_fitted_side_by_side_as_each_alone() -> None
         batches.extend(map(len, work))
         return each(function, work, label)
 
-    together = search.all_refitted(study, attempts, 2, counted, "")
+    together = all_refitted(study, attempts, 2, counted, "")
     assert batches == [3, 1] and together[3] is None
     alone = DiagnosisProblem(study.runs, BASE, True, ())
     for attempt, trial in zip(attempts[:3], together):
-        same = search.refitted(alone, *attempt, 2)
+        same = refitted(alone, *attempt, 2)
         assert trial is not None and same is not None and trial.added == attempt[1]
         assert trial.evidence == same.evidence and trial.model == same.model

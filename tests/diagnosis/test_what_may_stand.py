@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from effect_contract import base_for, planted, short_plans, unmeasured
 
-from automarine_cli.diagnosis import diagnose, search
-from automarine_cli.diagnosis.diagnose import ForecastGain, JudgedRuns
+from automarine_cli.diagnosis import search, verdict
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.residual_regions import Gap
 from automarine_cli.diagnosis.scores import drag_drives
-from automarine_cli.diagnosis.search import CandidateFit, MotionSearch, candidate_fit, clear, may_be_nothing, obstacle
+from automarine_cli.diagnosis.search import MotionSearch, clear, may_be_nothing, obstacle
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
+from automarine_cli.diagnosis.trials import CandidateFit, candidate_fit
+from automarine_cli.diagnosis.verdict import ForecastGain, JudgedRuns
 from automarine_cli.dofs import YAW
 from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import ForecastScore
@@ -195,10 +196,10 @@ def test_what_leaves_much_unexplained_has_to_predict_held_out_runs_better(
     scores = [tuple(ForecastScore(h, x, 0.3, 0.3, 10) for x in (0.1, error)) for h, error in errors.items()]
     driven: Any = SimpleNamespace(driven=True, base=BASE)
     result: Any = SimpleNamespace(study=driven, base=None, final=None)
-    monkeypatch.setattr(diagnose, "gained_density", lambda *_: np.array([gained]))
-    monkeypatch.setattr(diagnose, "unexplained_density", lambda *_: unexplained)
+    monkeypatch.setattr(verdict, "gained_density", lambda *_: np.array([gained]))
+    monkeypatch.setattr(verdict, "unexplained_density", lambda *_: unexplained)
     outlook: Any = ForecastGain(tuple(scores), gained)  # type: ignore[arg-type]
-    says = diagnose._borne_out(result, driven, JudgedRuns((), Gap(0.1, after, 0.0), outlook))
+    says = verdict._borne_out(result, driven, JudgedRuns((), Gap(0.1, after, 0.0), outlook))
     assert doubt in says and bool(doubt) == bool(says)
 
 

@@ -32,8 +32,8 @@ from effect_contract import (
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import parameter_estimates
-from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.trials import CandidateFit
 from automarine_cli.dofs import DOFS, ROLL, YAW, Dof
 from automarine_cli.effects import Effect, Parameter, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD

@@ -12,8 +12,8 @@ from few_candidates import few_candidates
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
-from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import DiagnosisProblem, study_of
+from automarine_cli.diagnosis.trials import CandidateFit
 from automarine_cli.effects.history_force import MEMORY_SHARES, MEMORY_TIMES
 from automarine_cli.models.model import Model
 from automarine_cli.runs.run import Run

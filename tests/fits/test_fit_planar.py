@@ -33,22 +33,16 @@ from automarine_cli.errors import FitError, RunError, SettingError
 from automarine_cli.fits import planar_fit
 from automarine_cli.fits.driven import ForecastScore, Judgement, parse_effects
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.planar_fit import (
+from automarine_cli.fits.planar_fit import PlanarFit, PlanarLikelihood, Promise, forecasts_of, search
+from automarine_cli.fits.planar_start import by_momentum, rough_sizes, usual_gyration
+from automarine_cli.fits.planar_structure import (
     OWN,
     Candidate,
     Observed,
-    PlanarFit,
-    PlanarLikelihood,
-    Promise,
-    by_momentum,
     candidates,
-    forecasts_of,
     inertia_tied,
     observed,
-    rough_sizes,
-    search,
     structure_of,
-    usual_gyration,
     widest,
 )
 from automarine_cli.fits.whole_runs import OutputErrorFit, result_of

@@ -21,7 +21,9 @@ from automarine_cli.dofs import SURGE, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.known import names_in, parse_known, qualified
-from automarine_cli.fits.planar_fit import OWN, PlanarLikelihood, observed, rough_sizes
+from automarine_cli.fits.planar_fit import PlanarLikelihood
+from automarine_cli.fits.planar_start import rough_sizes
+from automarine_cli.fits.planar_structure import OWN, observed
 from automarine_cli.fits.steps import data_of_steps
 from automarine_cli.fits.whole_runs import OutputErrorFit, fit_whole_runs, rough_model
 from automarine_cli.models.model import COMMAND_DELAY

@@ -17,7 +17,8 @@ from automarine_cli.comparison.validation import compare
 from automarine_cli.dofs import PLANAR, YAW, alone
 from automarine_cli.fits.characteristics import executes, overshoots
 from automarine_cli.fits.identify import effect_estimates, effects_of_rudder, usable_runs
-from automarine_cli.fits.planar_fit import PlanarLikelihood, observed, with_actuators, with_rudder
+from automarine_cli.fits.planar_fit import PlanarLikelihood, with_actuators
+from automarine_cli.fits.planar_structure import observed, with_rudder
 from automarine_cli.models.model import Model, Term
 from automarine_cli.models.parameter import Prior
 from automarine_cli.models.store import StoredModels

@@ -11,8 +11,8 @@ from made_runs import INERTIA, K_RR
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.residual_regions import gap
-from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import elsewhere, learned_term
+from automarine_cli.diagnosis.trials import CandidateFit
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.learned import KNOTS, basis

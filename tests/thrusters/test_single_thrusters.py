@@ -17,8 +17,8 @@ from tank import pool_specification
 from automarine_cli import effects
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs, parameter_estimates
-from automarine_cli.diagnosis.search import CandidateFit
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.trials import CandidateFit
 from automarine_cli.dofs import HEAVE, SURGE, YAW
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import SettingError

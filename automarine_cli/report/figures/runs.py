@@ -17,7 +17,8 @@ from automarine_cli.estimate import Estimate
 from automarine_cli.fits.driven import Judgement
 from automarine_cli.fits.identify import YawFit
 from automarine_cli.fits.paper import VelocityErrorFit
-from automarine_cli.fits.planar_fit import NORTH_EAST, PlanarFit
+from automarine_cli.fits.planar_fit import PlanarFit
+from automarine_cli.fits.planar_structure import NORTH_EAST
 from automarine_cli.fits.preference import COMPARISON_HORIZONS_S
 from automarine_cli.fits.steps import StepData
 from automarine_cli.models.model import response, steady_rate
