@@ -159,6 +159,7 @@ def candidates(study: DiagnosisProblem, model: Model) -> list[str]:
         # velocities alone show neither where the vehicle is nor the sensor of that
         and (study.position_counts or not (effect.place is effects.Place.SENSOR or effect.uses_absolute))
         and (study.commanded or effect.acts_on or effect.place is not effects.Place.ACTUATOR)
+        and (study.commands_return or not effect.returning)
     ]  # fmt: skip
 
 

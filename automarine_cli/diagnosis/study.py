@@ -34,6 +34,7 @@ FIT_ROUNDS = 25
 SETTLED_SHARE = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
 MIN_STEP_DEVIANCE = 0.3  # of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
 FEIGNED = 0.03  # deviance for each reading, twice what effects gained in made loops with an unlogged gyro
+MIN_RETURN_SHARE = 0.02  # of the largest command, by which one falls that is no noise
 GAP_HORIZON_S = 5.0  # seconds ahead over which driven runs show the gap
 
 MOVING_SHARE = 1.0 / 25.0  # of the vehicle's time constant, over which commands that change all the time are averaged
@@ -227,6 +228,12 @@ class DiagnosisProblem:
     def commanded(self) -> bool:
         """Whether there is a command in any run: free decays have none."""
         return bool(self.batch.force.any())
+
+    @cached_property
+    def commands_return(self) -> bool:
+        """Whether any command falls, by more than noise, while readings go on."""
+        least = MIN_RETURN_SHARE * self.largest
+        return any((np.maximum.accumulate(size := np.abs(run.command[:-1])) - size > least).any() for run in self.runs)
 
     @cached_property
     def largest(self) -> float:

@@ -8,6 +8,7 @@ from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Pla
 class Backlash(Effect):
     name = "backlash"
     place = Place.ACTUATOR
+    returning = True
     parameters = (Parameter("width", "half width of the play", "{force}", 0.0, inf, 0.05),)
     equation = "{f}_delivered stays until |{f} - {f}_delivered| > width, then follows that far behind"
     says = "The thrusters follow a command only once it has moved by a play."

@@ -205,6 +205,7 @@ class Effect:
     remembers: ClassVar[bool] = False  # whether a sensor is slow, its first parameter the time [s]: see `remember`
     reads_force: ClassVar[bool] = False  # whether `read` gets the moment delivered after the values
     delays: ClassVar[bool] = False  # whether it makes commands late
+    returning: ClassVar[bool] = False  # whether only commands that fall again tell it from a simpler effect
     rotational: ClassVar[bool] = False  # whether it acts on headings alone
 
     def acts_in(self, dof: Dof) -> bool:

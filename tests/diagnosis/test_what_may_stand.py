@@ -12,7 +12,7 @@ from effect_contract import base_for, planted, short_plans, unmeasured
 from automarine_cli.diagnosis import search, verdict
 from automarine_cli.diagnosis.learned_curve import gains_follow, ranges
 from automarine_cli.diagnosis.residual_regions import Gap
-from automarine_cli.diagnosis.scores import drag_drives
+from automarine_cli.diagnosis.scores import candidates, drag_drives
 from automarine_cli.diagnosis.search import MotionSearch, clear, may_be_nothing, obstacle
 from automarine_cli.diagnosis.study import DiagnosisProblem, limit_cycle, study_of
 from automarine_cli.diagnosis.trials import CandidateFit, candidate_fit
@@ -31,6 +31,14 @@ BASE = base_for("")
 
 def test_neither_no_run_nor_one_shows_that_a_gain_repeats_itself() -> None:
     assert clear(np.array([1.0, 1.1])) and not clear(np.ones(1)) and not clear(np.zeros(0))
+
+
+@pytest.mark.parametrize(("last", "returns"), [((0.2, 4.0), True), ((0.0, 4.0), True), ((-0.4, 4.0), False)])
+def test_play_is_looked_for_only_where_a_command_falls_again(last: tuple[float, float], returns: bool) -> None:
+    steps = [[(s * size, 6.0)] for size in (0.2, 0.3) for s in (1.0, -1.0)]
+    assert "backlash" not in candidates(study_of(planted(BASE, seed=1, plans=steps), BASE), BASE)
+    study = study_of(planted(BASE, seed=1, plans=[*steps, [(0.4, 6.0), last]]), BASE)
+    assert ("backlash" in candidates(study, BASE)) == returns and "dead-band" in candidates(study, BASE)
 
 
 @pytest.mark.parametrize(
