@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from automarine_cli.fits.whole_runs import instant, left_out_changes, run_covari
 from automarine_cli.models.model import COMMAND_DELAY, Model, Term
 from automarine_cli.models.parameter import Parameters, Prior
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import start_at_rest
+from automarine_cli.runs.half_turn import segments, start_at_rest
 from automarine_cli.runs.run import Run, position_noise, with_later_commands
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -34,7 +35,6 @@ FIT_ROUNDS = 25
 SETTLED_SHARE = 0.02  # of a standard error, within which a fit has settled: its evidence is exact to a few 1e-4
 MIN_STEP_DEVIANCE = 0.3  # of a whole step with which a candidate's fit ends: its evidence is exact to some tenths
 FEIGNED = 0.03  # deviance for each reading, twice what effects gained in made loops with an unlogged gyro
-MIN_RETURN_SHARE = 0.02  # of the largest command, by which one falls that is no noise
 GAP_HORIZON_S = 5.0  # seconds ahead over which driven runs show the gap
 
 MOVING_SHARE = 1.0 / 25.0  # of the vehicle's time constant, over which commands that change all the time are averaged
@@ -231,9 +231,10 @@ class DiagnosisProblem:
 
     @cached_property
     def commands_return(self) -> bool:
-        """Whether any command falls, by more than noise, while readings go on."""
-        least = MIN_RETURN_SHARE * self.largest
-        return any((np.maximum.accumulate(size := np.abs(run.command[:-1])) - size > least).any() for run in self.runs)
+        """Whether any command falls without going to the other side while readings go on."""
+        levels = ([command for *_, command in segments(run.command[:-1])] for run in self.runs)
+        pairs = (pair for of_run in levels for pair in pairwise(of_run))
+        return any(before * after >= 0.0 and abs(after) < abs(before) for before, after in pairs)
 
     @cached_property
     def largest(self) -> float:

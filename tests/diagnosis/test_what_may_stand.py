@@ -33,7 +33,9 @@ def test_neither_no_run_nor_one_shows_that_a_gain_repeats_itself() -> None:
     assert clear(np.array([1.0, 1.1])) and not clear(np.ones(1)) and not clear(np.zeros(0))
 
 
-@pytest.mark.parametrize(("last", "returns"), [((0.2, 4.0), True), ((0.0, 4.0), True), ((-0.4, 4.0), False)])
+@pytest.mark.parametrize(
+    ("last", "returns"), [((0.2, 4.0), True), ((0.0, 4.0), True), ((-0.4, 4.0), False), ((-0.2, 4.0), False)]
+)
 def test_play_is_looked_for_only_where_a_command_falls_again(last: tuple[float, float], returns: bool) -> None:
     steps = [[(s * size, 6.0)] for size in (0.2, 0.3) for s in (1.0, -1.0)]
     assert "backlash" not in candidates(study_of(planted(BASE, seed=1, plans=steps), BASE), BASE)
