@@ -63,15 +63,15 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Judge]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("steadier", "verdict"), [(-1.0, "named"), (1.0, "suspected")])
+@pytest.mark.parametrize(("steadier", "expected"), [(-1.0, "named"), (1.0, "suspected")])
 def test_a_name_that_changes_nothing_is_only_suspected(
-    steadier: float, verdict: str, diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
+    steadier: float, expected: str, diagnosed: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Held-out errors that do not fall, with a thrust that scatters as before: more likely runs alone make no name."""
     gap = verdict.gap
     monkeypatch.setattr(verdict, "gap", lambda *of, **how: replace(gap(*of, **how), before=1e-4, after=1e-4))
     monkeypatch.setattr(verdict, "STEADIER", steadier)
-    assert diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6]).verdict == verdict
+    assert diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6]).verdict == expected
 
 
 def test_what_chance_reaches_now_and_then_is_only_suspected(diagnosed: Judge, monkeypatch: pytest.MonkeyPatch) -> None:
