@@ -37,7 +37,7 @@ def validate(
       automarine validate sample_runs/validation \\
         --model out/yaw/yaw_model.json -o out/validation
     """
-    from automarine_cli.comparison.validation import compare, load_usable, predictions_of
+    from automarine_cli.comparison.validation import compare, load_usable, with_predictions
     from automarine_cli.logs import ColumnMap
     from automarine_cli.models.store import read_model
     from automarine_cli.runs.channels import AUTO, choose_channels, parse_channels
@@ -63,5 +63,4 @@ def validate(
     believed = choose_channels(campaign.runs, stored.dof, channels, late_position=True)
     runs = [believed.believed(run) for run in campaign.runs]
     compared = compare(stored, runs, seed, progress)
-    predictions = predictions_of(stored, runs, believed.names)
-    return replace(compared, set_aside=campaign.set_aside, channels=believed, predictions=predictions)
+    return with_predictions(replace(compared, set_aside=campaign.set_aside, channels=believed), believed.names)

@@ -41,7 +41,7 @@ from automarine_cli.fits.driven import (
     worth_of,
 )
 from automarine_cli.fits.innovations import channels_json, fit_innovations, measured_noises
-from automarine_cli.fits.preference import forecast_losses, is_ahead
+from automarine_cli.fits.preference import forecast_losses, is_ahead, outweighs
 from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.model import Model
 from automarine_cli.models.store import StoredModels, Use
@@ -265,8 +265,9 @@ class Validation(Shown):
     every model diverged; `because` is the sentence that says so. `runs` are the logs, `restarts` where they were
     simulated anew, `set_aside` those left out, each with its reason. `floors` are the noise of the runs' positions, in
     the unit that people see, `floor` that of all; `channels` the sensors used. Where the runs are driven there are
-    `predictions` of each model from filtered states, and `use` says of what use it is. `expected` is the restarted
-    error that the preferred model would have if it were right; `followed_better` the model whose free runs are nearer
+    `predictions` of each model from filtered states, and `use` says of what use it is; likelihood outweighs them for
+    the models `flattered` by commands that answer disturbances. `expected` is the restarted error that the preferred
+    model would have if it were right; `followed_better` the model whose free runs are nearer
     than its own by more than chance, empty for none, and `contradiction` says so. `overshoots` are the angles [rad] of
     zigzags by a rudder, of logs and of the preferred model. `says` is a summary. `to_json()` is validation.json.
 
@@ -286,6 +287,7 @@ class Validation(Shown):
     set_aside: tuple[ExcludedRun, ...] = ()
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     predictions: Mapping[str, tuple[Predicted, ...]] = field(default_factory=dict)
+    flattered: frozenset[str] = frozenset()
     expected: float | None = None
     followed_better: str = ""
     overshoots: tuple[tuple[float, float], ...] = ()
@@ -294,9 +296,8 @@ class Validation(Shown):
     def contradiction(self) -> str:
         """Say which model these runs bear out in place of the one that the fit preferred; empty for none."""
         preferred, unit = self.stored.preferred, self.dof.units.shown
-        if losses := forecast_losses(self.predictions, len(self.runs)) if self.predictions else None:
-            rivals = [number for number in losses if is_ahead(losses[number], losses[preferred])]
-            rival = min(rivals, key=lambda number: losses[number].sum(), default="")
+        if (ahead := self._ahead) is not None:
+            rival = next((number for number in ahead if number not in self.flattered), "")
             pair = [judged_of(worth_of(self.predictions[number])) for number in (rival, preferred) if number]
             sizes = [(float(self.dof.shown(score.error)), f"{score.horizon:g} s ahead") for score in pair if score]
         else:
@@ -311,12 +312,21 @@ class Validation(Shown):
             f"{unit} {where}, model {preferred} by {error_of_preferred:.3g}. A fit to the logs of both decides."
         )
 
+    @cached_property
+    def _ahead(self) -> list[str] | None:
+        """Models that predict better than the preferred one by more than chance, best first; None where none can."""
+        if (losses := forecast_losses(self.predictions, len(self.runs)) if self.predictions else None) is None:
+            return None
+        ranked = sorted(losses, key=lambda number: float(losses[number].sum()))
+        return [number for number in ranked if is_ahead(losses[number], losses[self.stored.preferred])]
+
     @property
     def use(self) -> Judgement | None:
         """What the model that the fit preferred predicts: who has no more logs cannot know which does best on them."""
         if self.stored.in_plane or not self.predictions:
             return None
-        return Judgement({self.dof.position: worth_of(self.predictions[self.stored.preferred])}, len(self.runs))
+        worth = {self.dof.position: worth_of(self.predictions[self.stored.preferred])}
+        return Judgement(worth, len(self.runs), biased=bool(self.flattered.intersection(self._ahead or ())))
 
     @property
     def says(self) -> str:
@@ -488,30 +498,43 @@ def _because(
     return best, f"Models {' and '.join(sizes)} are equally good, {apart} apart{simpler}."
 
 
-def predictions_of(
-    stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None
-) -> dict[str, tuple[Predicted, ...]]:
-    """Predict with every model of a file from the filtered states of `runs`; none where neither these are driven nor
-    those that were fitted, or no filter follows them. `channels` names what counts, None for positions."""
+class Followed(NamedTuple):
+    """Predictions of one model, log densities (R,) of the runs that were followed, and what is unexplained of them."""
+
+    predicted: tuple[Predicted, ...]
+    density: Floats
+    unexplained: float
+
+
+def with_predictions(compared: Validation, channels: tuple[str, ...] | None) -> Validation:
+    """Predict with every model of a file from the filtered states of the runs, by channels of these names, None for
+    positions; noise and thrust alone say no more what a right model misses by. Nothing changes where neither these runs
+    are driven nor those that were fitted, or no filter follows them."""
+    stored, runs = compared.stored, compared.runs
     at_rest = start_at_rest(runs)
     try:
         if not stored.random and (mostly_held(runs) or not is_driven(runs, at_rest, channels)):
-            return {}  # held commands tell in a simulation what they do
-        return {number: _predicted(model, runs, at_rest, channels) for number, model in stored.models.items()}
+            return compared  # held commands tell in a simulation what they do
+        followed = {number: _followed(model, runs, at_rest, channels) for number, model in stored.models.items()}
     except FitError:  # what the free runs say has to do
-        return {}
+        return compared
+    _, density, unexplained = followed[stored.preferred]
+    flattered = frozenset(n for n, rival in followed.items() if outweighs(density, rival.density, lambda: unexplained))
+    predictions = {number: each.predicted for number, each in followed.items()}
+    return replace(compared, predictions=predictions, flattered=flattered, expected=None)
 
 
-def _predicted(
+def _followed(
     model: Model, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
-) -> tuple[Predicted, ...]:
-    """Predict with one model, by the sizes that the runs themselves give to what is random."""
+) -> Followed:
+    """Follow runs by one model, with the sizes that they themselves give to what is random."""
     course = make_course(runs, at_rest, model.signals, channels=channels)
     problem = driven_problem(model, course)
     problem = replace(problem, parameters=problem.parameters.fixed_at(model.theta))
     fit = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
     (predicted,) = predict(model, course, model.theta, problem.noises(fit.theta[None]), alone=by_model_alone(runs))
-    return tuple(ahead for ahead in predicted if len(ahead.error))
+    lasting = tuple(ahead for ahead in predicted if len(ahead.error))
+    return Followed(lasting, fit.density, problem.unexplained(fit.phi))
 
 
 def load_usable(

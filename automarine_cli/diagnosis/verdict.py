@@ -13,7 +13,7 @@ from automarine_cli.diagnosis.study import GAP_HORIZON_S, DiagnosisProblem, log_
 from automarine_cli.diagnosis.trials import CandidateFit, without
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import GAIN_CURVE, PREFIX, kind_of
-from automarine_cli.filters.kalman import MAX_Z, Predicted
+from automarine_cli.filters.kalman import Predicted
 from automarine_cli.fits.driven import ForecastScore, worth_of
 from automarine_cli.fits.linear_mixed import GAIN
 from automarine_cli.quantities import Floats
@@ -139,34 +139,13 @@ def support(gained: Floats) -> float:
     return float(np.clip(gained, -LOUDEST, LOUDEST).sum())
 
 
-def whitening_gain(innovation: Floats, variance: Floats, time: Floats) -> float:
-    """Give the log density that innovations (R, K) with their variance, zero where nothing was read, would gain if each
-    were predicted from those of MEMORY_S before it, less one for each coefficient (Akaike 1974, IEEE Trans. Automat.
-    Contr. 19:716). White ones gain nothing, or less."""
-    runs, steps = [], [MEMORY_S]
-    for errors, variances, clock in zip(innovation, variance, time):
-        at = np.flatnonzero(variances > 0)
-        runs.append(np.clip(errors[at] / np.sqrt(variances[at]), -MAX_Z, MAX_Z))
-        steps.extend(np.diff(clock[at]))
-    order = max(round(MEMORY_S / float(np.median(steps))), 1)
-    windows = [np.lib.stride_tricks.sliding_window_view(white, order + 1) for white in runs if len(white) > order]
-    if not windows:
-        return 0.0
-    before, now = np.split(np.concatenate(windows), [order], axis=1)
-    if len(now) <= 2 * order:  # too few to tell
-        return np.inf
-    remaining = now - before @ np.linalg.lstsq(before, now, rcond=None)[0]
-    return 0.5 * len(now) * float(np.log((now**2).sum() / (remaining**2).sum())) - order
-
-
 def unexplained_density(runs: DiagnosisProblem, trial: CandidateFit) -> float:
-    """Give the log density that runs held out would gain if all that their readings foretell were explained; infinite
-    of runs that are not driven, where nothing says so."""
+    """Give what is `unexplained` of runs held out; infinite of runs that are not driven, where nothing says so.
+
+    Shares and forecasts are asked where it is more than the names gain: these may then stand for what is missing."""
     if not runs.driven:
         return np.inf
-    followed = runs.driven_problem(trial.model).follow(trial.fit.phi[None])
-    channels = zip(followed.innovation[:, 0], followed.variance[:, 0])
-    return sum(whitening_gain(*channel, runs.course.time) for channel in channels)
+    return runs.driven_problem(trial.model).unexplained(trial.fit.phi)
 
 
 def shares(result: SearchResult, held_out: DiagnosisProblem | None) -> dict[str, Share]:
@@ -242,11 +221,6 @@ NOTICED, CONTRIBUTES = 0.1, 0.05
 """Shares of the mean square of the held-out error above the noise that names have to close together, of driven runs,
 and each by itself, as each may do some of the work of the others. With less the error falls by under a twentieth:
 nobody would notice, and another choice of runs to fit changes it as much."""
-MEMORY_S = 2.0
-"""Time over which innovations of driven runs are predicted from those before. Shares and forecasts are asked where that
-gains more log density than the names do: these may then stand for what is missing. Where innovations are white, all
-that is left is chance, which no model closes, and the odds of names are what they say. Forecasts along commands that
-answer disturbances are biased against true effects, innovations are not (Forssell, Ljung 1999, Automatica 35:1215)."""
 LOUDEST = 5.0
 """Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
 effect shows plainly says no more than that."""

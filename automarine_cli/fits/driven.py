@@ -433,6 +433,11 @@ def predictions_of(course: Course, fit: OutputErrorFit, alone: bool = False) -> 
     return left_out_predictions(driven_problem(fit.model, course), fit.mixed, alone=alone)[0]
 
 
+def unexplained_by(course: Course, fit: OutputErrorFit) -> float:
+    """Log density that the runs would gain if all that a fit's innovations foretell were explained."""
+    return driven_problem(fit.model, course).unexplained(fit.mixed.phi)
+
+
 def _joined(pieces: Sequence[Predicted]) -> Predicted:
     names = ("origin", "target", "error", "constant_rate", "constant")
     run = np.concatenate([piece.run + r for r, piece in enumerate(pieces)])
@@ -643,7 +648,7 @@ motion, and in the plane."""
 class Judgement:
     """What the preferred model is worth, by quantity and horizon, on each of so many `runs` by a fit to the others: of
     positions of one motion, or of heading and either place on the water or speeds. `large` is a sentence where
-    something else than the commands pushes hard.
+    something else than the commands pushes hard; `biased` are predictions along commands that answer disturbances.
 
     For people to look at, where a filter followed the runs: `predictions` of the position on the nodes of the `course`.
     """
@@ -653,6 +658,7 @@ class Judgement:
     predictions: tuple[Predicted, ...] = field(default=(), repr=False)
     course: Course | None = field(default=None, repr=False)
     large: str = ""
+    biased: bool = False
 
     @property
     def beaten(self) -> dict[str, ForecastScore]:
@@ -662,8 +668,8 @@ class Judgement:
 
     @property
     def of_use(self) -> bool:
-        """Whether no constant predicts better; what cannot be judged counts as of use."""
-        return not self.beaten
+        """Whether no constant predicts better; what cannot be judged, or only with a bias, counts as of use."""
+        return self.biased or not self.beaten
 
     @property
     def score(self) -> float:
@@ -681,7 +687,8 @@ class Judgement:
         alone = self.runs == 1
         on = on or ("the run that was fitted: others may be predicted worse" if alone else "held out")
         if self.of_use:
-            return self._forecast(f"{model or 'The model'} predicts", f" ({on})", first, judged, dof)
+            says = self._forecast(f"{model or 'The model'} predicts", f" ({on})", first, judged, dof)
+            return f"{says} {FLATTERED}" if self.beaten else says
         worse = " ".join(self._forecast("It predicts", "", name, score, dof) for name, score in self.beaten.items())
         return (
             f"{model or 'This model'} is not usable ({on}). {worse} Do not simulate or control with it; "
@@ -710,6 +717,7 @@ class Judgement:
         return {"left_out_runs": [*entries.values()], "of_use": self.of_use, "says": self.sentence(dof)}
 
 
+FLATTERED = "That is no judgement: commands that answer disturbances flatter constants."
 PLACE = "place"  # on the water, both axes together
 
 

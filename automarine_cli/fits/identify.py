@@ -575,13 +575,14 @@ def _fit_driven(
     predict = partial(driven.predictions_of, course, alone=driven.by_model_alone(runs))
     ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], PREDICTING)))
     horizons = STEERED_HORIZONS_S if steered else COMPARISON_HORIZONS_S
-    preference = prefer_driven(fits, ahead, dof, horizons) or prefer(fits)
+    unexplained = partial(driven.unexplained_by, course)
+    preference = prefer_driven(fits, ahead, dof, horizons, unexplained) or prefer(fits)
     number, fit = preference.number, fits[preference.number]
     if fit.estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {fit.estimator}.")
     large = driven.large_disturbance(course, np.array([fit.model.inertia]), fit.mixed.of_chance)
     worth = {dof.position: driven.worth_of(ahead[number])}
-    use = driven.Judgement(worth, len(course.names), ahead[number], course, large)
+    use = driven.Judgement(worth, len(course.names), ahead[number], course, large, preference.biased)
     return every, preference, use, refused, norrbin
 
 

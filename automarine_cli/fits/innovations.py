@@ -80,6 +80,12 @@ class DrivenProblem:
         theta = self.parameters.natural(phi)
         return follow(self.model, course or self.course, theta[:, self.parameters.of_model], self.noises(theta), keep)
 
+    def unexplained(self, phi: Floats) -> float:
+        """Log density that the runs would gain under phi (p,) if all that their readings foretell were explained."""
+        followed = self.follow(phi[None])
+        channels = zip(followed.innovation[:, 0], followed.variance[:, 0])
+        return sum(whitening_gain(*channel, self.course.time) for channel in channels)
+
     def value(self, phi: Floats) -> Floats:
         """Log density of all runs with the prior, (P,); minus infinity where a filter diverges."""
         return values_of([self], [phi])[0]
@@ -253,6 +259,32 @@ LOOK_STEPS, MAX_INERTIAS = 6, 3
 """Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
 SPREAD_NAMES = {GAIN: "gain-scatter"}  # what run effects are called whose sizes are parameters
 NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
+
+
+MEMORY_S = 2.0
+"""Time over which innovations are predicted from those before. Where they are white, all that is left is chance, and
+likelihoods are what they say. Forecasts along commands that answer disturbances are biased against the truth,
+innovations are not (Forssell, Ljung 1999, Automatica 35:1215)."""
+
+
+def whitening_gain(innovation: Floats, variance: Floats, time: Floats) -> float:
+    """Give the log density that innovations (R, K) with their variance, zero where nothing was read, would gain if each
+    were predicted from those of MEMORY_S before it, less one for each coefficient (Akaike 1974, IEEE Trans. Automat.
+    Contr. 19:716). White ones gain nothing, or less."""
+    runs, steps = [], [MEMORY_S]
+    for errors, variances, clock in zip(innovation, variance, time):
+        at = np.flatnonzero(variances > 0)
+        runs.append(np.clip(errors[at] / np.sqrt(variances[at]), -MAX_Z, MAX_Z))
+        steps.extend(np.diff(clock[at]))
+    order = max(round(MEMORY_S / float(np.median(steps))), 1)
+    windows = [np.lib.stride_tricks.sliding_window_view(white, order + 1) for white in runs if len(white) > order]
+    if not windows:
+        return 0.0
+    before, now = np.split(np.concatenate(windows), [order], axis=1)
+    if len(now) <= 2 * order:  # too few to tell
+        return np.inf
+    remaining = now - before @ np.linalg.lstsq(before, now, rcond=None)[0]
+    return 0.5 * len(now) * float(np.log((now**2).sum() / (remaining**2).sum())) - order
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Which of several models to prefer: the simplest one that is not worse than the best at predicting runs left out."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,11 @@ MAX_CHANCE_ERRORS = 2.0  # standard errors over units up to which a lead may be 
 
 @dataclass(frozen=True)
 class Preference:
+    """Which model and why; `biased` where forecasts prefer another one, along commands that answer disturbances."""
+
     number: str
     because: str
+    biased: bool = False
 
 
 def lead_of(loss: Floats, rival: Floats) -> tuple[float, float]:
@@ -98,18 +101,28 @@ def is_ahead(loss: Floats, rival: Floats) -> bool:
     return lead > MAX_CHANCE_ERRORS * error
 
 
+def outweighs(density: Floats, rival: Floats, unexplained: Callable[[], float]) -> bool:
+    """Whether log densities (R,) of runs lead a rival's by more than chance, and by more than is `unexplained`.
+
+    Then they decide against forecasts: a model that leaves white innovations has the law of nature, and predictions
+    along commands that answer disturbances are biased (Forssell, Ljung 1999, Automatica 35:1215)."""
+    lead, error = lead_of(-density, -rival)
+    return lead > MAX_CHANCE_ERRORS * error and lead > unexplained()
+
+
 def prefer_driven(
     fits: Mapping[str, OutputErrorFit],
     ahead: Mapping[str, tuple[Predicted, ...]],
     dof: Dof,
     horizons: tuple[float, ...] = COMPARISON_HORIZONS_S,
+    unexplained: Callable[[OutputErrorFit], float] = lambda fit: np.inf,
 ) -> Preference | None:
     """Choose the model by predictions of runs left out of its fit over these `horizons` [s]. None where the runs are
     too short, or one alone, to tell.
 
     Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
-    not what they are used for: it decides only between those whose predictions chance alone tells apart. Over longer
-    horizons the logged command answers disturbances that no model knows of.
+    not what they are used for. It decides between those whose predictions chance alone tells apart, and where it
+    `outweighs` what is `unexplained` of a fit.
     """
     runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
     if (losses := forecast_losses(ahead, runs, horizons)) is None:
@@ -127,6 +140,12 @@ def prefer_driven(
     listed = ", ".join([f"{errors[chosen]} {dof.units.shown}", *rivals])
     how = "best" if chosen == best else "as well as any"
     over = " and ".join(f"{horizon:g}" for horizon in horizons[: len(sizes[chosen])])
+    likely = prefer({number: fits[number] for number in losses})
+    density, rival = (fits[number].mixed.predictive for number in (likely.number, chosen))
+    if outweighs(density, rival, lambda: unexplained(fits[likely.number])):
+        ahead_of = f"{over} s ahead {errors[chosen]} for {errors[likely.number]} {dof.units.shown}"
+        flatters = f"Commands that answer disturbances flatter model {chosen}: {ahead_of}."
+        return Preference(likely.number, f"{likely.because} {flatters}", biased=True)
     return Preference(chosen, f"Model {chosen} predicts runs left out of the fit {how} {over} s ahead, to {listed}.")
 
 

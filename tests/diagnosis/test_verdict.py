@@ -23,6 +23,7 @@ from automarine_cli.diagnosis.trials import CandidateFit, all_refitted, attempt_
 from automarine_cli.diagnosis.verdict import CONFIRMED, Share, confirmed, shares, support
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.kalman import Predicted
+from automarine_cli.fits.innovations import whitening_gain
 from automarine_cli.models.model import Model
 from automarine_cli.report.diagnosis_report import verdict_sentence
 from automarine_cli.runs.run import Run
@@ -221,10 +222,10 @@ def test_innovations_that_foretell_each_other_leave_something_unexplained_and_wh
     white = np.random.default_rng(0).standard_normal((4, 800))
     variance, time = np.full(white.shape, 4.0), np.tile(0.5 * np.arange(800), (4, 1))
     variance[:, ::7] = 0.0  # nothing was read
-    assert -4.0 <= verdict.whitening_gain(2.0 * white, variance, time) < 4.0
+    assert -4.0 <= whitening_gain(2.0 * white, variance, time) < 4.0
     coloured = signal.lfilter([1.0], [1.0, -0.3], white)
     gained = 0.5 * white.size * np.log(1.0 / (1.0 - 0.3**2))
-    assert verdict.whitening_gain(coloured, np.ones(white.shape), time) == pytest.approx(gained, rel=0.2)
+    assert whitening_gain(coloured, np.ones(white.shape), time) == pytest.approx(gained, rel=0.2)
 
 
 def test_an_effect_below_the_noise_is_said_to_be_small_unless_thrust_is_steadier_with_it() -> None:

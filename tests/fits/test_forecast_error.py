@@ -1,25 +1,29 @@
 """Least squares of forecasts beside likelihood: known truth, derived sensors, runs left out, what is preferred and
 said."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from identified import driven_fit, identify
 from made_driven import Sea, steered
 
+from automarine_cli.comparison.validation import compare, with_predictions
 from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import Predicted, follow, predict, smoothed
 from automarine_cli.fits import driven
-from automarine_cli.fits.driven import base_starts, driven_problem, inflate_for_missing, large_disturbance
+from automarine_cli.fits.driven import FLATTERED, base_starts, driven_problem, inflate_for_missing, large_disturbance
 from automarine_cli.fits.forecast_error import ForecastFit, fit_forecasts, with_chance
 from automarine_cli.fits.innovations import DrivenProblem, InnovationsFit, fit_innovations
 from automarine_cli.fits.preference import prefer_driven
 from automarine_cli.fits.whole_runs import OutputErrorFit, rough_model, run_covariance, run_dof
 from automarine_cli.models.model import Model
+from automarine_cli.models.store import read_model
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -136,10 +140,32 @@ def test_of_models_that_forecast_alike_likelihood_decides_and_a_large_disturbanc
             outcome = replace(fitted, predictive=np.array([5.0, 4.0, 6.0, 5.0]) * (n == likelier))
             models[n] = OutputErrorFit(n, base, outcome, fitted.covariance)
         preference = prefer_driven(models, ahead, YAW)
-        assert preference is not None and preference.number == chosen
+        assert preference is not None and preference.number == chosen and not preference.biased
+    for unexplained, chosen in ((19.0, "3"), (21.0, "1")):  # of 20 that model 3 gains, white innovations leave nothing
+        preference = prefer_driven(models, ahead, YAW, unexplained=lambda fit: unexplained)  # noqa: B023
+        assert preference is not None and (preference.number, preference.biased) == (chosen, chosen == "3")
     assert large_disturbance(problem.course, np.ones(1), fitted.of_chance) == ""
     sentence = large_disturbance(problem.course, np.ones(1), {"yaw.disturbance": 2.0})
     assert sentence.startswith("The disturbance is as large as the commands: yaw moment 2 of ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_commands_that_answer_disturbances_choose_no_drag(seed: int, tmp_path: Path) -> None:
+    """Quadratic drag under a controller: linear drag predicts better, and a constant best of all."""
+    sea = Sea(size=0.2, lasting=3.0, noise_deg=0.5)
+    runs, others = (steered(6, number, sea, length=40.0, held=16.0) for number in (seed, seed + 10))
+    fit = identify(runs)
+    assert fit.preference.number == "3" and fit.preference.biased
+    assert "Commands that answer disturbances flatter model 1: " in fit.preference.because
+    for name, true in (("I_r", 1.0), ("k_rr", 1.2)):
+        assert abs(fit.preferred.estimates[name].value - true) < 3.0 * fit.preferred.estimates[name].stderr
+    assert fit.use is not None and fit.use.of_use and fit.use.beaten and FLATTERED in fit.use.sentence(YAW)
+    file = tmp_path / "yaw_model.json"
+    file.write_text(json.dumps(fit.to_json()))
+    validation = with_predictions(compare(read_model(file), others), None)
+    assert "1" in validation.flattered and validation.contradiction == "" and validation.expected is None
+    assert validation.use is not None and validation.use.of_use and FLATTERED in validation.says
 
 
 @pytest.mark.slow
