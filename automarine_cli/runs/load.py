@@ -90,7 +90,33 @@ def clean(table: LogTable, chosen: Indices, name: str) -> tuple[Run, ...]:
     if dof.restoring and not (np.any(_any_command(run)) or np.any(np.nan_to_num(run.extras.get("rudder", 0.0)))):
         free = [(decay, len(decay) < len(part)) for part in parts for decay in checks.decays(part)]
         return tuple(decay.noted(NO_HAND) if cut else decay for decay, cut in free)
-    return parts if commands or dof.restoring else _let_go(parts, table)
+    if not commands:
+        return parts if dof.restoring else _let_go(parts, table)
+    return tuple(piece for part in parts for piece in _pieces(part))
+
+
+PIECE_S, PIECE_SAMPLES = 60.0, 300  # that a piece of a long run has at least
+FEWEST_PIECES, MOST_PIECES = 4, 30  # fewer would tell less of their scatter than the run as it is
+STILL_S = 2.0  # over which a run moves least where it is cut
+
+
+def _pieces(run: Run) -> tuple[Run, ...]:
+    """Cut a long run near even parts, where it moves least: all are followed at once, and each can be left out."""
+    duration = run.time[-1] - run.time[0]
+    count = int(min(duration // PIECE_S, len(run) // PIECE_SAMPLES, MOST_PIECES))
+    if count < FEWEST_PIECES:
+        return (run,)
+    width = max(round(STILL_S / run.sample_period), 1)
+    moved, even, edges = np.abs(run.position[width:] - run.position[:-width]), len(run) / count, [0]
+    for number in range(1, count):
+        first, last = (round((number + side) * even) for side in (-0.1, 0.1))
+        edges.append(first + width // 2 + int(np.argmin(moved[first : max(last - width, first + 1)])))
+    run = run.noted(f"cut into {count} pieces of about {duration / count:.0f} s")
+    none = dict.fromkeys(COUNTS, 0)
+    return tuple(
+        replace(run.cut(start, stop), name=f"{run.name}.{number}", counts=none if start else run.counts)
+        for number, (start, stop) in enumerate(pairwise([*edges, len(run)]), 1)
+    )
 
 
 LET_GO = "no command in the log: the vehicle coasts, from its fastest on"

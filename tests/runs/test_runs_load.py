@@ -47,6 +47,24 @@ def test_a_good_run_comes_back_as_it_was(tmp_path: Path) -> None:
     assert back.notes == () and campaign.set_aside == () and campaign.inputs[0].name == "run.csv"
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_long_run_is_cut_into_pieces_where_it_moves_least(tmp_path: Path, side: float) -> None:
+    """Ten minutes become ten pieces; the vehicle stands still for 4 s near each whole minute, and moves elsewhere."""
+    time = 0.2 * np.arange(3001)
+    turns = np.where(np.abs((time + 33.0) % 60.0 - 30.0) < 2.0, 0.0, side)  # still at 57 s, 117 s, ...
+    run = replace(step_run(side), time=time, position=0.2 * np.cumsum(0.3 * turns), moment=0.5 * turns)
+    whole = load_runs([written(run, tmp_path / "long.csv")], dof=YAW)
+    assert [piece.name for piece in whole.runs] == [f"long.{i}" for i in range(1, 11)] and whole.set_aside == ()
+    np.testing.assert_array_equal(np.concatenate([piece.time for piece in whole.runs]), time)
+    starts = [piece.time[0] for piece in whole.runs[1:]]
+    np.testing.assert_allclose(starts, 57.0 + 60.0 * np.arange(9), atol=2.0)
+    assert all("cut into 10 pieces of about 60 s" in piece.notes for piece in whole.runs)
+    assert sum(piece.counts["rows"] for piece in whole.runs) == len(time)
+    for rows, name in ((slice(0, 1190), "short.csv"), (slice(0, 3001, 10), "sparse.csv")):
+        part = replace(run, time=time[rows], position=run.position[rows], moment=run.command[rows])
+        assert len(load_runs([written(part, tmp_path / name)], dof=YAW).runs) == 1
+
+
 def test_what_is_dropped_is_counted(tmp_path: Path) -> None:
     def change(table: pd.DataFrame) -> pd.DataFrame:
         table.loc[[5, 6], "heading_deg"] = np.nan
