@@ -478,8 +478,7 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
     """The fit with intervals that allow for what it lacks, and each of PROPOSED that the evidence asks for; where
     commands come late, thrusters that lag in place of a delay as well, in any law.
 
-    The square of the shift by which the best of them moves the parameters is added to their covariance. Both are
-    estimated alike, also where that is the middle of two estimates.
+    The square of the way to where innovations put the parameters beside the best of them is added to their covariance.
     """
     narrow, count, have = fit.mixed, len(fit.model.theta), {term.name for term in fit.model.terms}
     steered = course.moment_unit == STEERED
@@ -499,15 +498,12 @@ def inflate_for_missing(course: Course, fit: OutputErrorFit) -> OutputErrorFit:
     if fit.to_forecasts:  # at which innovations are not most likely
         problems, starts = [*problems, _informed(course, fit)], [*starts, narrow.theta[None]]
     fits = fits_of(problems, starts, brief=True)
-    base, gains, shifts = fits[-1] if fit.to_forecasts else None, dict[str, float](), dict[str, Floats]()
-    likelihood = base.log_likelihood if base else narrow.log_likelihood
-    for (name, *_), wider, wide in zip(tried, problems, fits):
+    likelihood = ((fits[-1] if fit.to_forecasts else None) or narrow).log_likelihood
+    gains, shifts = dict[str, float](), dict[str, Floats]()
+    for (name, *_), wide in zip(tried, fits):
         gain = 2.0 * (wide.log_likelihood - likelihood) if wide else 0.0
         if wide and gain > max(gains.get(name, 0.0), MIN_PROPOSED_GAIN + np.log(max(len(course.names), 2))):
-            phi = wide.phi
-            if fit.to_forecasts:
-                phi = phi + fit.to_forecasts * (fit_forecasts(wider, phi, wide.theta[None]).phi - phi)
-            gains[name], shifts[name] = gain, phi[:count] - narrow.phi[:count]
+            gains[name], shifts[name] = gain, wide.phi[:count] - narrow.phi[:count]
     if not gains:
         return fit
     shift = shifts[max(gains, key=lambda name: gains[name])]

@@ -226,11 +226,17 @@ def test_intervals_hold_what_a_missing_dead_band_does_and_else_stay() -> None:
         (mixed,) = with_chance([problem], [forecasts.towards(innovations)])
         assert mixed is not None
         middle = replace(plain, mixed=mixed, model=plain.model.with_theta(mixed.of_model), to_forecasts=0.5)
-        for fit, widened, most in ((plain, wider, 0.2), (middle, inflate_for_missing(course, middle), 0.7)):
+        ways = list[float]()
+        for fit, widened, most in ((plain, wider, 0.2), (middle, inflate_for_missing(course, middle), 0.4)):
             for name, truth in (("I_r", 1.0), ("k_rr", 1.2)):
                 low, high = widened.estimates[name].ci95
                 assert low < truth < high and widened.estimates[name].value == fit.estimates[name].value
             assert np.sqrt(widened.covariance[0, 0] - fit.covariance[0, 0]) < most
+            ways.append(np.sqrt(widened.covariance[0, 0] - fit.covariance[0, 0]))
+        # both intervals reach to where innovations put the inertia beside the dead band
+        assert abs(plain.mixed.phi[0] - np.sign(plain.mixed.phi[0]) * ways[0] - mixed.phi[0]) == pytest.approx(
+            ways[1], rel=0.15
+        )
 
 
 @pytest.mark.slow
