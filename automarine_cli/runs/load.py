@@ -101,7 +101,8 @@ STILL_S = 2.0  # over which a run moves least where it is cut
 
 
 def _pieces(run: Run) -> tuple[Run, ...]:
-    """Cut a long run near even parts, where it moves least: all are followed at once, and each can be left out."""
+    """Cut a long run near even parts, where it moves least: all are followed at once, and each can be left out. A run
+    stays whole where no command acts in one of its pieces, or something else moved it."""
     duration = run.time[-1] - run.time[0]
     count = int(min(duration // PIECE_S, len(run) // PIECE_SAMPLES, MOST_PIECES))
     if count < FEWEST_PIECES:
@@ -111,8 +112,11 @@ def _pieces(run: Run) -> tuple[Run, ...]:
     for number in range(1, count):
         first, last = (round((number + side) * even) for side in (-0.1, 0.1))
         edges.append(first + width // 2 + int(np.argmin(moved[first : max(last - width, first + 1)])))
+    commands, none = _any_command(run), dict.fromkeys(COUNTS, 0)
+    idle = not np.logical_or.reduceat(commands != 0, edges).all()
+    if idle or checks.undriven(replace(run, moment=commands)) is not None:
+        return (run,)
     run = run.noted(f"cut into {count} pieces of about {duration / count:.0f} s")
-    none = dict.fromkeys(COUNTS, 0)
     return tuple(
         replace(run.cut(start, stop), name=f"{run.name}.{number}", counts=none if start else run.counts)
         for number, (start, stop) in enumerate(pairwise([*edges, len(run)]), 1)

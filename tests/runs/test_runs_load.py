@@ -60,6 +60,8 @@ def test_a_long_run_is_cut_into_pieces_where_it_moves_least(tmp_path: Path, side
     np.testing.assert_allclose(starts, 57.0 + 60.0 * np.arange(9), atol=2.0)
     assert all("cut into 10 pieces of about 60 s" in piece.notes for piece in whole.runs)
     assert sum(piece.counts["rows"] for piece in whole.runs) == len(time)
+    idle = replace(run, moment=np.where(time < 300.0, run.command, 0.0))  # no command acts in half of the pieces
+    assert len(load_runs([written(idle, tmp_path / "idle.csv")], dof=YAW).runs) == 1
     for rows, name in ((slice(0, 1190), "short.csv"), (slice(0, 3001, 10), "sparse.csv")):
         part = replace(run, time=time[rows], position=run.position[rows], moment=run.command[rows])
         assert len(load_runs([written(part, tmp_path / name)], dof=YAW).runs) == 1
