@@ -31,12 +31,12 @@ LIGHT_ROOMS = {"commands", "errors", "dofs", "text", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 
 MAX_LINES = {
-    "fits": 6783, "report": 5228, "logs": 4056, "diagnosis": 4487, "commands": 3486, "runs": 3103,
+    "fits": 6779, "report": 5228, "logs": 4056, "diagnosis": 4487, "commands": 3486, "runs": 3105,
     "thrusters": 2734, "link": 2648, "control": 2167, "effects": 2407, "planning": 1873, "simulation": 1879,
     "exports": 1855, "comparison": 1700, "models": 1283, "filters": 1218, "pipeline": 805, "dofs": 504, "top": 292,
     "guide": 397,
 }  # fmt: skip
-MAX_LINES_IN_ALL = 48_905
+MAX_LINES_IN_ALL = 48_903
 MAX_FILES = 225
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

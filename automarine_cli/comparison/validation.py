@@ -265,10 +265,10 @@ class Validation(Shown):
     every model diverged; `because` is the sentence that says so. `runs` are the logs, `restarts` where they were
     simulated anew, `set_aside` those left out, each with its reason. `floors` are the noise of the runs' positions, in
     the unit that people see, `floor` that of all; `channels` the sensors used. Where the runs are driven there are
-    `predictions` of each model from filtered states, and `use` says of what use it is; likelihood outweighs them for
-    the models `flattered` by commands that answer disturbances. `expected` is the restarted error that the preferred
-    model would have if it were right; `followed_better` the model whose free runs are nearer
-    than its own by more than chance, empty for none, and `contradiction` says so. `overshoots` are the angles [rad] of
+    `predictions` of each model from filtered states, which count for nothing of those `outweighed` by the likelihood of
+    the preferred one, and `use` says of what use it is. `expected` is the restarted error that the preferred model
+    would have if it were right; `followed_better` the model whose free runs are nearer than its own by more than
+    chance, empty for none, and `contradiction` says so. `overshoots` are the angles [rad] of
     zigzags by a rudder, of logs and of the preferred model. `says` is a summary. `to_json()` is validation.json.
 
     Frame, a row per run and model: `run`, `model`, `rmse_deg`, `max_abs_deg`, `fit_percent`, `restarted_rmse_deg`,
@@ -287,7 +287,7 @@ class Validation(Shown):
     set_aside: tuple[ExcludedRun, ...] = ()
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     predictions: Mapping[str, tuple[Predicted, ...]] = field(default_factory=dict)
-    flattered: frozenset[str] = frozenset()
+    outweighed: frozenset[str] = frozenset()
     expected: float | None = None
     followed_better: str = ""
     overshoots: tuple[tuple[float, float], ...] = ()
@@ -297,7 +297,7 @@ class Validation(Shown):
         """Say which model these runs bear out in place of the one that the fit preferred; empty for none."""
         preferred, unit = self.stored.preferred, self.dof.units.shown
         if (ahead := self._ahead) is not None:
-            rival = next((number for number in ahead if number not in self.flattered), "")
+            rival = next((number for number in ahead if number not in self.outweighed), "")
             pair = [judged_of(worth_of(self.predictions[number])) for number in (rival, preferred) if number]
             sizes = [(float(self.dof.shown(score.error)), f"{score.horizon:g} s ahead") for score in pair if score]
         else:
@@ -326,7 +326,7 @@ class Validation(Shown):
         if self.stored.in_plane or not self.predictions:
             return None
         worth = {self.dof.position: worth_of(self.predictions[self.stored.preferred])}
-        return Judgement(worth, len(self.runs), biased=bool(self.flattered.intersection(self._ahead or ())))
+        return Judgement(worth, len(self.runs), biased=bool(self.outweighed.intersection(self._ahead or ())))
 
     @property
     def says(self) -> str:
@@ -519,9 +519,9 @@ def with_predictions(compared: Validation, channels: tuple[str, ...] | None) -> 
     except FitError:  # what the free runs say has to do
         return compared
     _, density, unexplained = followed[stored.preferred]
-    flattered = frozenset(n for n, rival in followed.items() if outweighs(density, rival.density, lambda: unexplained))
+    outweighed = frozenset(n for n, rival in followed.items() if outweighs(density, rival.density, unexplained))
     predictions = {number: each.predicted for number, each in followed.items()}
-    return replace(compared, predictions=predictions, flattered=flattered, expected=None)
+    return replace(compared, predictions=predictions, outweighed=outweighed, expected=None)
 
 
 def _followed(

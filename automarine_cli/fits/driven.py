@@ -433,11 +433,6 @@ def predictions_of(course: Course, fit: OutputErrorFit, alone: bool = False) -> 
     return left_out_predictions(driven_problem(fit.model, course), fit.mixed, alone=alone)[0]
 
 
-def unexplained_by(course: Course, fit: OutputErrorFit) -> float:
-    """Log density that the runs would gain if all that a fit's innovations foretell were explained."""
-    return driven_problem(fit.model, course).unexplained(fit.mixed.phi)
-
-
 def _joined(pieces: Sequence[Predicted]) -> Predicted:
     names = ("origin", "target", "error", "constant_rate", "constant")
     run = np.concatenate([piece.run + r for r, piece in enumerate(pieces)])

@@ -575,8 +575,9 @@ def _fit_driven(
     predict = partial(driven.predictions_of, course, alone=driven.by_model_alone(runs))
     ahead = dict(zip(fits, map_jobs(predict, [*fits.values()], PREDICTING)))
     horizons = STEERED_HORIZONS_S if steered else COMPARISON_HORIZONS_S
-    unexplained = partial(driven.unexplained_by, course)
-    preference = prefer_driven(fits, ahead, dof, horizons, unexplained) or prefer(fits)
+    preference = prefer_driven(
+        fits, ahead, dof, horizons, lambda fit: driven.driven_problem(fit.model, course).unexplained(fit.mixed.phi)
+    ) or prefer(fits)
     number, fit = preference.number, fits[preference.number]
     if fit.estimator:
         preference = replace(preference, because=f"{preference.because} Its parameters are {fit.estimator}.")

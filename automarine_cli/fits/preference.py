@@ -101,13 +101,13 @@ def is_ahead(loss: Floats, rival: Floats) -> bool:
     return lead > MAX_CHANCE_ERRORS * error
 
 
-def outweighs(density: Floats, rival: Floats, unexplained: Callable[[], float]) -> bool:
+def outweighs(density: Floats, rival: Floats, unexplained: float) -> bool:
     """Whether log densities (R,) of runs lead a rival's by more than chance, and by more than is `unexplained`.
 
     Then they decide against forecasts: a model that leaves white innovations has the law of nature, and predictions
     along commands that answer disturbances are biased (Forssell, Ljung 1999, Automatica 35:1215)."""
     lead, error = lead_of(-density, -rival)
-    return lead > MAX_CHANCE_ERRORS * error and lead > unexplained()
+    return lead > MAX_CHANCE_ERRORS * error and lead > unexplained
 
 
 def prefer_driven(
@@ -142,7 +142,7 @@ def prefer_driven(
     over = " and ".join(f"{horizon:g}" for horizon in horizons[: len(sizes[chosen])])
     likely = prefer({number: fits[number] for number in losses})
     density, rival = (fits[number].mixed.predictive for number in (likely.number, chosen))
-    if outweighs(density, rival, lambda: unexplained(fits[likely.number])):
+    if likely.number != chosen and outweighs(density, rival, unexplained(fits[likely.number])):
         ahead_of = f"{over} s ahead {errors[chosen]} for {errors[likely.number]} {dof.units.shown}"
         flatters = f"Commands that answer disturbances flatter model {chosen}: {ahead_of}."
         return Preference(likely.number, f"{likely.because} {flatters}", biased=True)

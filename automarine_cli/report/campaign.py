@@ -514,7 +514,7 @@ def _errors(file: ValidationFile) -> tuple[tuple[str, str], tuple[str, str]]:
         value = f"{number(ahead.rmse, 3)} {unit}, the better constant's {number(constant, 3)} {unit}"
         grade = _graded(ahead.rmse / max(constant, 1e-9), AHEAD_ERROR_RATIOS)
         if grade == UNFIT and file.use.of_use:
-            return ("driven runs", ""), (f"{value}, flattered by commands that answer disturbances", CLOSER)
+            value, grade = f"{value}, flattered by commands that answer disturbances", CLOSER
         return ("driven runs", ""), (value, grade)
     if score.restarted is None or not file.expected:
         return (MISSING if score.restarted is None else f"{number(score.restarted, 3)} {unit}", ""), (MISSING, "")

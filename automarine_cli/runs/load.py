@@ -108,19 +108,15 @@ def _pieces(run: Run) -> tuple[Run, ...]:
     if count < FEWEST_PIECES:
         return (run,)
     width = max(round(STILL_S / run.sample_period), 1)
-    moved, even, edges = np.abs(run.position[width:] - run.position[:-width]), len(run) / count, [0]
+    moved, spacing, edges = np.abs(run.position[width:] - run.position[:-width]), len(run) / count, [0]
     for number in range(1, count):
-        first, last = (round((number + side) * even) for side in (-0.1, 0.1))
+        first, last = (round((number + side) * spacing) for side in (-0.1, 0.1))
         edges.append(first + width // 2 + int(np.argmin(moved[first : max(last - width, first + 1)])))
-    commands, none = _any_command(run), dict.fromkeys(COUNTS, 0)
+    commands = _any_command(run)
     idle = not np.logical_or.reduceat(commands != 0, edges).all()
     if idle or checks.undriven(replace(run, moment=commands)) is not None:
         return (run,)
-    run = run.noted(f"cut into {count} pieces of about {duration / count:.0f} s")
-    return tuple(
-        replace(run.cut(start, stop), name=f"{run.name}.{number}", counts=none if start else run.counts)
-        for number, (start, stop) in enumerate(pairwise([*edges, len(run)]), 1)
-    )
+    return _cut(run.noted(f"cut into {count} pieces of about {duration / count:.0f} s"), [*edges, len(run)])
 
 
 LET_GO = "no command in the log: the vehicle coasts, from its fastest on"
@@ -199,13 +195,19 @@ def _bridged(run: Run) -> tuple[Run, ...]:
         notes += (f"{plural(gaps.size, 'gap')} of up to {widest}{bridged}",)
     edges = [0, *(int(i) + 1 for i in sorted({*broken, *jumps})), len(run)]
     run, parts = replace(run, position=position, notes=notes), []
-    for number, (start, stop) in enumerate(pairwise(edges), 1):
+    for part, (start, stop) in zip(_cut(run, edges), pairwise(edges)):
         inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
         beside = int((start - 1 in jumps) + (stop - 1 in jumps))
-        counts = {**(run.counts if number == 1 else dict.fromkeys(COUNTS, 0)), "gaps": inner, "jumps": beside}
-        name = f"{run.name}.{number}" if len(edges) > 2 else run.name
-        parts.append(replace(run.cut(start, stop), name=name, counts=counts))
+        parts.append(replace(part, counts={**part.counts, "gaps": inner, "jumps": beside}))
     return tuple(parts)
+
+
+def _cut(run: Run, edges: Sequence[int]) -> tuple[Run, ...]:
+    """Cut a run at these samples into parts with numbers, where there are several; its counts stay with the first."""
+    names = [f"{run.name}.{number}" for number in range(1, len(edges))] if len(edges) > 2 else [run.name]
+    counts = [run.counts, *[dict.fromkeys(COUNTS, 0)] * len(names)]
+    ranges = zip(pairwise(edges), names, counts)
+    return tuple(replace(run.cut(*part), name=name, counts=counted) for part, name, counted in ranges)
 
 
 MIN_STANDSTILL = 5  # Samples of a standstill

@@ -141,8 +141,8 @@ def test_of_models_that_forecast_alike_likelihood_decides_and_a_large_disturbanc
             models[n] = OutputErrorFit(n, base, outcome, fitted.covariance)
         preference = prefer_driven(models, ahead, YAW)
         assert preference is not None and preference.number == chosen and not preference.biased
-    for unexplained, chosen in ((19.0, "3"), (21.0, "1")):  # of 20 that model 3 gains, white innovations leave nothing
-        preference = prefer_driven(models, ahead, YAW, unexplained=lambda fit: unexplained)  # noqa: B023
+    for size, chosen in ((19.0, "3"), (21.0, "1")):  # of 20 that model 3 gains, white innovations leave nothing
+        preference = prefer_driven(models, ahead, YAW, unexplained=lambda fit, size=size: size)
         assert preference is not None and (preference.number, preference.biased) == (chosen, chosen == "3")
     assert large_disturbance(problem.course, np.ones(1), fitted.of_chance) == ""
     sentence = large_disturbance(problem.course, np.ones(1), {"yaw.disturbance": 2.0})
@@ -164,7 +164,7 @@ def test_commands_that_answer_disturbances_choose_no_drag(seed: int, tmp_path: P
     file = tmp_path / "yaw_model.json"
     file.write_text(json.dumps(fit.to_json()))
     validation = with_predictions(compare(read_model(file), others), None)
-    assert "1" in validation.flattered and validation.contradiction == "" and validation.expected is None
+    assert "1" in validation.outweighed and validation.contradiction == "" and validation.expected is None
     assert validation.use is not None and validation.use.of_use and FLATTERED in validation.says
 
 

@@ -27,7 +27,7 @@ from automarine_cli.comparison.validation import ForecastEntry, ScoreEntry, Vali
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import OutputError
 from automarine_cli.estimate import Estimate
-from automarine_cli.models.store import DiagnosisFile, GapEntry
+from automarine_cli.models.store import DiagnosisFile, GapEntry, Use
 from automarine_cli.pipeline.records import RunsUsed
 from automarine_cli.report.campaign import five_numbers, headlines, make_report, read_steps, worst
 from automarine_cli.report.page import figure
@@ -317,13 +317,18 @@ def test_five_numbers_have_their_limits(restarted: float, half: float, used: int
     assert worst(rows).startswith(GRADES[grade])
 
 
-def test_driven_runs_are_graded_by_their_predictions() -> None:
-    ahead = {"3": (ForecastEntry(2.0, rmse=9.0), ForecastEntry(5.0, rmse=4.0, constant_rate=9.0, constant=8.0))}
+@pytest.mark.parametrize(("rmse", "of_use", "grade"), [(4.0, True, 0), (7.9, True, 1), (8.1, True, 1), (8.1, False, 2)])
+def test_driven_runs_are_graded_by_their_predictions(rmse: float, of_use: bool, grade: int) -> None:
+    """Of use where a constant is nearer: commands that answer disturbances flatter it."""
+    ahead = {"3": (ForecastEntry(2.0, rmse=9.0), ForecastEntry(5.0, rmse=rmse, constant_rate=9.0, constant=8.0))}
     score = {"3": ScoreEntry(rmse=40.0, restarted=99.0)}
-    file = ValidationFile(schema="", models=score, best="3", expected=1.0, prediction=ahead, dof=YAW)
+    file = ValidationFile(schema="", models=score, best="3", use=Use(of_use), prediction=ahead, dof=YAW)
     rows = {row["look at"]: row for row in five_numbers(RunsUsed(9), {}, file, None)}
-    assert rows["error 5 s ahead"]["verdict"] == "good" and rows["restarted error"]["verdict"] == MISSING
-    assert worst([*rows.values()]) == "good, but not known: diagnosis" and worst([]) == ""
+    assert rows["error 5 s ahead"]["verdict"] == GRADES[grade] and rows["restarted error"]["verdict"] == MISSING
+    assert ("flattered" in str(rows["error 5 s ahead"])) == (rmse > 8.0 and of_use)
+    assert worst([*rows.values()]).startswith(GRADES[grade]) and worst([]) == ""
+    if grade == 0:
+        assert worst([*rows.values()]) == "good, but not known: diagnosis"
 
 
 def test_a_model_that_the_runs_do_not_determine_is_not_usable(tmp_path: Path) -> None:
